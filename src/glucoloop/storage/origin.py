@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeGuard
+from typing import Any, TypeGuard
 
 import glucoloop
 from glucoloop import arithmetic
@@ -13,9 +13,6 @@ from glucoloop.config.cases import CASES_KEY
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import json_text
-
-ARITHMETIC: Final = "arithmetic.json"
-"""Record of the arithmetic, where the first file of a folder does not hold it."""
 
 
 @dataclass(frozen=True)
@@ -35,46 +32,38 @@ class Origin:
         given = {key: value for key, value in config.items() if value is not None}
         return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
 
-    def without(self, keys: frozenset[str]) -> Origin:
-        """Origin without some keys of the configuration."""
-        left = {key: value for key, value in self.config.items() if key not in keys}
-        return Origin(self.version, left, self.arithmetic)
+    def refuse_another(self, here: Origin, folder: Path, what: str, may_change: frozenset[str]) -> None:
+        """Raise ValueError, with the first difference, unless this is the same version and configuration.
 
+        Keys in `may_change` may differ.
+        """
+        if self.version != here.version:
+            raise Refusal(
+                f"{folder} was begun by glucoloop {self.version}, and this is {here.version}; "
+                f"go on with {self.version}, or choose another folder with --out"
+            )
+        there, now = ({key: value for key, value in of.config.items() if key not in may_change} for of in (self, here))
+        for name, before, after in differences(there, now):
+            raise Refusal(
+                f"{folder} holds another {what}: {name} is {before} there and {after} here; choose another folder with "
+                "--out, or add --overwrite to replace it"
+            )
 
-def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
-    """Raise ValueError, with the first difference, if a folder holds work of another version or configuration."""
-    if there.version != here.version:
-        raise Refusal(
-            f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
-            f"go on with {there.version}, or choose another folder with --out"
-        )
-    found = next(differences(there.config, here.config), None)
-    if found is not None:
+    def other_arithmetic(self, here: Origin, folder: Path, record: Path) -> str | None:
+        """Difference of its arithmetic from that of this process, a sentence without its full stop.
+
+        A ValueError tells that the record is gone or damaged.
+        """
+        if self.arithmetic is None or here.arithmetic is None:
+            raise Refusal(
+                f"{record} is damaged or gone, so it is not known how what is done was computed; "
+                "choose another folder with --out, or add --overwrite to begin again"
+            )
+        found = arithmetic.difference(self.arithmetic, here.arithmetic)
+        if found is None:
+            return None
         name, before, now = found
-        raise Refusal(
-            f"{folder} holds another {what}: {name} is {before} there and {now} here; choose another folder with "
-            "--out, or add --overwrite to replace it"
-        )
-
-
-def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
-    """Difference between the arithmetic of a folder and that of this process, a sentence without its full stop.
-
-    Raises
-    ------
-    ValueError
-        If it is not known with which arithmetic the folder was computed.
-    """
-    if there.arithmetic is None or here.arithmetic is None:
-        raise Refusal(
-            f"{folder / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
-            "choose another folder with --out, or add --overwrite to begin again"
-        )
-    found = arithmetic.difference(there.arithmetic, here.arithmetic)
-    if found is None:
-        return None
-    name, before, now = found
-    return f"{folder} was computed with {name} {before}, and here it is {now}"
+        return f"{folder} was computed with {name} {before}, and here it is {now}"
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:

@@ -16,8 +16,8 @@ from glucoloop.config.toml import read_toml
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import ARITHMETIC, Origin
-from glucoloop.storage.resumable import ResumableFolder, Work, opened
+from glucoloop.storage.origin import Origin
+from glucoloop.storage.resumable import ARITHMETIC, ResumableFolder, Work, opened
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
@@ -78,9 +78,8 @@ class RowsFolder(ResumableFolder, Generic[R]):
     """A folder of rows that this process may write to; see `rows_folder`."""
 
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
-        super().__init__(
-            path, work, first=work.configuration, others=(ARITHMETIC,), done=kind.file, done_is_folder=False
-        )
+        first, here = (work.configuration, ARITHMETIC), Origin.here(work.keys)
+        super().__init__(path, work, first=first, results=kind.file, in_parts=False, here=here)
         self.kind = kind
         self.rows: list[R] = []
         self._written = 0
@@ -97,13 +96,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         return f"{self._written} of {self.kind.wanted} {self.kind.what}"
 
     def add(self, row: R) -> None:
-        """Add a row.
-
-        Raises
-        ------
-        ValueError
-            If the table cannot be written; the rows that are written stay.
-        """
+        """Add a row; ValueError if the table cannot be written, and the rows that are written stay."""
         self.rows.append(row)
         if time.monotonic() - self._written_s >= self.kind.every_s:
             self.settle()
@@ -121,11 +114,11 @@ class RowsFolder(ResumableFolder, Generic[R]):
     def first_files(self) -> dict[str, bytes]:
         """Configuration and record of the arithmetic."""
         record = (json_text(self.here.arithmetic) + "\n").encode()
-        return {self.first: self.work.text.encode(), ARITHMETIC: record}
+        return {self.work.configuration: self.work.text.encode(), ARITHMETIC: record}
 
     def read_origin(self) -> Origin:
         """Read the configuration and the record of the arithmetic."""
-        place = self.path / self.first
+        place = self.path / self.work.configuration
         written = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
         with contextlib.suppress(ValueError, AttributeError, RecursionError):
@@ -143,8 +136,10 @@ class RowsFolder(ResumableFolder, Generic[R]):
                 "fewer; ask for more, or choose another folder with --out"
             )
 
-    def refuse_foreign_parts(self) -> None:
-        """Accept any folder, since the results are one file that holds nothing else."""
+    def finish(self, files: Mapping[str, bytes]) -> None:
+        """Write the rows, the files about the whole work, and the digests of all files last."""
+        self.settle()
+        super().finish(files)
 
     def forget(self) -> None:
         """Begin without any rows."""
@@ -155,4 +150,10 @@ class RowsFolder(ResumableFolder, Generic[R]):
 def rows_folder(path: Path, work: Work, kind: Rows[R], *, overwrite: bool = False) -> Iterator[RowsFolder[R]]:
     """Open the folder of work whose units are rows, new or begun, for writing; see `opened`."""
     with opened(RowsFolder(path, work, kind), overwrite=overwrite) as folder:
-        yield folder
+        try:
+            yield folder
+        except BaseException:
+            with contextlib.suppress(ValueError):  # the error of the block matters more
+                folder.settle()
+            raise
+        folder.settle()

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"
 TRACES: Final = "traces.parquet"
+FILES: Final = (PEOPLE, BANDS, TRACES)
 QUANTITIES: Final = ("glucose", "insulin")
 _MOST_COLUMNS: Final = 256
 _QUANTITY_BYTES: Final = 8
