@@ -77,9 +77,10 @@ def mend(error: OSError) -> str:
 def kind(path: Path) -> str:
     """Kind of the object under a name, like ``"a pipe"``; the empty text if there is none."""
     try:
-        return _kind_of(os.lstat(path).st_mode)
+        mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
+    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
 
 
 def is_file(path: Path) -> bool:
@@ -115,7 +116,7 @@ def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
         size = os.fstat(descriptor).st_size
         if size > most:
             raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
-        return b"".join(_chunks(descriptor, most))
+        return b"".join(_chunks(descriptor))
 
 
 def digest(path: Path) -> str:
@@ -311,12 +312,9 @@ def locked(lock: Path, what: Path) -> Iterator[None]:
 
 
 def _open_lock(lock: Path) -> int:
-    there = kind(lock)
-    if there not in ("", _FILE):
-        raise _refused(lock, there, _FILE)
+    is_file(lock)
     descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | _SAFE, 0o666)
-    found = os.fstat(descriptor)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+    if os.fstat(descriptor).st_nlink > 1:
         os.close(descriptor)
         raise _refused(lock, "a file that has other names too", "a file of its own")
     return descriptor
@@ -337,15 +335,11 @@ def _whose(lock: Path) -> str:
     return f" (process {by})" if by.isdecimal() else ""
 
 
-def _kind_of(mode: int) -> str:
-    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
-
-
 def _is(path: Path, wanted: str) -> bool:
     there = kind(path)
-    if there in ("", wanted):
-        return bool(there)
-    raise _refused(path, there, wanted)
+    if there not in ("", wanted):
+        raise _refused(path, there, wanted)
+    return bool(there)
 
 
 def _refused(path: Path, there: str, wanted: str) -> Refusal:
@@ -357,21 +351,13 @@ def _opened(path: Path) -> Iterator[int]:
     _is(path, _FILE)
     descriptor = os.open(path, os.O_RDONLY | _SAFE)
     try:
-        there = _kind_of(os.fstat(descriptor).st_mode)
-        if there != _FILE:
-            raise _refused(path, there, _FILE)
         yield descriptor
     finally:
         os.close(descriptor)
 
 
-def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
-    """Contents of a file in chunks, also of one that grows while it is read."""
-    read = 0
+def _chunks(descriptor: int) -> Iterator[bytes]:
     while chunk := os.read(descriptor, _CHUNK):
-        read += len(chunk)
-        if most is not None and read > most:
-            raise Refusal(f"a file grew beyond {most} bytes while it was read; run the same command again")
         yield chunk
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import glucoloop
 from glucoloop import arithmetic
@@ -68,29 +68,29 @@ class Origin:
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
     """Name, value there and value here of each key of two configurations that differs; cases by their labels."""
-    for key in dict.fromkeys([*here, *there]):
-        before, now = there.get(key), here.get(key)
-        if _text(before) == _text(now):
-            continue
-        if key == CASES_KEY and _are_cases(before) and _are_cases(now):
-            yield from _differing_cases(before, now)
-        elif isinstance(before, Mapping) and isinstance(now, Mapping):
-            yield from ((f"{key}.{name}", one, other) for name, one, other in differences(before, now))
+    before, now = _flat(there), _flat(here)
+    for name in dict.fromkeys([*now, *before]):
+        one, other = before.get(name), now.get(name)
+        if _text(one) != _text(other):
+            yield name, _shown(one), _shown(other)
+
+
+def _flat(config: Mapping[str, Any]) -> dict[str, object]:
+    """Values of a configuration by the names of the keys, also of those in tables and cases."""
+    found: dict[str, object] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping):
+            found |= {f"{key}.{name}": of for name, of in _flat(value).items()}
+        elif key == CASES_KEY and _are_cases(value):
+            found["the list of cases"] = ", ".join(str(case["label"]) for case in value)
+            for case in value:
+                found |= {f"{name} of case {case['label']!r}": of for name, of in _flat(case).items()}
         else:
-            yield key, _shown(before), _shown(now)
+            found[key] = value
+    return found
 
 
-def _differing_cases(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> Iterator[tuple[str, object, object]]:
-    labels = [", ".join(str(case["label"]) for case in cases) for cases in (there, here)]
-    if labels[0] != labels[1]:
-        yield "the list of cases", labels[0], labels[1]
-        return
-    for before, now in zip(there, here, strict=True):
-        of_case = f" of case {now['label']!r}"
-        yield from ((f"{name}{of_case}", one, other) for name, one, other in differences(before, now))
-
-
-def _are_cases(value: object) -> TypeGuard[list[dict[str, Any]]]:
+def _are_cases(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(case, dict) and "label" in case for case in value)
 
 
