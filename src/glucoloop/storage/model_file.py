@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import json
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -89,18 +88,13 @@ class Recursion(BaseModel):
 
     def value(self) -> Realisation:
         """Realisation for a model."""
-        numbers = (jnp.asarray(part) for part in (self.transition, self.start, self.output))
-        return Realisation(**dict(zip(("transition", "start", "output"), numbers, strict=True)), after=self.after)
+        transition, start, output = map(jnp.asarray, (self.transition, self.start, self.output))
+        return Realisation(transition=transition, start=start, output=output, after=self.after)
 
     @classmethod
     def of(cls, realisation: Realisation) -> Self:
         """Contents of the file for a realisation."""
-        return cls(
-            **{
-                part: np.asarray(getattr(realisation, part)).tolist()
-                for part in ("transition", "start", "output", "after")
-            }
-        )
+        return cls(**{part: np.asarray(getattr(realisation, part)).tolist() for part in cls.model_fields})
 
 
 class ModelFile(BaseModel):
@@ -129,8 +123,10 @@ class ModelFile(BaseModel):
             raise Refusal(f"{step.size} values of the step response and {impulse.size} of the impulse response")
         if deeper_than(self.provenance.settings, _DEEPEST):
             raise Refusal(f"settings in its provenance that are nested more than {_DEEPEST} times")
-        if not _is_finite(self.provenance.settings):
-            raise Refusal("a setting in its provenance that is not finite, which JSON does not have")
+        try:
+            json.dumps(self.provenance.settings, allow_nan=False)
+        except ValueError:
+            raise Refusal("a setting in its provenance that is not finite, which JSON does not have") from None
         largest = np.abs(step).max()
         if largest > _LARGEST_RESPONSE:
             raise Refusal(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
@@ -157,12 +153,10 @@ class ModelFile(BaseModel):
 
     def doubts(self) -> tuple[str, ...]:
         """Reasons why no controller should be designed on the model, one sentence each; empty for a sound model."""
-        quality, resting = self.quality, self.operating_point
+        resting = self.operating_point
         return doubts(
             self.gain,
-            None
-            if quality is None
-            else Reliability(gain_margin=quality.gain_margin, explained_percent=quality.explained_percent),
+            None if self.quality is None else Reliability(**dict(self.quality)),
             basal_insulin_mU_min=resting.basal_insulin_mU_min,
             glucose_mg_dl=resting.glucose_mg_dl,
         )
@@ -193,10 +187,7 @@ def model_file(
             basal_insulin_mU_min=identification.basal_insulin_mU_min,
             glucose_mg_dl=identification.baseline_glucose_mg_dl,
         ),
-        quality=Quality(
-            gain_margin=identification.reliability.gain_margin,
-            explained_percent=identification.reliability.explained_percent,
-        ),
+        quality=Quality(**vars(identification.reliability)),
         provenance=Provenance(
             glucoloop=glucoloop.__version__,
             source=source,
@@ -209,26 +200,12 @@ def model_file(
 
 
 def read_model(path: Path) -> ModelFile:
-    """Model from its file.
-
-    Raises
-    ------
-    ValueError
-        For a file that is not a model, or one whose values are missing, wrong, not finite or at odds with each other.
-    """
+    """Model from its file; ValueError for values that are missing, wrong, not finite or at odds with each other."""
     text = read_text(path, "a model")
     try:
         return ModelFile.model_validate_json(text)
     except ValidationError as error:
         raise Refusal(f"{path} is not a model that can be used: {_sentence(error)}") from None
-
-
-def _is_finite(value: object) -> bool:
-    if isinstance(value, Mapping):
-        return all(map(_is_finite, value.values()))
-    if isinstance(value, list | tuple):
-        return all(map(_is_finite, value))
-    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _sentence(error: ValidationError) -> str:

@@ -28,15 +28,7 @@ _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder that only this user can use, or check that it is one.
-
-    Raises
-    ------
-    ValueError
-        If another user owns it or may write to it.
-    OSError
-        If it cannot be made or written to.
-    """
+    """Make a folder that only this user can use; ValueError for one that another user owns or may write to."""
     disk.make_folders(folder.parent)
     if not disk.is_folder(folder):
         os.mkdir(folder, 0o700)
