@@ -62,73 +62,78 @@ class Work:
 class ResumableFolder(ABC):
     """A folder that this process may write to; see `opened`.
 
-    Parameters
-    ----------
-    path : Path
-    work : Work
-    first : tuple of str
-        Names of the files that stand in the folder from the beginning; the very first describes the work.
-    results : str
-        Name of the results so far: a file that is written anew as it grows, or a folder of parts.
-    in_parts : bool
-    here : Origin
-        Origin of results that are computed now.
+    `first` are the files that stand in it from the beginning; the very first describes the work. The `results` so far
+    are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked for, called `unit` in
+    messages, ``"shards"``, and `here` is the origin of those that are computed now.
     """
 
     def __init__(
-        self, path: Path, work: Work, *, first: tuple[str, ...], results: str, in_parts: bool, here: Origin
+        self,
+        path: Path,
+        work: Work,
+        *,
+        first: tuple[str, ...],
+        results: str,
+        in_parts: bool,
+        wanted: int,
+        unit: str,
+        here: Origin,
     ) -> None:
         self.path, self.work, self.here = path, work, here
-        self.results, self.in_parts = results, in_parts
-        self.files = (*first, *work.final, *([] if in_parts else [results]))
-        """Names of the files of the folder itself, but for the list of digests."""
+        self.wanted, self.unit = wanted, unit
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
+        self._files = (*first, *work.final, *([] if in_parts else [results]))
+        self._results, self._in_parts = results, in_parts
+
+    @property
+    @abstractmethod
+    def done(self) -> int:
+        """Number of results that are written."""
+
+    @abstractmethod
+    def _first_files(self) -> dict[str, bytes]:
+        """Contents of the files that stand in the folder from the beginning."""
+
+    @abstractmethod
+    def _read_origin(self) -> Origin:
+        """Read the origin of the folder; ValueError if its record is damaged."""
+
+    @abstractmethod
+    def _read_done(self) -> None:
+        """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Begin without any results."""
+
+    def _part_digests(self) -> dict[str, str]:
+        """Digests of the files in the folder of results, by their path in this folder."""
+        return {}
+
+    def _all_done(self) -> bool:
+        """Whether no results are missing."""
+        return self.anything_done
+
+    @property
+    def anything_done(self) -> bool:
+        """Whether there are results that would be lost with the folder."""
+        return self.done > 0
+
+    @property
+    def progress(self) -> str:
+        """Extent of the results, for messages: ``"3 of 5 shards"``."""
+        return f"{self.done} of {self.wanted} {self.unit}"
 
     @property
     def finished(self) -> bool:
         """Whether all results asked for are there."""
         return disk.is_file(self.path / SUMS)
 
-    @property
-    @abstractmethod
-    def anything_done(self) -> bool:
-        """Whether there are results that would be lost with the folder."""
-
-    @property
-    def all_done(self) -> bool:
-        """Whether no results are missing."""
-        return self.anything_done
-
-    @property
-    @abstractmethod
-    def progress(self) -> str:
-        """Extent of the results, for messages: ``"3 of 5 shards"``."""
-
-    @abstractmethod
-    def first_files(self) -> dict[str, bytes]:
-        """Contents of the files that stand in the folder from the beginning, the description of the work first."""
-
-    @abstractmethod
-    def read_origin(self) -> Origin:
-        """Read the origin of the folder; ValueError if its record is damaged."""
-
-    @abstractmethod
-    def read_done(self) -> None:
-        """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
-
-    @abstractmethod
-    def forget(self) -> None:
-        """Begin without any results."""
-
-    def part_digests(self) -> dict[str, str]:
-        """Digests of the files in the folder of results, by their path in this folder."""
-        return {}
-
     def begin(self, *, overwrite: bool) -> bool:
         """Read an existing folder or create a new one; returns whether the work is new."""
         self._refuse_foreign()
-        there = disk.is_file(self.path / self.files[0])
+        there = disk.is_file(self.path / self._files[0])
         if there and overwrite and not self._goes_on():
             self.clear()
             there = False
@@ -137,18 +142,12 @@ class ResumableFolder(ABC):
         self._sweep()
         if not there:
             self.notes = ()
-            self.forget()
+            self._forget()
             self._describe()
         return not there
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole work, the digests of all files last.
-
-        Raises
-        ------
-        ValueError
-            If one cannot be written; the results so far stay.
-        """
+        """Write the files about the whole work, the digests of all files last; see `put_file`."""
         for name, data in files.items():
             self.put_file(name, data)
         self.put_file(SUMS, disk.sums_text(self._digests()))
@@ -183,20 +182,20 @@ class ResumableFolder(ABC):
         """
         sums = disk.read_sums(self.path)
         for name, digest in self._file_digests().items():
-            if sums.get(name, digest) != digest and name != self.files[0]:
+            if sums.get(name, digest) != digest and name != self._files[0]:
                 raise Refusal(
                     f"{self.path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
                     "move that away, or choose another folder with --out"
                 )
-        for name in (self.results, SUMS, *reversed(self.files)):
+        for name in (self._results, SUMS, *reversed(self._files)):
             disk.remove(self.path / name)
         disk.sync(self.path)
 
     def _load(self) -> None:
         """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
-        there = self.read_origin()
+        there = self._read_origin()
         there.refuse_another(self.here, self.path, self.work.what, self.work.may_change)
-        self.read_done()
+        self._read_done()
         whole = self._is_whole() and all(
             there.config.get(key) == self.here.config.get(key) for key in self.work.may_change
         )
@@ -233,7 +232,7 @@ class ResumableFolder(ABC):
                 raise Refusal(
                     f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
                 )
-        return sums.keys() == there.keys() >= self.first_files().keys() and self.all_done
+        return sums.keys() == there.keys() >= self._first_files().keys() and self._all_done()
 
     def _goes_on(self) -> bool:
         """Whether the folder holds the same work, undamaged and not finished."""
@@ -245,34 +244,34 @@ class ResumableFolder(ABC):
 
     def _describe(self) -> None:
         """Write the description of the work, as far as it is not there."""
-        for name, data in self.first_files().items():
+        for name, data in self._first_files().items():
             if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
                 disk.put_file(self.path / name, data)
-        if self.in_parts:
-            disk.make_folders(self.path / self.results)
+        if self._in_parts:
+            disk.make_folders(self.path / self._results)
 
     def _digests(self) -> dict[str, str]:
-        return {**self._file_digests(), **self.part_digests()}
+        return {**self._file_digests(), **self._part_digests()}
 
     def _file_digests(self) -> dict[str, str]:
-        there = {name: disk.digest(self.path / name) for name in self.files}
+        there = {name: disk.digest(self.path / name) for name in self._files}
         return {name: digest for name, digest in there.items() if digest}
 
     def _refuse_foreign(self) -> None:
-        known = {*self.files, self.results, SUMS, LOCK}
+        known = {*self._files, self._results, SUMS, LOCK}
         holds = [name for name in disk.names(self.path.resolve()) if not disk.is_part(name, *known) and name != LOCK]
         foreign = [name for name in holds if name not in known]
         what, other = self.work.what, "choose another folder with --out"
         if foreign:
             raise Refusal(f"{self.path} holds {foreign[0]}, which is no part of a {what}; {other}")
-        if holds and self.files[0] not in holds:
+        if holds and self._files[0] not in holds:
             raise Refusal(f"{self.path} is not empty and holds no {what}; {other}")
         for name in holds:
-            (disk.is_file if name in (*self.files, SUMS) else disk.is_folder)(self.path / name)
+            (disk.is_file if name in (*self._files, SUMS) else disk.is_folder)(self.path / name)
 
     def _sweep(self) -> None:
         """Remove unfinished files that a dead process left."""
-        for folder in (self.path.resolve(), *([self.path / self.results] if self.in_parts else [])):
+        for folder in (self.path.resolve(), *([self.path / self._results] if self._in_parts else [])):
             for name in filter(disk.is_part, disk.names(folder)):
                 disk.remove(folder / name)
 
@@ -284,17 +283,11 @@ F = TypeVar("F", bound=ResumableFolder)
 def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
     """Open a folder, new or begun, for writing.
 
-    Parameters
-    ----------
-    folder : ResumableFolder
-    overwrite : bool
-        Begin again, unless the folder holds the same work unfinished: then it is resumed.
+    To overwrite is to begin again, unless the folder holds the same work unfinished: then it is resumed. A new folder
+    is removed if the block fails before there are results.
 
-    Raises
-    ------
-    ValueError
-        If the place is taken by something else, by other work or by another run, if the results in it are damaged, or
-        if the folder cannot be written to. A new folder is removed if the block fails before there are results.
+    A ValueError tells that the place is taken by something else, by other work or by another run, that the results in
+    it are damaged, or that the folder cannot be written to.
     """
     path = folder.path
     with contextlib.ExitStack() as stack:

@@ -79,21 +79,18 @@ class RowsFolder(ResumableFolder, Generic[R]):
 
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
         first, here = (work.configuration, ARITHMETIC), Origin.here(work.keys)
-        super().__init__(path, work, first=first, results=kind.file, in_parts=False, here=here)
+        super().__init__(
+            path, work, first=first, results=kind.file, in_parts=False, wanted=kind.wanted, unit=kind.what, here=here
+        )
         self.kind = kind
         self.rows: list[R] = []
         self._written = 0
         self._written_s = time.monotonic()
 
     @property
-    def anything_done(self) -> bool:
-        """Whether there is a row."""
-        return bool(self.rows)
-
-    @property
-    def progress(self) -> str:
-        """Number of rows that are written, in words."""
-        return f"{self._written} of {self.kind.wanted} {self.kind.what}"
+    def done(self) -> int:
+        """Number of rows that are written."""
+        return self._written
 
     def add(self, row: R) -> None:
         """Add a row; ValueError if the table cannot be written, and the rows that are written stay."""
@@ -111,13 +108,11 @@ class RowsFolder(ResumableFolder, Generic[R]):
                 raise
             self._written, self._written_s = len(self.rows), time.monotonic()
 
-    def first_files(self) -> dict[str, bytes]:
-        """Configuration and record of the arithmetic."""
+    def _first_files(self) -> dict[str, bytes]:
         record = (json_text(self.here.arithmetic) + "\n").encode()
         return {self.work.configuration: self.work.text.encode(), ARITHMETIC: record}
 
-    def read_origin(self) -> Origin:
-        """Read the configuration and the record of the arithmetic."""
+    def _read_origin(self) -> Origin:
         place = self.path / self.work.configuration
         written = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
@@ -126,14 +121,14 @@ class RowsFolder(ResumableFolder, Generic[R]):
             record = {name: str(of) for name, of in found.items()}
         return Origin(written.version, written.keys if written.used is None else written.used, record)
 
-    def read_done(self) -> None:
-        """Read the rows."""
-        self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
+    def _read_done(self) -> None:
+        place = self.path / self.kind.file
+        self.rows = self.kind.read(place) if disk.is_file(place) else []
         self._written = len(self.rows)
-        if self._written > self.kind.wanted:
+        if self._written > self.wanted:
             raise Refusal(
-                f"{self.path} holds {self._written} {self.kind.what}, and {self.kind.wanted} are asked for, which is "
-                "fewer; ask for more, or choose another folder with --out"
+                f"{self.path} holds {self._written} {self.unit}, and {self.wanted} are asked for, which is fewer; "
+                "ask for more, or choose another folder with --out"
             )
 
     def finish(self, files: Mapping[str, bytes]) -> None:
@@ -141,8 +136,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         self.settle()
         super().finish(files)
 
-    def forget(self) -> None:
-        """Begin without any rows."""
+    def _forget(self) -> None:
         self.rows, self._written = [], 0
 
 

@@ -47,8 +47,16 @@ class TrialFolder(ResumableFolder):
     def __init__(self, path: Path, trial: Trial, work: Work) -> None:
         self.trial = trial
         self._header = self._there = header_of(trial)
-        first = (HEADER, work.configuration)
-        super().__init__(path, work, first=first, results=SHARDS, in_parts=True, here=self._header.origin)
+        super().__init__(
+            path,
+            work,
+            first=(HEADER, work.configuration),
+            results=SHARDS,
+            in_parts=True,
+            wanted=trial.shards,
+            unit="shards",
+            here=self._header.origin,
+        )
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
 
@@ -56,21 +64,6 @@ class TrialFolder(ResumableFolder):
     def done(self) -> int:
         """Number of shards that are done."""
         return len(self._sums)
-
-    @property
-    def anything_done(self) -> bool:
-        """Whether a shard is done."""
-        return bool(self._sums)
-
-    @property
-    def all_done(self) -> bool:
-        """Whether every shard is done."""
-        return self.done == self.trial.shards
-
-    @property
-    def progress(self) -> str:
-        """Number of finished shards, in words."""
-        return f"{self.done} of {self.trial.shards} shards"
 
     def missing(self) -> list[int]:
         """Numbers of the shards that are not done."""
@@ -85,13 +78,7 @@ class TrialFolder(ResumableFolder):
         return _shard_path(self.path, index)
 
     def put(self, index: int, files: Mapping[str, bytes]) -> None:
-        """Put a shard in its place.
-
-        Raises
-        ------
-        ValueError
-            If its files are not those of the shard, or cannot be written; finished shards stay.
-        """
+        """Put a shard in its place; ValueError if these are not its files, or they cannot be written."""
         record = _record(self.trial, self._header, index, files)
         with self.unwritten(f"shard {index}"):
             disk.put_folder(self.shard(index), {**files, SHARD: record})
@@ -102,22 +89,21 @@ class TrialFolder(ResumableFolder):
         for index in sorted(self._sums):
             yield read_people(self.shard(index), self.trial, index)
 
-    def forget(self) -> None:
-        """Begin without any shards."""
+    def _all_done(self) -> bool:
+        return not self.missing()
+
+    def _forget(self) -> None:
         self._sums, self._there = {}, self._header
 
-    def first_files(self) -> dict[str, bytes]:
-        """Header and configuration."""
+    def _first_files(self) -> dict[str, bytes]:
         return {HEADER: self._there.text().encode(), self.work.configuration: self.work.text.encode()}
 
-    def read_origin(self) -> Origin:
-        """Read the header."""
+    def _read_origin(self) -> Origin:
         self._there = read_header(self.path)
         self.notes = tuple(self._there.other_tables(self._header, self.path))
         return self._there.origin
 
-    def read_done(self) -> None:
-        """Read the finished shards, and refuse damaged or foreign ones."""
+    def _read_done(self) -> None:
         there, here = ((of.fingerprint, of.people, of.shards) for of in (self._there, self._header))
         if there != here:
             raise Refusal(
@@ -130,8 +116,7 @@ class TrialFolder(ResumableFolder):
             )
         self._sums = _whole_shards(self.path, self._there)
 
-    def part_digests(self) -> dict[str, str]:
-        """Digests of the files of all shards."""
+    def _part_digests(self) -> dict[str, str]:
         return {
             f"{SHARDS}/{self.shard(index).name}/{name}": value
             for index, sums in self._sums.items()
@@ -148,23 +133,9 @@ class TrialFolder(ResumableFolder):
 def trial_folder(
     path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
 ) -> Iterator[TrialFolder]:
-    """Open the folder of a trial, new or begun, for writing.
+    """Open the folder of a trial, new or begun, for writing; see `opened`.
 
-    Parameters
-    ----------
-    path : Path
-    trial : Trial
-    overwrite : bool
-        Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
-    work : Work, optional
-        Work for which the shards are computed; that of ``glucoloop trial`` by default.
-
-    Raises
-    ------
-    ValueError
-        If the place is taken by something else, by another trial or by another run, if a shard is damaged or belongs
-        to something else, or if the folder cannot be written to. A new folder is gone again if the block fails before
-        a shard is done.
+    The shards are computed for a work, that of ``glucoloop trial`` by default.
     """
     if work is None:
         keys = trial_keys(trial)
