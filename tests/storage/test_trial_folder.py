@@ -376,7 +376,7 @@ def test_a_folder_that_cannot_be_made_has_a_mend(tmp_path, make_trial, pretend, 
     def refuse(*_):
         raise OSError(reason, os.strerror(reason))
 
-    monkeypatch.setattr("glucoloop.storage.disk.make_folders", refuse)
+    monkeypatch.setattr("glucoloop.storage.disk.made_folders", refuse)
     with pytest.raises(ValueError, match="cannot be written") as told:
         run(tmp_path / "out", make_trial(), pretend)
     own = f"{MENDS[reason]} and run the same command again, or " if reason in MENDS else ""

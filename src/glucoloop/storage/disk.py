@@ -218,12 +218,12 @@ def remove(path: Path) -> None:
     _remove_tree(path)
 
 
-def make_folders(path: Path) -> list[Path]:
-    """Make a folder and its parents; returns the new ones, the deepest first."""
-    missing = [folder for folder in (path, *path.parents) if not folder.is_dir()]
+@contextlib.contextmanager
+def made_folders(path: Path) -> Iterator[None]:
+    """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
     made: list[Path] = []
     try:
-        for folder in reversed(missing):
+        for folder in reversed([folder for folder in (path, *path.parents) if not folder.is_dir()]):
             try:
                 os.mkdir(folder)
             except FileExistsError:
@@ -231,21 +231,18 @@ def make_folders(path: Path) -> list[Path]:
                     raise
             else:
                 made.insert(0, folder)
-    except BaseException:
-        _remove_empty(made)
-        raise
-    return made
-
-
-@contextlib.contextmanager
-def made_folders(path: Path) -> Iterator[None]:
-    """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
-    made = make_folders(path)
-    try:
         yield
     except BaseException:
-        _remove_empty(made)
+        with contextlib.suppress(OSError):
+            for folder in made:
+                os.rmdir(folder)
         raise
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder unless there is one; ValueError if something else stands there."""
+    if not is_folder(path):
+        os.mkdir(path)
 
 
 def sync(folder: Path) -> None:
@@ -402,9 +399,3 @@ def _remove_tree(folder: Path) -> None:
         else:
             os.unlink(folder / name)
     os.rmdir(folder)
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    with contextlib.suppress(OSError):
-        for folder in folders:
-            os.rmdir(folder)

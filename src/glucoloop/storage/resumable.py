@@ -248,7 +248,7 @@ class ResumableFolder(ABC):
             if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
                 disk.put_file(self.path / name, data)
         if self._in_parts:
-            disk.make_folders(self.path / self._results)
+            disk.make_folder(self.path / self._results)
 
     def _digests(self) -> dict[str, str]:
         return {**self._file_digests(), **self._part_digests()}

@@ -109,11 +109,6 @@ class TrialFolder(ResumableFolder):
             raise Refusal(
                 f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
-        configuration = self.path / self.work.configuration
-        if disk.is_file(configuration) and disk.read_bytes(configuration) != self.work.text.encode():
-            raise Refusal(
-                f"{configuration} was changed since glucoloop wrote it; move it away and run the same command again"
-            )
         self._sums = _whole_shards(self.path, self._there)
 
     def _part_digests(self) -> dict[str, str]:
