@@ -20,7 +20,6 @@ from glucoloop.refusal import Refusal
 from glucoloop.storage.files import read_text
 from glucoloop.storage.strict_json import json_text
 
-STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _MOST_STATES: Final = 100
@@ -30,10 +29,14 @@ _LARGEST_RESPONSE: Final = 1e6
 Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
 
 
-class RestingPoint(BaseModel):
-    """Steady state around which the model holds."""
+class Strict(BaseModel):
+    """Part of a file that holds exactly these keys, of exactly these types."""
 
-    model_config = STRICT
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class RestingPoint(Strict):
+    """Steady state around which the model holds."""
 
     name: str | None
     """Name of the simulated patient's operating point; None for a record."""
@@ -41,10 +44,8 @@ class RestingPoint(BaseModel):
     glucose_mg_dl: float
 
 
-class Provenance(BaseModel):
+class Provenance(Strict):
     """Origin of the model."""
-
-    model_config = STRICT
 
     glucoloop: str
     """Version of glucoloop."""
@@ -58,10 +59,8 @@ class Provenance(BaseModel):
     """Sentences on the processing of the record."""
 
 
-class Quality(BaseModel):
+class Quality(Strict):
     """Quality of the model according to the record; see `identification.Reliability`."""
-
-    model_config = STRICT
 
     gain_margin: Annotated[float, Field(ge=0.0)]
     """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
@@ -69,10 +68,8 @@ class Quality(BaseModel):
     """Share of the variance of readings left out of the fit that is predicted."""
 
 
-class Recursion(BaseModel):
+class Recursion(Strict):
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
-
-    model_config = STRICT
 
     transition: Annotated[list[Response], Field(min_length=1, max_length=_MOST_STATES)]
     start: Response
@@ -97,10 +94,8 @@ class Recursion(BaseModel):
         return cls(**{part: np.asarray(getattr(realisation, part)).tolist() for part in cls.model_fields})
 
 
-class ModelFile(BaseModel):
+class ModelFile(Strict):
     """Contents of a model file."""
-
-    model_config = STRICT
 
     format: Literal["glucoloop-model"] = "glucoloop-model"
     version: Literal[1] = 1

@@ -28,11 +28,10 @@ _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _BINARY, _LIST, _STRUCT = 1, 2, 3, 4, 5,
 
 
 class ParquetSize(NamedTuple):
-    """Size of a file according to its footer and pages."""
+    """Number of rows, and bytes of all pages, uncompressed, by the footer or their own headers: whichever is more."""
 
     rows: int
     bytes: int
-    """Size of all pages, uncompressed, by the footer or by the headers of the pages, whichever is more."""
 
 
 def parquet_size(data: bytes) -> ParquetSize:

@@ -71,24 +71,20 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     each core by default. A ValueError tells that Dask is not installed, or that no scheduler answers.
     """
     distributed = library()
+    options: dict[str, Any] = {"address": address}
+    starting: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
+    if address == LOCAL:
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+        options["silence_logs"] = logging.ERROR
+        starting = _workers_deaf_to_interrupts()
+    elif workers is not None:
+        raise Refusal("the number of workers is the cluster's own; leave it out")
     with contextlib.ExitStack() as stack:
-        if address == LOCAL:
-            with _workers_deaf_to_interrupts():
-                cluster: Any = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=workers,
-                        threads_per_worker=1,
-                        dashboard_address="127.0.0.1:0",
-                        silence_logs=logging.ERROR,
-                    )
-                )
-        elif workers is not None:
-            raise Refusal("the number of workers is the cluster's own; leave it out")
-        else:
-            cluster = address
         try:
             stack.enter_context(_silent("distributed.client"))
-            client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_S, set_as_default=False))
+            with starting:
+                client = distributed.Client(**options, timeout=_CONNECT_S, set_as_default=False)
+            stack.enter_context(client)
         except (OSError, ValueError) as error:
             raise Refusal(
                 f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "

@@ -26,7 +26,7 @@ from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.strict_json import json_text
-from glucoloop.storage.trials.header import HEADER, Header, header_of, read_header
+from glucoloop.storage.trials.header import HEADER, TABLES, Header, header_of, read_header
 from glucoloop.storage.trials.shard import FILES, bounds, read_people
 
 SHARDS: Final = "shards"
@@ -100,7 +100,10 @@ class TrialFolder(ResumableFolder):
 
     def _read_origin(self) -> Origin:
         self._there = read_header(self.path)
-        self.notes = tuple(self._there.other_tables(self._header, self.path))
+        before, now = (of.libraries.get(TABLES) for of in (self._there, self._header))
+        if before != now:
+            told = f"{self.path} was begun with {TABLES} {before}, and this is {now}"
+            self.notes = (f"{told}; tables hold the same, in other bytes.",)
         return self._there.origin
 
     def _read_done(self) -> None:

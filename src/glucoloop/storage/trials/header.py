@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import functools
-import importlib.metadata
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import polars as pl
 from pydantic import BaseModel, ConfigDict, Field
 
 import glucoloop
@@ -23,7 +21,8 @@ from glucoloop.storage.strict_json import json_text
 
 HEADER: Final = "trial.json"
 _KIND: Final = "glucoloop-trial"
-_TABLES: Final = "polars"
+TABLES: Final = "polars"
+"""Library that writes tables, and computes nothing."""
 
 
 class Header(BaseModel):
@@ -51,25 +50,13 @@ class Header(BaseModel):
     @property
     def computed_with(self) -> dict[str, str]:
         """Arithmetic on which the bits of the results depend, as `glucoloop.arithmetic.identity` gives it."""
-        computing = {name: version for name, version in self.libraries.items() if name != _TABLES}
+        computing = {name: version for name, version in self.libraries.items() if name != TABLES}
         return {**computing, **self.arithmetic}
 
     @property
     def origin(self) -> Origin:
         """Origin of the results."""
         return Origin(self.version, self.config, self.computed_with)
-
-    def other_tables(self, here: Header, folder: Path) -> Iterator[str]:
-        """Notes on tables that are written by another version of a library than the first ones."""
-        before, now = (of.libraries.get(_TABLES) for of in (self, here))
-        if before != now:
-            told = f"{folder} was begun with {_TABLES} {before}, and this is {now}"
-            yield f"{told}; tables hold the same, in other bytes."
-
-
-@functools.cache
-def _version_of_tables() -> str:
-    return importlib.metadata.version(_TABLES)
 
 
 def header_of(trial: Trial) -> Header:
@@ -82,7 +69,7 @@ def header_of(trial: Trial) -> Header:
         fingerprint=fingerprint(trial),
         people=trial.people,
         shards=trial.shards,
-        libraries={**libraries, _TABLES: _version_of_tables()},
+        libraries={**libraries, TABLES: pl.__version__},
         arithmetic={name: value for name, value in identity.items() if name not in libraries},
         config=dict(here.config),
     )
