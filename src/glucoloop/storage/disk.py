@@ -262,7 +262,7 @@ def sums_text(digests: Mapping[str, str]) -> bytes:
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Digest of each name from the list in a folder, empty without a list; ValueError if `sums_text` wrote it not."""
+    """Digest of each name in the list of a folder, if it has one; ValueError if it is not as `sums_text` writes it."""
     place = folder / SUMS
     if not is_file(place):
         return {}
