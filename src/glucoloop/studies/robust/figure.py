@@ -16,10 +16,11 @@ from glucoloop.studies.robust.objectives import OBJECTIVES
 from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN
 
 if TYPE_CHECKING:
-    from glucoloop.studies.robust import Search
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from glucoloop.studies.robust import Search
 
 _PANEL_MM: Final = 70.0
 _AROUND_MM: Final = 24.0
