@@ -17,8 +17,8 @@ from glucoloop.metrics.control_variability import (
 )
 from glucoloop.printable import percent
 from glucoloop.report import _style
-from glucoloop.report._plot import extent
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
+from glucoloop.report.charts import extent
 from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
 from glucoloop.units import u_h_from_mu_min
 

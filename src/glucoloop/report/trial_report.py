@@ -12,7 +12,7 @@ import numpy.typing as npt
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.parts.metrics import described
 from glucoloop.refusal import Refusal
-from glucoloop.report._page import Repeat
+from glucoloop.report.template import Repeat
 
 Floats = npt.NDArray[np.float64]
 
