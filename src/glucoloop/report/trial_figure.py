@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from glucoloop.printable import percent
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.report.charts import extent
-from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
+from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport
 from glucoloop.units import u_h_from_mu_min
 
 if TYPE_CHECKING:
@@ -118,10 +119,10 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     entries: dict[str, Artist] = {}
     for index, (label, case) in enumerate(report.cases.items()):
         glucose, insulin, grid = sheet.glucose[index], sheet.insulin[index], sheet.grids[index]
-        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, _colour(index))
+        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, index)
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
         held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / frame.divisor
-        _draw_bands(insulin, held_t, held, _colour(index), step="post")
+        _draw_bands(insulin, held_t, held, index, step="post")
         setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
         bound = glucose.axhline(
             report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
@@ -181,15 +182,11 @@ def _sheet(report: TrialReport, title: str, width: Width) -> _Sheet:
     )
 
 
-def _draw_bands(axes: Axes, t: Any, quantiles: Any, of_case: str, step: Any = None) -> None:
-    for low, high, opacity in BANDS:
-        axes.fill_between(
-            t, quantiles[low], quantiles[high], color=of_case, alpha=opacity, linewidth=0.0, step=step, zorder=2
-        )
-    if step:
-        axes.step(t, quantiles[0.5], where=step, color=of_case, linewidth=1.1, zorder=3)
-    else:
-        axes.plot(t, quantiles[0.5], color=of_case, linewidth=1.1, zorder=3)
+def _draw_bands(
+    axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, step: Literal["post"] | None = None
+) -> None:
+    bands = [(quantiles[low], quantiles[high], opacity) for low, high, opacity in BANDS]
+    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, step=step)
 
 
 def _legend_of_bands(entries: dict[str, Artist]) -> None:
