@@ -26,7 +26,6 @@ _COLOURS: Final = 6
 _DASHES: Final = 5
 _TICK_REM: Final = 1.9
 """Least distance of two ticks."""
-_MOST_MARK_TEXTS: Final = 24
 
 
 @dataclass(frozen=True)
@@ -60,20 +59,11 @@ class TimeAxis:
         return round(self.end_min * PER_MIN)
 
     @property
-    def divisor(self) -> float:
-        """Number of minutes in the unit of the axis."""
-        return time_axis(self.end_min, "double")[0]
-
-    @property
-    def unit(self) -> str:
-        """Unit of the axis."""
-        return time_axis(self.end_min, "double")[1]
-
-    @property
-    def ticks(self) -> list[tuple[float, str]]:
-        """Times in min and their texts."""
-        divisor, _, tick = time_axis(self.end_min, "double")
-        return [(at * divisor, f"{at:g}") for at in np.arange(0.0, self.end_min / divisor + 1e-9, tick)]
+    def scale(self) -> tuple[float, str, list[tuple[float, str]]]:
+        """Number of minutes in the unit of the axis, the unit, and the ticks: times in min and their texts."""
+        divisor, unit, tick = time_axis(self.end_min, "double")
+        numbers = np.arange(0.0, self.end_min / divisor + 1e-9, tick)
+        return divisor, unit, [(at * divisor, f"{at:g}") for at in numbers]
 
     def across(self, t_min: float) -> int:
         """A time in the units of paths."""
@@ -97,17 +87,6 @@ class Curve:
     band: bool = False
 
 
-@dataclass(frozen=True)
-class Area:
-    """A rectangle, in the units of paths."""
-
-    kind: str
-    x: int
-    y: int
-    width: int
-    height: int
-
-
 @dataclass
 class Panel:
     """One quantity over time; areas lie below levels, and both below curves."""
@@ -122,8 +101,10 @@ class Panel:
     """Text in place of the picture."""
     marks: Sequence[tuple[float, str]] = ()
     """Times in min and texts above the upper edge."""
-    areas: list[Area] = field(default_factory=list)
+    areas: list[tuple[str, int, int, int, int]] = field(default_factory=list)
+    """Class, corner, width and height of rectangles."""
     levels: list[tuple[str, int]] = field(default_factory=list)
+    """Class and place of horizontal lines."""
     curves: list[Curve] = field(default_factory=list)
 
     def line(self, t_min: npt.ArrayLike, values: npt.ArrayLike, kind: str, **named: Any) -> None:
@@ -155,7 +136,7 @@ class Panel:
     def area(self, kind: str, t_min: tuple[float, float], values: tuple[float, float]) -> None:
         """Fill a rectangle, below those that are there."""
         (x, right), (y, top) = map(self.time.across, t_min), map(self.up, values)
-        self.areas.insert(0, Area(kind, x, y, right - x, top - y))
+        self.areas.insert(0, (kind, x, y, right - x, top - y))
 
     def up(self, value: float) -> int:
         """A value in the units of paths."""
@@ -186,11 +167,6 @@ class Panel:
         levels = nice_ticks(self.low * factor, self.high * factor, int(self.rem / _TICK_REM))
         span = self.high - self.low
         return [(f"{at:g}", f"{100.0 * (self.high - at / factor) / span:.4g}", self.up(at / factor)) for at in levels]
-
-    @property
-    def many_marks(self) -> bool:
-        """Whether there are more marks than there is room for their texts."""
-        return len(self.marks) > _MOST_MARK_TEXTS
 
 
 def _held(t_min: npt.ArrayLike, values: npt.ArrayLike) -> tuple[Floats, Floats]:

@@ -123,17 +123,7 @@ def plot(
 
 
 def bands(values: Floats) -> Floats:
-    """Percentiles 5, 25, 50, 75 and 95 over people, ``(5, samples)``; people without a finite course are left out.
-
-    Parameters
-    ----------
-    values : (samples, people) array
-
-    Raises
-    ------
-    ValueError
-        If no person is left.
-    """
+    """Percentiles ``(5, samples)`` of values ``(samples, people)``; people without a finite course are left out."""
     finite = values[:, np.isfinite(values).all(axis=0)]
     if finite.shape[1] == 0:
         raise Refusal("no person has a finite course to show; draw people who have a basal rate")

@@ -134,29 +134,8 @@ def plot_heat_maps(
 ) -> Figure:
     """Draw maps of the same rows and columns.
 
-    Parameters
-    ----------
-    maps : sequence of HeatMap
-    what : str
-        Quantity of the colours, in the legend: ``"of the run below 60 mg/dl"``.
-    mark : str
-        Meaning of the mark of a cell, a triangle and a number; empty for no such marks.
-    shades : sequence of Shade
-        Classes of the legend.
-    title : str, optional
-        Title; no title by default.
-    width : {"single", "double"}
-        Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
-
-    Raises
-    ------
-    ValueError
-        For an unknown width.
+    The legend tells `what` the colours are, and what the `mark` of a cell means, a triangle and a number; it is empty
+    for no such marks.
     """
     sheet = _sheet(maps, width)
     down = len(maps) if sheet.stacked else 1

@@ -17,7 +17,7 @@ from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_ru
 from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
 from glucoloop.report.facts import fault_in_words
 from glucoloop.report.fault_words import window_of
-from glucoloop.report.rows import metric_rows
+from glucoloop.report.table import metric_rows
 from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import in_words, periods_below
 from glucoloop.simulation import Trace

@@ -14,7 +14,7 @@ from glucoloop.printable import NOT_AVAILABLE, glucose_text
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import GLUCOSE, INSULIN, Panel, Plot, TimeAxis, colour, extent, thinned
 from glucoloop.report.page import TARGET_MG_DL, mark_faults
-from glucoloop.report.rows import Row
+from glucoloop.report.table import Row
 from glucoloop.report.template import render
 from glucoloop.report.trial_charts import distribution_of, grid_of
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport, WorstPerson
