@@ -7,7 +7,7 @@ numbers, each point relative to the one before. ``page.js`` reads them there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -106,6 +106,8 @@ class Panel:
     levels: list[tuple[str, int]] = field(default_factory=list)
     """Class and place of horizontal lines."""
     curves: list[Curve] = field(default_factory=list)
+    legend: list[tuple[str, str]] = field(default_factory=list)
+    """Class and words of the horizontal lines."""
 
     def line(self, t_min: npt.ArrayLike, values: npt.ArrayLike, kind: str, **named: Any) -> None:
         """Draw a curve, with gaps where values are not finite; `named` as for `Curve`."""
@@ -129,9 +131,10 @@ class Panel:
         path = self._path(np.concatenate([t, t[::-1]]), np.concatenate([above, below[::-1]]))
         self.curves.append(Curve(path, kind, name, band=True))
 
-    def level(self, value: float, kind: str = "level") -> None:
-        """Draw a horizontal line."""
-        self.levels.append((kind, self.up(value)))
+    def level(self, values: Iterable[float], kind: str, words: str = "") -> None:
+        """Draw horizontal lines, which `words` name in a legend."""
+        self.levels += [(kind, self.up(value)) for value in dict.fromkeys(values)]
+        self.legend.append((kind, words))
 
     def area(self, kind: str, t_min: tuple[float, float], values: tuple[float, float]) -> None:
         """Fill a rectangle, below those that are there."""

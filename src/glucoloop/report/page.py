@@ -107,7 +107,7 @@ def interactive_page(
         mmol=mmol,
         summaries={label: clinical_summary(named[label], of).sentences() for label, of in by_label.items()},
         runs=[(looks(index), label) for index, label in enumerate(labels)],
-        levels=_levels(runs, limits, lowest_glucose_mg_dl),
+        levels=[entry for panel in panels for entry in panel.legend],
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
         commanded=any(_differs(run, limits) for run in runs),
@@ -119,15 +119,16 @@ def interactive_page(
     )
 
 
-def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str) -> str:
-    return f"{run.label}, {what}" if len(runs) > 1 else what
+def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = ", ") -> str:
+    """What is shown of a run, with the label of the run where there are several."""
+    return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 
 def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAxis) -> Panel:
     setpoints = [run.setpoint_mg_dl for run in runs]
     shown = [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)]
     low, high = extent([*setpoints, lowest_mg_dl], *shown)
-    alt = "; ".join(f"{run.label}: {_course(run)}" if len(runs) > 1 else _course(run) for run in runs)
+    alt = "; ".join(_name(runs, run, _course(run), ": ") for run in runs)
     panel = Panel(
         GLUCOSE,
         time,
@@ -138,11 +139,10 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAx
         marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
     )
     panel.area("target", (0.0, time.end_min), TARGET_MG_DL)
-    panel.level(lowest_mg_dl, "level dash-1")
-    for limit in limits_passed(runs):
-        panel.level(limit, "level dash-4")
-    for setpoint in dict.fromkeys(setpoints):
-        panel.level(setpoint)
+    panel.level(setpoints, "level", f"setpoint {values_in_words(setpoints, 'mg/dl')}")
+    panel.level([lowest_mg_dl], "level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl")
+    if passed := limits_passed(runs):
+        panel.level(passed, "level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}")
     most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
     for index, run in enumerate(runs):
         if run.reading_t_min.size:
@@ -181,11 +181,10 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxi
         if np.isfinite(run.insulin_mU_min).any()
     )
     panel = Panel(INSULIN, time, 0.0, 1.08 * high, rem=10.0, alt=f"Rate of insulin. {told}")
-    for rate in dict.fromkeys(basal):
-        panel.level(rate, "level dash-2")
-    for bound in (float(limits.min_mU_min), float(limits.max_mU_min)):
-        if 0.0 < bound <= panel.high:
-            panel.level(bound, "level dash-3")
+    panel.level(basal, "level dash-2", f"basal {values_in_words(basal, 'mU/min')}")
+    bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
+    seen = [bound for bound in bounds if 0.0 < bound <= panel.high]
+    panel.level(seen, "level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}")
     for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
         if _differs(run, limits):
             kind = f"run-{index} asked dash-2 {colour(index)}"
@@ -250,20 +249,6 @@ def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) ->
             yield Lane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]])
 
 
-def _levels(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float) -> list[tuple[str, str]]:
-    """Style and words of the horizontal lines."""
-    bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
-    levels = [
-        ("level", f"setpoint {values_in_words([run.setpoint_mg_dl for run in runs], 'mg/dl')}"),
-        ("level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl"),
-        ("level dash-2", f"basal {values_in_words([run.basal_insulin_mU_min for run in runs], 'mU/min')}"),
-        ("level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}"),
-    ]
-    if passed := limits_passed(runs):
-        levels.append(("level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}"))
-    return levels
-
-
 def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
     if not boluses:
         return "none"
@@ -278,17 +263,19 @@ def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> Iterator[str]:
     yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
     yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
     for run in runs:
-        before = f"{run.label}: " if len(runs) > 1 else ""
-        for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
-            for limit in limits:
-                beyond = periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit)
-                if beyond:
-                    yield f"{before}Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
-        if run.boluses or run.command_boluses:
-            yield f"{before}Boluses delivered: {_boluses_told(run.boluses)}."
-        yield from (f"{before}{name} {in_words(periods)}." for name, periods in run.periods.items())
-        if run.validity_note is not None:
-            yield f"{before}{run.validity_note}"
+        yield from (_name(runs, run, event, ": ") for event in _events_of(run))
+
+
+def _events_of(run: PlottedRun) -> Iterator[str]:
+    for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
+        for limit in limits:
+            if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
+                yield f"Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
+    if run.boluses or run.command_boluses:
+        yield f"Boluses delivered: {_boluses_told(run.boluses)}."
+    yield from (f"{name} {in_words(periods)}." for name, periods in run.periods.items())
+    if run.validity_note is not None:
+        yield run.validity_note
 
 
 def _numbers(runs: Sequence[PlottedRun]) -> dict[str, Any]:
@@ -297,8 +284,7 @@ def _numbers(runs: Sequence[PlottedRun]) -> dict[str, Any]:
     every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
     heads, numbers = ["Time (min)"], []
     for run in runs:
-        before = f"{run.label}: " if len(runs) > 1 else ""
-        heads += [f"{before}glucose (mg/dl)", f"{before}insulin (mU/min)"]
+        heads += [_name(runs, run, what, ": ") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
     for place in range(0, t_min.size, every):
         row = [f"{t_min[place]:g}"]
         for run in runs:

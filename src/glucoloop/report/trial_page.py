@@ -114,8 +114,8 @@ def _frame(report: TrialReport, glucose: list[Floats], insulin: list[Floats], al
     marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals if t_min < time.end_min]
     above = Panel(GLUCOSE, time, low - margin, high + margin, rem=13.0, alt=alts[0], marks=marks)
     above.area("target", (0.0, time.end_min), TARGET_MG_DL)
-    above.level(report.setpoint_mg_dl)
-    above.level(report.lowest_glucose_mg_dl, "level dash-1")
+    above.level([report.setpoint_mg_dl], "level")
+    above.level([report.lowest_glucose_mg_dl], "level dash-1")
     panels = [above, Panel(INSULIN, time, 0.0, 1.05 * extent([0.0], *insulin)[1], rem=7.0, alt=alts[1])]
     mark_faults(panels, report.faults)
     return panels
