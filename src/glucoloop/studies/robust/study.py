@@ -103,9 +103,10 @@ def sentences(asked: Search, found: Findings) -> Iterator[str]:
 def drawn(asked: Search, found: Findings) -> dict[str, bytes]:
     """The chosen tuning as the configuration of a run, and the figure."""
     trial, case = asked.trial, asked.tuned
+    people = how_many(asked.people, "person", "people")
     title = (
-        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, "
-        f"{how_many(asked.people, 'person', 'people')} of {trial.population.name} and {how_many(asked.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
+        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, {people} of {trial.population.name} and "
+        f"{how_many(asked.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
     )
     best = _best(asked, found.plain["chosen"]["tuning"])
     return {
