@@ -141,7 +141,7 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     for key, excluded in _EXCLUDING.items():
         if key in upper:
             tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
-    patient = upper.get("patient")
+    patient = upper.get("patient", {})
     named = isinstance(patient, Mapping) and NAME in patient
     if named and plain(as_table(tree.get("patient", {})).get(NAME)) != plain(patient[NAME]):
         tree.pop("population", None)
@@ -212,7 +212,7 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
     return _beside(given(written.keys, str(path)), path), written.used
 
 
-def _beside(tree: Tree, path: Path) -> Tree:
+def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
     found = dict(tree)
     for key in ("data", "population"):

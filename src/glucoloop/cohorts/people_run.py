@@ -18,6 +18,8 @@ from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics import Metrics, RunningMetrics
+from glucoloop.parts.clock_text import time_of_day_text
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
@@ -118,10 +120,10 @@ def simulate_people(
     told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
     loop = PeopleLoop(
         Situation(
-            patient=people.name,
+            patient=patient_entry(people.name).partial({}),
             setpoint_mg_dl=setpoint,
-            announced=scenario.announced,
-            start_min=scenario.start_min,
+            announce_meals=scenario.announced,
+            start=None if scenario.start_min is None else time_of_day_text(scenario.start_min),
             meal_model=scenario.meal_model,
         ),
         controller,

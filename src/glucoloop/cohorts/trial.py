@@ -250,16 +250,21 @@ class Trial(Loops):
         return round(self.plan.horizon_min / self.sample_time_min)
 
     @property
+    def people_a_shard(self) -> int:
+        """Number of people that are computed and written together."""
+        return self.shard_people or SHARD_PATIENT_DAYS
+
+    @property
     def shards(self) -> int:
         """Number of shards into which the people are divided."""
-        return -(-self.people // self.shard_people)
+        return -(-self.people // self.people_a_shard)
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
         """Numbers of the people in a shard."""
         import numpy as np
 
-        start = index * self.shard_people
-        stop = min(start + self.shard_people, self.people)
+        start = index * self.people_a_shard
+        stop = min(start + self.people_a_shard, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
@@ -304,7 +309,7 @@ def population_of(told: object, patient: str) -> Population:
 
 def _traces(told: object) -> Literal["none", "all"] | int:
     if told == "none" or told == "all":
-        return told  # type: ignore[return-value]
+        return told
     digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
     number = int(str(told)) if digits else told
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:

@@ -242,7 +242,7 @@ def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple
 def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> Iterator[Lane]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     for fault, window in _windows(faults, end_min):
-        yield Lane(f"Fault: {fault_in_words(fault)}", [([window], colour(1))])
+        yield Lane(f"Fault: {fault_in_words(FAULTS.choose(fault))}", [([window], colour(1))])
     for name in STATUS_WORDS.values():
         rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
         if any(periods for periods, _ in rows):
@@ -261,7 +261,7 @@ def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
 def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
-    yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
+    yield from (f"Fault: {fault_in_words(FAULTS.choose(fault))}." for fault in faults)
     for run in runs:
         yield from (_name(runs, run, event, ": ") for event in _events_of(run))
 

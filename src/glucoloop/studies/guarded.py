@@ -25,7 +25,7 @@ class GuardedTrial(Trial):
     """A trial whose controllers are tried with a guard, without one, or both; `guard` holds the settings of all."""
 
     kind: ClassVar = "guarded trial"
-    refused: ClassVar = ("traces", "metrics")
+    refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
 
     guards: GuardsSetting = "both"
 

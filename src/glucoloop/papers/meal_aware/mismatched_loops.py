@@ -104,7 +104,7 @@ def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Desi
         own = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
         sensor = [{"name": "white-noise", "variance": variance}] if variance else []
         case = {"name": controller, **(settings or {})}
-        trial = configured(Trial, patient=PATIENT, sensor=sensor, controller=case, **own)
+        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **own})
         return controller_of(trial, trial.cases[0])
 
     return design

@@ -12,9 +12,9 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
-from glucoloop.situations.case import cases_of
+from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import Option
-from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
+from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial, Guards
 from glucoloop.studies.study import SearchStudy
 
 GENERATIONS: Final = 300
@@ -29,16 +29,16 @@ class Adversary(GuardedTrial):
     """Searches for the worst sensor errors of the controllers of a trial."""
 
     kind: ClassVar = "search for the worst errors"
-    refused: ClassVar = (
+    refused: ClassVar[tuple[str, ...]] = (
         *("traces", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min", "days"),
     )
 
-    people = 1000
-    duration_min = 600.0
-    meals = PAPER_MEAL
+    people: int = 1000
+    duration_min: float | None = 600.0
+    meals: tuple[str, ...] = PAPER_MEAL
     # slow ones are searched only when they are named
-    controller = cases_of(*(name for name in PAPER_CONTROLLERS if not CONTROLLERS[name].slow))
-    guards = "with"
+    controller: tuple[Case, ...] = cases_of(*(name for name in PAPER_CONTROLLERS if not CONTROLLERS[name].slow))
+    guards: Guards = "with"
     errors_pct: Annotated[
         tuple[float, ...],
         _errors(

@@ -10,7 +10,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.limits import MOST_DAYS
 from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.sensors import WhiteNoiseSettings
+from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
@@ -39,19 +39,19 @@ class Detection(Trial):
 
     kind: ClassVar = "test of estimators"
     # an estimator need not find announced meals
-    refused: ClassVar = (
+    refused: ClassVar[tuple[str, ...]] = (
         *("announce_meals", "carb_error_pct", "carb_bias_pct", "metrics", "duration_min", "design", "traces"),
         *("precision", "arithmetic", "shard_people", "guard", "model"),
     )
 
     # two meals a day of 11 to 99 g, so far apart that one is over when the next begins
-    population = "nominal"
-    people = 1
-    meals = ("55g@5h", "55g@14.5h")
-    meal_size_spread_pct = 80.0
-    meal_time_spread_min = 90.0
-    sensor = (WhiteNoiseSettings.partial({"variance": 1.45}),)
-    controller = cases_of(ESTIMATING.name)
+    population: Any = "nominal"
+    people: int = 1
+    meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
+    meal_size_spread_pct: float = 80.0
+    meal_time_spread_min: float = 90.0
+    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
     days: Annotated[
         int | None,
         Option(

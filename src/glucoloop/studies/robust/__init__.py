@@ -13,7 +13,7 @@ from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
-from glucoloop.parts.sensors import WhiteNoiseSettings
+from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.parts.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
@@ -40,16 +40,16 @@ class Search(Trial):
     """A search for a robust tuning: a trial whose first case is tuned, and how the search goes on."""
 
     kind: ClassVar = "search for a robust tuning"
-    refused: ClassVar = (
+    refused: ClassVar[tuple[str, ...]] = (
         *("setpoint_mg_dl", "metrics", "carb_error_pct", "carb_bias_pct", "start", "seed", "first_person", "days"),
         *("meal_size_spread_pct", "meal_time_spread_min", "design", "traces", "precision", "arithmetic"),
         *("shard_people", "guard", "model"),
     )
 
-    duration_min = 600.0
-    meals = PAPER_MEAL
-    sensor = (WhiteNoiseSettings.partial({"variance": 1.45}),)
-    controller = cases_of(SEARCHED.name)
+    duration_min: float | None = 600.0
+    meals: tuple[str, ...] = PAPER_MEAL
+    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    controller: tuple[Case, ...] = cases_of(SEARCHED.name)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None
     )
