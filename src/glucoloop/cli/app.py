@@ -10,7 +10,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple, NoReturn
 
 import glucoloop
 from glucoloop.cli.command import Command
@@ -62,7 +62,7 @@ _GROUPS: Final = (SIMULATE, _MODELS, SAFETY, LIMITS, _CARRY_ON, _RESULTS)
 
 def names() -> list[str]:
     """Names of all commands, in the order of the help."""
-    every = {**COMMANDS, **STUDIES}
+    every: dict[str, Any] = {**COMMANDS, **STUDIES}
     return [name for group in _GROUPS for name, entry in every.items() if entry.group == group]
 
 
@@ -70,7 +70,7 @@ def program_help() -> str:
     """Help of the program: its commands in groups, a sentence each."""
     width = min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
     lines = ["Usage: glucoloop COMMAND [OPTIONS]", "", *textwrap.wrap(_INTRO, width), ""]
-    every = {**COMMANDS, **STUDIES}
+    every: dict[str, Any] = {**COMMANDS, **STUDIES}
     for group in _GROUPS:
         of_group = {name: entry for name, entry in every.items() if entry.group == group}
         if of_group:

@@ -46,6 +46,16 @@ _LEAST_TRACED: Final = 64
 """Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
 
 
+def _traces(told: object) -> Literal["none", "all"] | int:
+    if told == "none" or told == "all":
+        return told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
+    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
+        return number
+    raise Refusal("give none, all, or the number of people whose traces are kept")
+
+
 class Trial(Loops):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
@@ -116,6 +126,7 @@ class Trial(Loops):
         _work(
             "People whose glucose and insulin over time are kept: none, all, or a number of the first people.",
             metavar="none|all|N",
+            reads=_traces,
         ),
     ] = "none"
     precision: Annotated[
@@ -147,7 +158,6 @@ class Trial(Loops):
         super().__post_init__()
         resolved = {
             "population": population_of(self.population, self.patient.called),
-            "traces": _traces(self.traces),
             "meals": tuple(meal_text(parse_meal(text)) for text in self.meals),
         }
         for name, value in resolved.items():
@@ -239,14 +249,16 @@ class Trial(Loops):
     @property
     def shards(self) -> int:
         """Number of shards into which the people are divided."""
-        return -(-self.people // self.shard_people)
+        size: Any = self.shard_people
+        return int(-(-self.people // size))
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
         """Numbers of the people in a shard."""
         import numpy as np
 
-        start = index * self.shard_people
-        stop = min(start + self.shard_people, self.people)
+        size: Any = self.shard_people
+        start = index * size
+        stop = min(start + size, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
@@ -287,16 +299,6 @@ def population_of(told: object, patient: str) -> Population:
     if isinstance(told, str):
         return named_population(told, patient)
     raise Refusal(f"population is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
-
-
-def _traces(told: object) -> Literal["none", "all"] | int:
-    if told == "none" or told == "all":
-        return told  # type: ignore[return-value]
-    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
-    number = int(str(told)) if digits else told
-    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
-        return number
-    raise Refusal(f"traces is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
 def plain(trial: Trial) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Reading of what is asked for from a tree of given values, in two steps: bounds and types at once, then the rest.
 
-The first step needs no numerical library, so that a refusal comes at once; the second completes what was given by what is
-usual, which imports the patient.
+The first step needs no numerical library, so that a refusal comes at once; the second completes what was given by what
+is usual, which imports the patient.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ class Loops(Situation):
     guard: Annotated[
         GuardSettings | None,
         _controller(
-            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without readings, "
-            "suspends insulin on predicted low glucose, and bounds the dose.",
+            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without "
+            "readings, suspends insulin on predicted low glucose, and bounds the dose.",
             alone="usual",
         ),
     ] = None
@@ -120,8 +120,8 @@ class Run(Loops):
     meals: Annotated[
         tuple[str, ...],
         Option(
-            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it for "
-            "more; none for no meal.",
+            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
+            "for more; none for no meal.",
             panel=PATIENT_PANEL,
             flag="--meal",
             metavar="G@TIME",

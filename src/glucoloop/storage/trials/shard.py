@@ -40,7 +40,7 @@ def column_name(parameter: str) -> str:
 
 def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
     """Edges of the bins in which glucose [mg/dl] and insulin [mU/min] are counted."""
-    return {"glucose": glucose_edges(), "insulin": insulin_edges(trial.pump.max_insulin_mU_min)}
+    return {"glucose": glucose_edges(), "insulin": insulin_edges(float(trial.limits.max_mU_min))}
 
 
 def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
