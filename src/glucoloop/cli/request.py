@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
-_EXCLUDING: Final = {"days": ("duration_min",), "duration_min": ("days",), "data": ("patient",)}
+_EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
+_RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
+_EXCLUDING: Final = {
+    "days": ("duration_min",),
+    "duration_min": ("days",),
+    "data": _EXPERIMENT,
+    **dict.fromkeys(_EXPERIMENT, _RECORD),
+    "best_pole": ("laguerre_pole",),
+    "laguerre_pole": ("best_pole",),
+}
 """Settings of a file that a setting of the command line takes the place of."""
 
 

@@ -25,7 +25,8 @@ def read_root(root: type[P], tree: Mapping[str, Any]) -> P:
     Refusal
         For an unknown part or setting, or a value that is not possible.
     """
-    return read(root, tree, ask=plain(tree.get("allow_unusual")) is not True, where="")
+    prepared = getattr(root, "prepared", dict)(tree)
+    return read(root, prepared, ask=plain(tree.get("allow_unusual")) is not True, where="")
 
 
 def complete(asked: P) -> P:
