@@ -322,7 +322,8 @@ def _value(setting: Setting, leaf: Any) -> Any:
     if isinstance(leaf, list):
         return tuple(_value(setting, item) for item in leaf)
     value = plain(leaf)
-    if isinstance(value, str) and (leaf.text or setting.unit == "min"):  # a file may write "10h" too
+    typed = isinstance(leaf, GivenValue) and leaf.text
+    if isinstance(value, str) and (typed or setting.unit == "min"):  # a file may write "10h" too
         return setting.read(value)
     return value
 
