@@ -322,10 +322,11 @@ def _value(setting: Setting, leaf: Any) -> Any:
     if isinstance(leaf, list):
         return tuple(_value(setting, item) for item in leaf)
     value = plain(leaf)
+    if not isinstance(value, str):
+        return value
     typed = isinstance(leaf, GivenValue) and leaf.text
-    if isinstance(value, str) and (typed or setting.unit == "min"):  # a file may write "10h" too
-        return setting.read(value)
-    return value
+    with_unit = setting.unit == "min" and value.rstrip()[-1:].isalpha()  # a file may write "10h" too
+    return setting.read(value) if typed or with_unit else value
 
 
 def _parts(setting: Setting, leaf: Any, ask: bool) -> Any:
