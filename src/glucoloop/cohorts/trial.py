@@ -48,6 +48,16 @@ _LEAST_TRACED: Final = 64
 """Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
 
 
+def _traces(told: object) -> Literal["none", "all"] | int:
+    if told == "none" or told == "all":
+        return told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
+    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
+        return number
+    raise Refusal("give none, all, or the number of people whose traces are kept")
+
+
 class Trial(Loops):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
@@ -118,6 +128,7 @@ class Trial(Loops):
         _work(
             "People whose glucose and insulin over time are kept: none, all, or a number of the first people.",
             metavar="none|all|N",
+            reads=_traces,
         ),
     ] = "none"
     precision: Annotated[
@@ -149,7 +160,6 @@ class Trial(Loops):
         super().__post_init__()
         resolved = {
             "population": population_of(self.population, self.patient.called),
-            "traces": _traces(self.traces),
             "meals": tuple(meal_text(parse_meal(text)) for text in self.meals),
         }
         for name, value in resolved.items():
@@ -305,16 +315,6 @@ def population_of(told: object, patient: str) -> Population:
     if isinstance(told, str):
         return named_population(told, patient)
     raise Refusal(f"population is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
-
-
-def _traces(told: object) -> Literal["none", "all"] | int:
-    if told == "none" or told == "all":
-        return told
-    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
-    number = int(str(told)) if digits else told
-    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
-        return number
-    raise Refusal(f"traces is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
 def plain(trial: Trial) -> dict[str, Any]:

@@ -70,6 +70,12 @@ SensorSetting = Annotated[
 ]
 
 
+def _named_or_made(meal_model: Any) -> Any:
+    if isinstance(meal_model, int | float | list | tuple | Mapping):
+        raise Refusal("give the name of a meal model, lehmann-deutsch or hovorka")
+    return meal_model
+
+
 class Situation(Part):
     """Everything about a loop but its meals and its controllers.
 
@@ -97,6 +103,7 @@ class Situation(Part):
             default="the patient's own",
             metavar="NAME",
             rare=True,
+            reads=_named_or_made,
         ),
     ] = None
     announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
