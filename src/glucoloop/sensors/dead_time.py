@@ -10,8 +10,11 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.refusal import Refusal
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
+
+LONGEST_DEAD_TIME_SAMPLES = 288  # a day of 5-min samples
 
 
 @pytree
