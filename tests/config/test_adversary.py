@@ -2,19 +2,19 @@
 
 import pytest
 
-from glucoloop.studies.adversary.keys import read_adversary
-from glucoloop.studies.adversary.options import USUAL
+from glucoloop.studies.adversary import ADVERSARY
+from glucoloop.studies.adversary.study import read as read_adversary
 
 
 def test_without_keys_it_is_five_guarded_controllers_under_three_sizes_of_errors():
     asked = read_adversary({})
-    assert [cell.name for cell in asked.cells()][:3] == [
+    assert list(asked.searches())[:3] == [
         "imc, guarded, ±10 %",
         "imc, guarded, ±20 %",
         "imc, guarded, ±30 %",
     ]
-    assert len(asked.cells()) == 3 * len(tuple(USUAL["controllers"]))
-    space = asked.cells()[0].space
+    assert len(asked.searches()) == 3 * len(ADVERSARY.usual["controllers"])
+    space = asked.searches()["imc, guarded, ±10 %"].space
     assert (space.samples, space.hold_samples, space.stretches, space.stretch_samples) == (120, 3, 3, 6)
 
 
@@ -24,7 +24,12 @@ def test_its_own_keys_give_the_same_search():
     )
     again = read_adversary({key: of for key, of in asked.keys().items() if key not in ("case",)}, asked.keys()["case"])
     assert again == asked
-    assert [cell.guarded for cell in again.cells()][:2] == [False, True]
+    assert list(again.searches())[:2] == ["imc, ±15 %", "imc, guarded, ±15 %"]
+
+
+@pytest.mark.parametrize("given", [{"duration_min": 1440.0}, {"days": 1}])
+def test_length_of_whole_days_is_among_the_keys(given):
+    assert read_adversary(given).keys()["days"] == 1
 
 
 @pytest.mark.parametrize(

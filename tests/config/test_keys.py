@@ -16,8 +16,8 @@ from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.config.options.situation import SituationKeys
 from glucoloop.config.options.trial import TrialKeys
 from glucoloop.papers.parker1999.options import ReproduceKeys
-from glucoloop.studies.adversary.options import AdversaryKeys
-from glucoloop.studies.detection.options import DetectionKeys
+from glucoloop.studies.adversary import AdversarySettings
+from glucoloop.studies.detection import DetectionSettings
 from glucoloop.studies.robust.options import HowFar, RobustKeys
 from glucoloop.studies.stress import StressSettings
 from glucoloop.studies.tuning import GridSettings, RangeSettings
@@ -25,7 +25,16 @@ from glucoloop.studies.verification import VerifySettings
 
 RECORDS = (
     *(SituationKeys, CaseKeys, TrialKeys, BoundKeys, IdentificationKeys, ChipKeys, ReproduceKeys),
-    *(AdversaryKeys, DetectionKeys, RobustKeys, HowFar, StressSettings, GridSettings, RangeSettings, VerifySettings),
+    *(
+        AdversarySettings,
+        DetectionSettings,
+        RobustKeys,
+        HowFar,
+        StressSettings,
+        GridSettings,
+        RangeSettings,
+        VerifySettings,
+    ),
 )
 BOUNDED = [
     (record, of, side, bound)

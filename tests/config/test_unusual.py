@@ -10,7 +10,7 @@ from glucoloop.config.identification import identification_keys, read_identifica
 from glucoloop.config.run import read_run
 from glucoloop.situations.toml import toml_text
 from glucoloop.config.trial import read_trial, trial_keys
-from glucoloop.studies.detection.keys import detection_keys, read_detection
+from glucoloop.studies.detection.study import read as read_detect
 from glucoloop.studies.robust.keys import read_robust
 from glucoloop.studies.stress.cells import read as read_stress
 
@@ -20,7 +20,7 @@ READERS = {
     "compare": (lambda keys, names=None: read_comparison(keys, CASES, names), lambda read: read.keys()),
     "trial": (lambda keys, names=None: read_trial(keys, (), names), trial_keys),
     "stress": (lambda keys, names=None: read_stress(keys, (), names), lambda read: read.keys()),
-    "detect": (read_detection, detection_keys),
+    "detect": (lambda keys, names=None: read_detect(keys, (), names), lambda read: read.keys()),
     "bound": (read_bound, bound_keys),
     "robust": (read_robust, lambda read: read.keys()),
     "identify": (read_identification, identification_keys),

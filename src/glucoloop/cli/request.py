@@ -22,7 +22,16 @@ if TYPE_CHECKING:
 _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
-_EXCLUDING: Final = {"days": ("duration_min",), "duration_min": ("days",), "data": ("patient",)}
+_EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
+_RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
+_EXCLUDING: Final = {
+    "days": ("duration_min",),
+    "duration_min": ("days",),
+    "data": _EXPERIMENT,
+    **dict.fromkeys(_EXPERIMENT, _RECORD),
+    "best_pole": ("laguerre_pole",),
+    "laguerre_pole": ("best_pole",),
+}
 """Settings of a file that a setting of the command line takes the place of."""
 
 
@@ -133,9 +142,9 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
         if key in upper:
             tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
     patient = upper.get("patient")
-    if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
-        if plain(as_table(tree.get("patient", {})).get(NAME)) != plain(patient[NAME]):
-            tree.pop("population", None)
+    named = isinstance(patient, Mapping) and NAME in patient
+    if named and plain(as_table(tree.get("patient", {})).get(NAME)) != plain(patient[NAME]):
+        tree.pop("population", None)
     cases = upper.pop("controller", None)
     if cases is not None:
         tree["controller"] = _cases(tree.get("controller", []), cases)
@@ -175,7 +184,7 @@ def _listed(leaf: Any) -> list[Any]:
 
 
 def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
-    """A chain in which the part of a name has these settings; noise is put inside a dead time, either outside others."""
+    """A chain in which the part of a name has these settings; noise is put inside a dead time."""
     if any(plain(part.get(NAME)) == name for part in chain):
         return [{**part, **settings} if plain(part.get(NAME)) == name else part for part in chain]
     [leaf] = settings.values()
@@ -185,7 +194,7 @@ def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
 
 
 def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
-    """Tree of a configuration file, whose paths start at the file, and the values that were used when it was written."""
+    """Tree of a configuration file, and the values that were used when it was written."""
     if path is None:
         return {}, None
     import glucoloop

@@ -8,11 +8,12 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
@@ -158,6 +159,12 @@ class Trial(Loops):
             traced = self.people if self.traces == "all" else 0
             size = usual_shard_people(self.people, self.plan.horizon_min, traced=traced, slow=slow)
             object.__setattr__(self, "shard_people", size)
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The trial with everything that is usual; days that were given take the place of a usual length."""
+        if self.given.get("days") is not None and "duration_min" not in self.given:
+            usual = {**(usual or {}), "duration_min": Default(None)}
+        return super().completed(usual, noisy=noisy)
 
     def _refuse_impossible(self) -> None:
         if self.days is not None and self.duration_min is not None:

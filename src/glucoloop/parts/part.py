@@ -199,7 +199,7 @@ def _inherit_annotations(part: type[Part]) -> None:
     inherited = [base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)]
     if not inherited:
         return
-    own = part.__dict__.get("__annotations__", {})
+    own = inspect.get_annotations(part)
     known = {field.name for field in dataclasses.fields(typing.cast(Any, inherited[0]))}
     overridden = [name for name in vars(part) if name in known and name not in own]
     if overridden:

@@ -11,7 +11,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -336,22 +336,3 @@ def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
         return f"none of the {len(names)} known ones is like it; {where}"
     meant = f"did you mean {close[0]!r}? " if close else ""
     return f"{meant}the known ones are: {', '.join(names)}"
-
-
-def expanded(text: str, kind: Any) -> Iterator[str]:
-    """Values of ``1:5``, ``.3:.8:.05`` and ``0|.1|1``; what is no number is parted at ``|`` alone.
-
-    Raises
-    ------
-    Refusal
-        For a range that is empty or endless.
-    """
-    for piece in text.split("|"):
-        ends = piece.split(":")
-        if kind not in (int, float) or len(ends) not in (2, 3) or not all(_NUMBER.fullmatch(end) for end in ends):
-            yield piece.strip()
-            continue
-        low, high, step = float(ends[0]), float(ends[1]), float(ends[2]) if len(ends) == 3 else 1.0
-        if not (math.isfinite(low) and math.isfinite(high) and math.isfinite(step) and step > 0.0 and low <= high):
-            raise Refusal(f"{piece!r} is no range; write it like 1:5 or .3:.8:.05")
-        yield from (f"{low + i * step:.12g}" for i in range(math.floor((high - low) / step + 1e-9) + 1))

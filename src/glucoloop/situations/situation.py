@@ -1,8 +1,8 @@
 """Situation of a controller: the patient, the sensor and the pump with their faults.
 
-It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it. Where
-it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the patient;
-what was given stays apart, see `parts.part.Part`.
+It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
+Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
+patient; what was given stays apart, see `parts.part.Part`.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from glucoloop.control import Controller
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
+from glucoloop.experiments.situation import Situation
 from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
@@ -41,8 +42,7 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.situations.situation import Situation
-from glucoloop.studies.bounded import bound_of_run
+from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import stack
 

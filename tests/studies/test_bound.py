@@ -1,4 +1,4 @@
-"""What the figure and the table of bounds show, and that they can be read."""
+"""What the figure and the table of a bound show, and that they can be read."""
 
 import dataclasses
 
@@ -8,8 +8,8 @@ from rich.console import Console
 
 from glucoloop.bounds import HedgedDoses, OptimalDoses
 from glucoloop.meals import Meal
-from glucoloop.report.bound_figure import plot_bound
-from glucoloop.report.bound_table import bound_table
+from glucoloop.studies.bound import study
+from glucoloop.studies.bound.figure import plot_bound
 
 
 def plan(size, **more):
@@ -62,7 +62,7 @@ def texts(figure):
 
 
 def test_plans_stand_over_each_other(plans):
-    figure = plot_bound(plans, meals=[Meal(50.0, 20.0)])
+    figure = plot_bound(plans, [Meal(50.0, 20.0)])
     above, below = figure.axes
     for of in plans.values():
         assert any(np.array_equal(line.get_ydata(), of.glucose_mg_dl) for line in above.lines)
@@ -71,19 +71,19 @@ def test_plans_stand_over_each_other(plans):
 
 
 def test_plans_for_two_worlds_end_where_they_are_followed_to(plans, hedged):
-    above, below = plot_bound(plans, hedged).axes
+    above, below = plot_bound(study.Bounds(plans, hedged).drawn).axes
     for of in hedged.values():
         assert any(np.array_equal(line.get_ydata(), of.meal.glucose_mg_dl) for line in above.lines)
         [line] = [line for line in below.lines if np.array_equal(line.get_ydata()[:-1], of.meal.insulin_mU_min)]
         assert line.get_xdata()[-1] == 50.0
     assert above.get_xlim()[1] == 100.0
-    assert len(plot_bound({}, hedged).axes) == 2
 
 
 @pytest.mark.parametrize("width", ["single", "double"])
 @pytest.mark.parametrize("noise", [False, True])
 def test_nothing_is_clipped(plans, hedged, width, noise):
-    figure = plot_bound(plans, hedged if noise else None, meals=[Meal(50.0, 20.0)], title="Bound $x$", width=width)
+    drawn = study.Bounds(plans, hedged if noise else {}).drawn
+    figure = plot_bound(drawn, [Meal(50.0, 20.0)], title="Bound $x$", width=width)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert drawn.x0 >= 0.0
@@ -100,10 +100,12 @@ def test_nothing_to_draw_is_refused(plans):
         plot_bound(plans, width="triple")
 
 
-def test_table(plans, hedged):
+def test_table(plans, hedged, monkeypatch):
+    monkeypatch.setattr(study, "_bounds", lambda *_: study.Bounds(plans, hedged))
+    asked = study.read({})
     console = Console(width=200, record=True)
     with console.capture() as captured:
-        console.print(bound_table(plans, hedged))
+        console.print(*study.tables(asked, study.found(asked, print)))
     lines = captured.get().splitlines()
 
     def row(start):
