@@ -47,21 +47,16 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 
-@dataclass(frozen=True)
-class ErrorSearch:
+class ErrorSearch(NamedTuple):
     """One search: a controller, guarded or not, under errors of one size."""
 
+    key: dict[str, Any]
+    """Values that tell it from all other searches, by the names of their columns."""
     trial: Trial
     """Trial with one case, the controller."""
     space: ErrorSpace
     settings: AdversarySettings
     """Settings, with the number of generations for the controller."""
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """Values that tell it from all other searches, by the names of their columns."""
-        (case,) = self.trial.cases
-        return {"controller": case.label, "guarded": case.guard is not None, "error_pct": 100.0 * self.space.error}
 
 
 def _called(row: Mapping[str, Any]) -> str:
@@ -104,7 +99,10 @@ class Adversary:
             for guarded in WITH_GUARD[own.guards]:
                 tried = dataclasses.replace(case, guard=dict(self.limits) if guarded else None)
                 alone = dataclasses.replace(trial, cases=(tried,))
-                yield [ErrorSearch(alone, space, settings) for space in spaces]
+                key = {"controller": case.label, "guarded": guarded}
+                yield [
+                    ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space, settings) for space in spaces
+                ]
 
     def searches(self) -> dict[str, ErrorSearch]:
         """All searches by name, in order."""

@@ -69,11 +69,6 @@ class Detection:
         """Samples of a day."""
         return sample_grid(self.trial.plan.horizon_min, self.trial.sample_time_min)
 
-    def case(self, estimator: str) -> Case:
-        """The case under whose doses an estimator is tried."""
-        cases = self.trial.cases
-        return next((case for case in cases if case.label == estimator), cases[0])
-
     def keys(self) -> dict[str, Any]:
         """The flat keys from which the same test is read."""
         of_trial, case = trial_keys(self.trial), self.trial.cases[0]

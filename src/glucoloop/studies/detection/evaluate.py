@@ -67,9 +67,10 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
     size = -(-person.size // -(-person.size // _MOST_AT_ONCE))  # blocks as even as can be
     blocks = [(person[at : at + size], day[at : at + size]) for at in range(0, person.size, size)]
     recorded: dict[str, dict[bool, list[Days]]] = {}
+    cases = {case.label: case for case in detection.trial.cases}
     scores = {}
     for name in detection.own.estimators:
-        case = detection.case(name)
+        case = cases.get(name, detection.trial.cases[0])
         if case.label not in recorded:
             recorded[case.label] = _recorded(detection, case, blocks, progress)
         estimator = Estimator(detection, name)
