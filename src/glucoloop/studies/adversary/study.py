@@ -316,8 +316,8 @@ def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
         above[0].set(ylabel="Glucose\n(mg/dl)", ylim=(0.0, highest))
         below[0].set(ylabel="Insulin\n(mU/min)", ylim=(0.0, most))
         for glucose, insulin, (numbers, loop) in zip(above, below, row, strict=True):
-            lowest = glucose_text(numbers["lowest_mg_dl"], 0)
-            name = f"{_name(numbers)}\n{numbers['below_54_min']:.0f} min below 54, lowest {lowest} mg/dl"
+            below_min, lowest = (column.value_text(numbers) for column in _COLUMNS[:2])
+            name = f"{_name(numbers)}\n{below_min} min below 54, lowest {lowest} mg/dl"
             glucose.set_title(name, fontsize=FONT_PT, loc="left")
             entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop)
     horizon = float(_edges(worst)[-1])
