@@ -18,7 +18,7 @@ from glucoloop.papers.parker1999.options import ReproduceKeys
 from glucoloop.studies.adversary.options import AdversaryKeys
 from glucoloop.studies.bound import BoundSettings
 from glucoloop.studies.detection.options import DetectionKeys
-from glucoloop.studies.robust import HowFar, RobustSettings
+from glucoloop.studies.robust import HowFar, RobustSettings, Shown
 from glucoloop.studies.stress import StressSettings
 from glucoloop.studies.tuning import GridSettings, RangeSettings
 from glucoloop.studies.verification import VerifySettings

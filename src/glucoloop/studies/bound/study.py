@@ -149,13 +149,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
 
 
 def bound_of_run(situation: SituationKeys) -> OptimalDoses:
-    """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
-
-    Raises
-    ------
-    ValueError
-        For a situation that is not possible, or too long for a plan.
-    """
+    """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump."""
     made = situation.situation()
     return bound_of_situation(
         made.nominal,

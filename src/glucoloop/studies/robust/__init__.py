@@ -87,7 +87,7 @@ class HowFar:
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """What is shown of a search; no part of its configuration."""
+    """Keys of the output of a search, which are no part of its configuration."""
 
     top: Annotated[int, _search("Number of tunings of the front in the table.", at_least=1)] = 10
 

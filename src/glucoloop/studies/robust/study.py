@@ -16,6 +16,7 @@ from glucoloop.config.trial import read_trial, with_people
 from glucoloop.control.catalogue import SEARCHED, controller_entry
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.parts.setting import known_names
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
@@ -114,7 +115,8 @@ def _bound(text: str, beside: Sequence[str], called: str) -> tuple[str, float | 
     name, _, most = (part.strip() for part in text.partition("="))
     if not most:
         raise Refusal(f"{called} is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
-    objective(name)
+    if name not in OBJECTIVES:
+        raise Refusal(f"{called} is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     if most in beside:
         return name, most
     try:
