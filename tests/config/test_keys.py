@@ -30,6 +30,7 @@ RECORDS = (
         DetectionKeys,
         RobustSettings,
         HowFar,
+        Shown,
         StressSettings,
         GridSettings,
         RangeSettings,
