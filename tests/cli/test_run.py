@@ -123,7 +123,7 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
 def test_known_dead_time_reaches_the_controller(glucoloop):
     unknown = glucoloop("run", "--dead-time", 10, "--json")
     known = glucoloop("run", "--dead-time", 10, "--controller", "known_dead_time=true", "--json")
-    assert "known_dead_time=true tells it" in unknown.err
+    assert "known_dead_time=true among its settings tells it" in unknown.err
     assert "knows of the dead time" in known.err
     assert known.json["metrics"]["sse"] != unknown.json["metrics"]["sse"]
 
