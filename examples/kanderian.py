@@ -151,7 +151,7 @@ MODEL = PatientModel(
 )
 
 
-class Person1(PatientPart, name="kanderian:Person1"):
+class Person1(PatientPart, name="person-1"):
     """Person 1 of Kanderian et al. (2009), insulin under the skin."""
 
     model = "kanderian:MODEL"

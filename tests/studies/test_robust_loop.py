@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from glucoloop.config.trial import read_trial
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts import blocks
-from glucoloop.config.trial import read_trial
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise

@@ -219,7 +219,7 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
     return _beside(given(written.keys, str(path)), path), written.used
 
 
-def _beside(tree: Tree, path: Path) -> Tree:
+def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
     found = dict(tree)
     for key in ("data", "population"):

@@ -16,6 +16,7 @@ from glucoloop.parts.patients import patient_entry
 from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import Loops, refuse_parts_of_samples
 from glucoloop.units import MIN_PER_DAY
@@ -218,6 +219,11 @@ class Trial(Loops):
             found["days"] = 1
         return found
 
+    def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
+        """A trial of other cases, which have guards and models of their own, in the same situation."""
+        own = {name: getattr(self, name) for name in Trial.settings()}
+        return Trial(**{**own, "controller": cases, "guard": None, "model": None, **other})
+
     @functools.cached_property
     def plan(self) -> MealPlan:
         """Meals and the length of the run; of the usual meals those within it.
@@ -254,18 +260,21 @@ class Trial(Loops):
         return round(self.plan.horizon_min / self.sample_time_min)
 
     @property
+    def people_a_shard(self) -> int:
+        """Number of people that are computed and written together."""
+        return self.shard_people or SHARD_PATIENT_DAYS
+
+    @property
     def shards(self) -> int:
         """Number of shards into which the people are divided."""
-        size: Any = self.shard_people
-        return int(-(-self.people // size))
+        return -(-self.people // self.people_a_shard)
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
         """Numbers of the people in a shard."""
         import numpy as np
 
-        size: Any = self.shard_people
-        start = index * size
-        stop = min(start + size, self.people)
+        start = index * self.people_a_shard
+        stop = min(start + self.people_a_shard, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:

@@ -195,16 +195,16 @@ class Part:
 
 
 def _inherit_annotations(part: type[Part]) -> None:
-    """A default that a class gives without an annotation is one of the setting that it inherits."""
+    """A default that a class gives without a description is one of the setting that it inherits."""
     inherited = [base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)]
     if not inherited:
         return
-    own = inspect.get_annotations(part)
     known = {field.name for field in dataclasses.fields(typing.cast(Any, inherited[0]))}
-    overridden = [name for name in vars(part) if name in known and name not in own]
-    if overridden:
-        hints = typing.get_type_hints(inherited[0], include_extras=True)
-        part.__annotations__ = {**own, **{name: hints[name] for name in overridden}}
+    changed = [name for name in vars(part) if name in known]
+    if changed:
+        hints, own = (typing.get_type_hints(of, include_extras=True) for of in (inherited[0], part))
+        undescribed = [name for name in changed if not hasattr(own.get(name), "__metadata__")]
+        part.__annotations__ = {**inspect.get_annotations(part), **{name: hints[name] for name in undescribed}}
 
 
 def _plain(value: Any, whole: bool) -> Any:
@@ -362,8 +362,8 @@ class MadePart(Part):
 
     @classmethod
     def takes(cls, name: str) -> bool:
-        """Whether the function has a parameter of a name."""
-        return name in inspect.signature(loaded(cls.make)).parameters
+        """Whether the function has a parameter of a name, or `made` of a class that overrides it."""
+        return name in inspect.signature(loaded(cls.make) if cls.make else cls.made).parameters
 
     def made_of(self, settings: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
         """Object that the function makes of these settings, and of what it takes of the rest."""
