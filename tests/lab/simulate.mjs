@@ -10,7 +10,7 @@ const { load } = await import(pathToFileURL(kernels).href);
 const { Lab } = await import(pathToFileURL(`${page}/lab.mjs`).href);
 const { summary } = await import(pathToFileURL(`${page}/summary.mjs`).href);
 const { checked } = await import(pathToFileURL(`${page}/situation.mjs`).href);
-const { fromHash, hash: hashOf } = await import(pathToFileURL(`${page}/keys.mjs`).href);
+const { fromHash, hash: hashOf, situationOf } = await import(pathToFileURL(`${page}/keys.mjs`).href);
 const links = await import(pathToFileURL(`${page}/links.mjs`).href);
 const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
 const { ofFault } = await import(pathToFileURL(`${page}/fields.mjs`).href);
@@ -20,7 +20,7 @@ const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
 
 const { predicted, termsOf } = await import(pathToFileURL(`${page}/prediction.mjs`).href);
 
-const { fromToml, fromTrace, situationOf } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
+const { fromToml, fromTrace } = await import(pathToFileURL(`${page}/configuration.mjs`).href);
 
 const { some } = await import(pathToFileURL(`${page}/many.mjs`).href);
 const { personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);

@@ -10,12 +10,13 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop import __version__
-from glucoloop.config.run import read_run
-from glucoloop.situations.toml import toml_text
 from glucoloop.lab.pack import page
 from glucoloop.report._page import Repeat, situation
 from glucoloop.report._page import page as page_of
 from glucoloop.report._plot import GLUCOSE, Panel, plot
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
+from glucoloop.situations.toml import toml_text
 
 pytestmark = [pytest.mark.long, needs_browser]
 COLUMNS = {"t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"}
@@ -28,7 +29,7 @@ def trial_page():
     for low, high, name in ((-20.0, 30.0, "90 % of the people"), (-10.0, 12.0, "50 % of the people")):
         panel.band(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, f'class="band" data-name="{name}"')
     panel.line(t, 100.0 + t / 20.0, 'data-name="median"')
-    keys = {"population": "parker2000", "people": 9, "days": 1, "meals": ["40g@60min"], "case": [{"controller": "imc"}]}
+    keys = {"population": "parker2000", "people": 9, "days": 1, "meals": ["40g@60min"], "controller": [{"name": "imc"}]}
     told = situation({}, Repeat("trial --config trial.toml", keys))
     return page_of("Trial", plot([panel], 300.0, name="imc") + told)
 
@@ -47,7 +48,9 @@ def shown(in_node, tmp_path_factory):
     files = {
         "lab.html": page(),
         "trace.csv": "\n".join([",".join([*columns, "status"]), *lines]) + "\n",
-        "run.toml": toml_text(read_run({"controller": "imc", "meals": ["30g@20min"]}).keys(), "run --config run.toml"),
+        "run.toml": toml_text(
+            configured(Run, controller="imc", meals=["30g@20min"]).tree(whole=True), "run --config run.toml"
+        ),
         "report.html": trial_page(),
     }
     for name, text in files.items():
@@ -104,7 +107,7 @@ def test_numbers_picture_and_program_are_taken_along(shown):
     assert saved["glucoloop-lab.svg"].startswith("<svg xmlns=")
     assert "glucoloop run --patient parker-1999" in saved["glucoloop-lab.svg"]
     assert saved["glucoloop-lab.png"].startswith("\x89PNG")
-    assert "outcome = close_the_loop(read_run(keys))" in shown["used"]["python"]
+    assert "outcome = close_the_loop(run, run.case)" in shown["used"]["python"]
 
 
 def test_a_tuning_is_tried_on_people_and_one_of_them_is_followed(shown):
@@ -158,7 +161,7 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
     place = tmp_path / "lab.html"
     place.write_text(page(), encoding="utf-8")
     links = [
-        f"#glucoloop={__version__}&controller=mpc-se&guard=true&noise_variance=1.45&seed=3&meals=60g%4045min",
+        f"#glucoloop={__version__}&controller=mpc-se&guard=usual&sensor=white-noise,+variance=1.45&seed=3&meals=60g@45min",
         "#glucoloop=0.0.1&controller=imc",
         "#controller=fuzzy",
         "",

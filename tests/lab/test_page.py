@@ -8,16 +8,17 @@ import math
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from browser import MODULES, NODE, needs_modules
-from glucoloop.config.run import read_run
 from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
 from glucoloop.native.targets.wasm.module import HOST
 from glucoloop.parts.patients import PATIENTS
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
+from page_loops import run_of
 
 USUAL = {
     "patient": "parker-1999/setpoint-81",
@@ -108,15 +109,17 @@ def test_packing_imports_nothing_that_computes():
 
 
 def test_a_link_brings_back_its_situation(in_node, corpus):
-    for answer in in_node(corpus[:40]):
-        assert answer["again"] == {"situation": answer["situation"], "version": "1.2.3"}
+    answers = in_node(corpus[:40])
+    for answer, again in zip(answers, in_node([answer["hash"] for answer in answers]), strict=True):
+        assert answer["again"] == {"situation": again["situation"], "version": "1.2.3"}
+        assert again["trace"] == answer["trace"]
+        assert again["situation"]["tuning"].items() <= answer["situation"]["tuning"].items()
 
 
 def test_the_usual_situation_is_that_of_a_run_without_options(in_node):
     [first, empty] = in_node([USUAL, "#"])
     assert first["trace"] == empty["trace"]
-    run = read_run({key: value for key, value in tomllib.loads(first["toml"]).items() if key != "glucoloop"})
-    assert run == read_run({})
+    assert run_of(first["toml"]).tree(whole=True) == configured(Run).tree(whole=True)
 
 
 def low_and_peak(answer):
@@ -131,9 +134,14 @@ def moved(answer):
 def test_the_lessons_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
     slow, far, late, occluded, _, unannounced = in_node([lesson["hash"] for lesson in lessons])
-    others = ("#controller=pid&closed_loop_min=10", "#prediction_horizon=3", "#move_weight=5", "#")
+    others = (
+        "#controller=pid,+closed_loop_min=10",
+        "#controller=prediction_horizon=3",
+        "#controller=move_weight=5",
+        "#",
+    )
     quick, near, weighted, usual = in_node(others)
-    [calmer] = in_node(["#dead_time_min=10&move_weight=8"])
+    [calmer] = in_node(["#controller=mpc,+move_weight=8&sensor=dead-time,+minutes=10"])
     assert [round(value) for value in low_and_peak(slow)] == [64, 119]
     assert low_and_peak(quick)[0] > 70.0
     assert low_and_peak(quick)[1] < 100.0
@@ -150,7 +158,7 @@ def test_the_lessons_show_what_they_tell(in_node):
     assert moved(late) > 5.0 * moved(usual) > moved(calmer)
     assert low_and_peak(calmer)[0] < low_and_peak(late)[0]
     meal = "&meals=90g%4060min"
-    state, guarded = in_node([f"#controller=mpc-se{meal}", f"#controller=pid&closed_loop_min=60&guard=true{meal}"])
+    state, guarded = in_node([f"#controller=mpc-se{meal}", f"#controller=pid,+closed_loop_min=60&guard=usual{meal}"])
     assert round(low_and_peak(unannounced)[0]) == 53
     assert low_and_peak(state)[0] > 77.0
     assert low_and_peak(guarded)[0] > 70.0
@@ -195,30 +203,43 @@ def test_what_was_set_for_a_patient_of_another_model_does_not_stay():
 
 LINKS = {
     "#controller=fuzzy": "the controller is 'fuzzy'; the known ones are: pid, imc, mpc, mpc-se",
-    "#operating_point=__proto__": "the operating point of parker-1999 is '__proto__'; the known ones are: setpoint-81",
+    "#patient=parker-1999,+operating_point=__proto__": (
+        "the operating point of parker-1999 is '__proto__'; the known ones are: setpoint-81"
+    ),
     "#patient=constructor": "the patient is 'constructor'; the known ones are: parker-1999, hovorka-2004, wilin",
-    "#patient=hovorka-2004&operating_point=setpoint-81": (
+    "#patient=hovorka-2004,+operating_point=setpoint-81": (
         "the operating point of hovorka-2004 is 'setpoint-81'; the known ones are: fasting-120"
     ),
-    "#patient=parker-1999&prediction_horizon=30": "prediction horizon is 30; give a whole number from 3 to 24",
+    "#controller=mpc,+prediction_horizon=30": "prediction horizon is 30; give a whole number from 3 to 24",
     "#duration_min=12345": "the length is 12345 min; give a multiple of 5 min from 30 to 1440 min",
     "#duration_min=601": "the length is 601 min; give a multiple of 5 min",
     "#meals=50": "a meal is '50'; write it like 50g@60min",
-    "#meals=1..5g@3min": "a meal is '1..5'; give a number",
+    "#meals=1..5g@3min": "a meal is '1..5g@3min'; write it like 50g@60min",
     "#meals=50g@600min": "the time of a meal is 600 min; give from 0 to 599 min",
-    "#meals=" + "+".join(["5g@5min"] * 13): "13 meals are too many; give at most 12",
+    "#" + "&".join(["meals=5g@5min"] * 13): "13 meals are too many; give at most 12",
     "#seed=1e400": "the seed is Infinity; give a whole number from 0 to 9",
-    "#seed=0x1": "seed is '0x1'; give a number",
-    "#guard=yes": "guard is 'yes'; the known ones are: true, false",
-    "#horizon=3": "a part of the link is 'horizon'; the known ones are: move_horizon",
-    "#constructor=3": "a part of the link is 'constructor'",
-    "#move_horizon=9": "move horizon is 9; give a whole number from 1 to 8",
-    "#move_horizon=4&prediction_horizon=3": "a prediction horizon of 3 is not possible with a move horizon of 4",
-    "#patient=hovorka-2004&prediction_horizon=29": "prediction horizon is 29; give a whole number from 30 to 48",
-    "#controller=pid&derivative_time_min=-0.5": "a derivative time of -0.5 min is not possible; give 0 or more, or -1",
-    "#noise_variance=-1": "the variance of the noise is -1 (mg/dl)²; give from 0 to 900",
-    "#dead_time_min=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",
-    "#model_noise_variance=1.45": "this page has models without noise only",
+    "#patient=3": "the patient is '3'; the known ones are: parker-1999",
+    "#seed=0x1": "the seed is 0x1; give a whole number from 0 to 9",
+    "#guard=yes": 'it has guard.name = "yes", which this page cannot simulate',
+    "#controller=horizon=3": "it has controller.horizon = 3, which this page cannot simulate",
+    "#constructor=3": "it has constructor = 3, which this page cannot simulate",
+    "#controller=pid,+3": "'pid, 3' is no part; write it like 'mpc, move_weight=2'",
+    "#sensor=lag": "it has the sensor lag, which this page cannot simulate",
+    "#sensor=dead-time&sensor=white-noise": "it has the sensor white-noise, which this page cannot simulate",
+    "#faults=missing,+per_day=3": "it has the fault missing, per_day=3, which this page cannot simulate",
+    "#pump=resolution": 'it has pump.name = "resolution", which this page cannot simulate',
+    "#guard=max_on_board=many": "max on board is many; give from 0 to 6",
+    "#controller=move_horizon=9": "move horizon is 9; give a whole number from 1 to 8",
+    "#controller=move_horizon=4,+prediction_horizon=3": (
+        "a prediction horizon of 3 is not possible with a move horizon of 4"
+    ),
+    "#patient=hovorka-2004&controller=prediction_horizon=29": (
+        "prediction horizon is 29; give a whole number from 30 to 48"
+    ),
+    "#controller=pid,+derivative_time_min=-0.5": "a derivative time of -0.5 min is not possible; give 0 or more, or -1",
+    "#sensor=white-noise,+variance=-1": "the variance of the noise is -1 (mg/dl)²; give from 0 to 900",
+    "#sensor=dead-time,+minutes=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",
+    "#model=noise_variance=1.45": "it has model.noise_variance = 1.45, which this page cannot simulate",
 }
 
 

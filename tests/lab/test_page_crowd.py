@@ -7,13 +7,13 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.lab.body import FAMILIES, entry_of, people_of, situation
 from glucoloop.lab.pack import PAGE
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import simulate
+from glucoloop.situations.case import usual_case
 from glucoloop.threefry import name_word, uniforms
 
 NODE = shutil.which("node")

@@ -3,7 +3,6 @@
 import base64
 import dataclasses
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,14 +13,10 @@ import numpy as np
 import pytest
 
 from glucoloop.arguments import random_key
-from glucoloop.config.run import read_run
-from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
-from glucoloop.situations.situation import usual_situation
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
@@ -37,14 +32,15 @@ from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.wasm.module import linker
-from glucoloop.parts.faults import FAULTS
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
-from page_loops import TRACED, Loops, by_jax, numbers_of, side_by_side, traces_of
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation, configured
+from page_loops import TRACED, Loops, by_jax, numbers_of, run_of, side_by_side, traces_of
 
 ARRAYS = ("Phi", "Gamma", "C")
 LONG_TEXT = 10_000
@@ -177,7 +173,7 @@ def arounds(runs, answers, loops_faults):
     """Sensor and pump of each run; `left` of a compression is the page's, which another library rounds."""
     found = []
     for run, answer in zip(runs, answers, strict=True):
-        around = surroundings(run, loops_faults[run.case.controller, run.case.guard])
+        around = surroundings(run, loops_faults[kind_of(run)])
         left = [fault["left"] for fault in answer["faults"] if "left" in fault]
         own = jax.tree_util.tree_map_with_path(
             lambda path, leaf, left=left: left[0] if left and str(path[-1]) == ".left" else leaf, around.sensor
@@ -265,22 +261,30 @@ def close(found, expected):
 @pytest.fixture(scope="session")
 def runs(corpus, answers):
     """Each situation as `glucoloop run` reads it from the file that the page offers."""
-    keys = [tomllib.loads(answer["toml"]) for answer in answers]
-    assert {of.pop("glucoloop") for of in keys} == {"1.2.3"}
-    found = [read_run(of) for of in keys]
+    found = [run_of(answer["toml"]) for answer in answers]
     for run, situation in zip(found, corpus, strict=True):
-        asked = run.situation
-        assert (run.case.controller, run.case.guard) == (situation["controller"], situation["guard"])
-        assert f"{asked.patient}/{asked.operating_point}" == situation["patient"]
-        assert asked.seed == situation["seed"]
-        assert (asked.noise_variance, asked.dead_time_min) == (situation["noise_variance"], situation["dead_time_min"])
-        assert sorted((meal.t_min, meal.carbs_g) for meal in asked.eaten()) == sorted(
+        assert kind_of(run) == (situation["controller"], situation["guard"])
+        assert patient_of(run) == situation["patient"]
+        assert run.seed == situation["seed"]
+        assert (run.noise_variance, run.dead_time_min) == (situation["noise_variance"], situation["dead_time_min"])
+        assert sorted((meal.t_min, meal.carbs_g) for meal in run.eaten()) == sorted(
             (meal["t_min"], meal["carbs_g"]) for meal in situation["meals"]
         )
         assert situation["tuning"].items() <= dict(run.case.tuning).items()
-        assert situation["guard_limits"].items() <= dict(run.case.guard_limits).items()
-        assert [FAULTS.choose(text).name for text in asked.faults] == [fault["name"] for fault in situation["faults"]]
+        assert run.case.guard is None or situation["guard_limits"].items() <= run.case.guard.values().items()
+        assert situation["pump_limits"].items() <= run.pump.values().items()
+        assert [fault.name for fault in run.faults] == [fault["name"] for fault in situation["faults"]]
     return found
+
+
+def kind_of(run):
+    """Name of the controller, and whether it has a guard."""
+    return run.case.controller.name, run.case.guard is not None
+
+
+def patient_of(run):
+    """The patient, as the page calls it."""
+    return f"{run.patient.name}/{run.patient.rests_at}"
 
 
 @dataclass(frozen=True)
@@ -333,12 +337,8 @@ def designed(runs, data):
     """The controller of each run, as glucoloop designs it on the page's models."""
     found = []
     for run in runs:
-        entry = controller_entry(run.case.controller)
-        limits = run.situation.situation().limits
-        of = data["patients"][f"{run.situation.patient}/{run.situation.operating_point}"]
-        case = OnModelsOfThePage(of, run.case.controller, limits)
-        bare = entry(**run.case.tuning).designed(case)
-        found.append(with_guard(bare, run.case.case().guard, limits))
+        case = OnModelsOfThePage(data["patients"][patient_of(run)], run.case.controller.name, run.limits)
+        found.append(with_guard(run.case.controller.designed(case), run.case.guard, run.limits))
     return found
 
 
@@ -365,14 +365,14 @@ def surroundings(run, faults):
 
     The faults that the run does not have never begin, and noise of no variance is none.
     """
-    around, told = run.situation.situation(), {fault.name: fault for fault in map(FAULTS.choose, run.situation.faults)}
-    sensor = white_noise(around.noise_variance, around.noise_bound_mg_dl)
-    sensor = dead_time(around.dead_time_samples, sensor) if around.dead_time_samples else sensor
-    pump = LimitedPump(limits=around.limits)
+    told = {fault.name: fault for fault in run.faults}
+    sensor = white_noise(run.noise_variance, run.noise_bound_mg_dl)
+    sensor = dead_time(run.dead_time_samples, sensor) if run.dead_time_samples else sensor
+    pump = LimitedPump(limits=run.limits)
     for idle in faults:
         own = told.get(idle.name, idle)
         inner = sensor if idle.part == "sensor" else pump
-        wrapped = put_around(inner, own, SAMPLE_TIME_MIN, around.limits)
+        wrapped = put_around(inner, own, SAMPLE_TIME_MIN, run.limits)
         if own is idle and idle.timed:
             never = dataclasses.replace(wrapped.episodes, earliest=np.inf, latest=np.inf, length=np.inf)
             wrapped = dataclasses.replace(wrapped, episodes=never)
@@ -410,8 +410,8 @@ def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_r
         for place in far:
             run, command = runs[here[place]], answers[here[place]]["command"]
             print(f"{difference[place]:.3g} mg/dl, itself {own[place]:.3g}: {command}")
-            assert run.case.guard, command
-            assert run.situation.noise_variance == 0.0, command
+            assert run.case.guard is not None, command
+            assert run.noise_variance == 0.0, command
             assert difference[place] <= 2.0 * own[place], command
         decided_by_rounding += far.size
     assert decided_by_rounding <= len(answers) // 50
@@ -420,12 +420,10 @@ def test_the_page_is_within_two_hundredths_of_a_mg_dl_with_the_arithmetic_of_a_r
 @pytest.mark.long
 @pytest.mark.parametrize("which", RUN, ids=lambda which: "-".join(map(str, which)))
 def test_a_run_is_within_two_hundredths_of_a_mg_dl(which, groups, answers, runs, designed, arounds):
-    noisy = [i for i in groups[which] if runs[i].situation.noise_variance > 0.0]
+    noisy = [i for i in groups[which] if runs[i].noise_variance > 0.0]
     assert len(noisy) > 2
     for i in noisy:
-        trace = close_loop(
-            runs[i].situation.situation(), padded(designed[i]), runs[i].situation.scenario(), around=arounds[i]
-        )
+        trace = close_loop(runs[i], padded(designed[i]), runs[i].scenario(), around=arounds[i])
         found = np.asarray(answers[i]["trace"]["fine_glucose_mg_dl"])
         np.testing.assert_allclose(found, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
         metrics = summarise(trace)
@@ -443,8 +441,14 @@ def padded(controller):
 @pytest.mark.parametrize("controller", ["mpc", "mpc-se"])
 def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
     least = data["families"]["hovorka-2004"]["controllers"][controller]["settings"]["prediction_horizon"]["least"]
-    around = usual_situation("hovorka-2004")
+    around = configured(Situation, patient="hovorka-2004")
     case = usual_case(controller, around)
-    controller_of(around, dataclasses.replace(case, tuning=case.tuning | {"prediction_horizon": least}))
+
+    def looking(samples_ahead):
+        return dataclasses.replace(
+            case, controller=case.controller.replaced(prediction_horizon=samples_ahead).completed()
+        )
+
+    controller_of(around, looking(least))
     with pytest.raises(Refusal, match=f"give a prediction horizon of {least} or more"):
-        controller_of(around, dataclasses.replace(case, tuning=case.tuning | {"prediction_horizon": least - 1}))
+        controller_of(around, looking(least - 1))

@@ -6,14 +6,14 @@ import pytest
 SAMPLES = [0, 12, 15, 20, 30, 60]
 
 
-@pytest.mark.parametrize("guard", ["", "&guard=true"])
+@pytest.mark.parametrize("guard", ["", "&guard=usual"])
 @pytest.mark.parametrize(
     "controller",
     [
-        "mpc&move_weight=4&dead_time_min=10",
-        "mpc-se&noise_variance=1.45",
+        "mpc,+move_weight=4&sensor=dead-time,+minutes=10",
+        "mpc-se&sensor=white-noise,+variance=1.45",
         "mpc&patient=hovorka-2004",
-        "mpc-se&patient=wilinska-2010&noise_variance=1.45",
+        "mpc-se&patient=wilinska-2010&sensor=white-noise,+variance=1.45",
     ],
 )
 def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
@@ -37,8 +37,10 @@ def test_the_expected_glucose_gives_the_dose(in_node, data, controller, guard):
     assert checked >= 3
 
 
-@pytest.mark.parametrize("guard", ["", "&guard=true"])
-@pytest.mark.parametrize("controller", ["pid&noise_variance=1.45", "imc&filter_min=20", "imc&patient=hovorka-2004"])
+@pytest.mark.parametrize("guard", ["", "&guard=usual"])
+@pytest.mark.parametrize(
+    "controller", ["pid&sensor=white-noise,+variance=1.45", "imc,+filter_min=20", "imc&patient=hovorka-2004"]
+)
 def test_the_terms_add_up_to_the_dose(in_node, controller, guard):
     [answer] = in_node([{"link": f"#controller={controller}{guard}&meals=20g%4050min", "samples": SAMPLES}])
     trace, checked = answer["trace"], 0

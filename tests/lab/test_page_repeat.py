@@ -9,13 +9,19 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.cli.app import main
-from glucoloop.config.run import read_run
-from glucoloop.situations.toml import toml_text
+from glucoloop.cli.app import command_of, main
+from glucoloop.cli.request import request_of
+from glucoloop.cli.run import RUN_OPTIONS
 from glucoloop.report._page import Repeat, situation
+from glucoloop.situations.request import asked_for
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import toml_text
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
+from page_loops import run_of
 
-LINK = "#controller=mpc&guard=true&move_weight=2&meals=60g%4045min+20g%40300min&noise_variance=1.45&seed=3"
+LINK = (
+    "#controller=mpc,+move_weight=2&guard=usual&meals=60g@45min&meals=20g@5h&sensor=white-noise,+variance=1.45&seed=3"
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +76,7 @@ def test_the_printed_command_file_and_program_give_the_trace_of_the_page(
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "link", ["#controller=pid&closed_loop_min=100&guard=true", "#patient=wilinska-2010&controller=pid"]
+    "link", ["#controller=pid,+closed_loop_min=100&guard=usual", "#patient=wilinska-2010&controller=pid"]
 )
 def test_the_printed_command_for_people_gives_those_of_the_page(link, in_node, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -88,24 +94,24 @@ def test_the_printed_command_for_people_gives_those_of_the_page(link, in_node, t
         assert fate["highest_mg_dl"] == pytest.approx(found["peak_mg_dl"], abs=0.02)
 
 
-def test_the_program_and_the_file_hold_the_same_keys(in_node, corpus):
+def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus):
     for answer in in_node(corpus[:20]):
         names = {}
         program, _, _ = answer["python"].partition("outcome = ")
         exec(compile(program, "printed", "exec"), names)
-        keys = tomllib.loads(answer["toml"])
-        del keys["glucoloop"]
-        assert names["keys"] == keys
-        assert read_run(names["keys"]) == read_run(keys)
+        whole = run_of(answer["toml"]).tree(whole=True)
+        assert names["run"].tree(whole=True) == whole
+        _, _, *words = shlex.split(answer["command"])
+        request = request_of(command_of("run").parser().given(words), RUN_OPTIONS)
+        assert asked_for(Run, request.tree).tree(whole=True) == whole
 
 
 def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
     answers = in_node(corpus[:40])
     written = []
     for answer in answers:
-        keys = tomllib.loads(answer["toml"])
-        del keys["glucoloop"]
-        written.append({"toml": toml_text(read_run(keys).keys(), "run --config run.toml")})
+        run = run_of(answer["toml"])
+        written.append({"toml": toml_text(run.tree(whole=True), "run --config run.toml", run.tree())})
     for loaded, answer in zip(in_node(written), answers, strict=True):
         assert loaded["unlike"] == []
         assert loaded["situation"]["tuning"].items() <= answer["situation"]["tuning"].items()
@@ -128,6 +134,76 @@ def test_what_the_page_leaves_out_of_a_configuration_is_told(in_node):
     assert told["situation"]["meals"] == [{"carbs_g": 30, "t_min": 20}]
     assert "the patient is 'sorensen'; the known ones are: parker-1999, hovorka" in other["refused"]
     assert unread["refused"] == "the configuration has the line 'meals = 3 g', which this page cannot read"
+
+
+def test_a_configuration_is_read_whether_its_parts_are_tables_or_texts(in_node):
+    texts = """patient = "hovorka-2004"
+controller = ["pid, closed_loop_min=100, guard=(usual, max_hour=2), label=careful", "imc"]
+sensor = ["white-noise, variance=2", "dead-time"]
+pump = "max_insulin_mU_min=50"
+faults = ["occlusion, start_min=60, noticed=true"]
+"""
+    tables = """sensor = [{name = "white-noise", variance = 2.0}, "dead-time, minutes=5"]
+# a comment
+[patient]
+name = "hovorka-2004"
+[pump]
+name = "limited"
+max_insulin_mU_min = 50
+[[controller]]
+name = "pid"
+label = "a = {b}, c"
+closed_loop_min = 100
+[controller.guard]
+max_hour = 2
+[[controller]]
+name = "imc"
+[[faults]]
+name = "occlusion"
+start_min = 60
+open_fraction = 0
+noticed = true
+"""
+    of_texts, of_tables = in_node([{"toml": texts}, {"toml": tables}])
+    assert of_texts["unlike"] == of_tables["unlike"] == []
+    assert of_texts["situation"] == of_tables["situation"]
+    assert of_texts["situation"] == {
+        "patient": "hovorka-2004/fasting-120",
+        "controller": "pid",
+        "tuning": {"closed_loop_min": 100},
+        "guard": True,
+        "guard_limits": {"max_hour": 2},
+        "pump_limits": {"max_insulin_mU_min": 50},
+        "faults": [{"name": "occlusion", "start_min": 60, "duration_min": None, "settings": {"noticed": True}}],
+        "meals": [{"carbs_g": 50, "t_min": 50}],
+        "noise_variance": 2,
+        "dead_time_min": 5,
+        "seed": 0,
+        "duration_min": 600,
+    }
+
+
+def test_parts_that_the_page_has_not_are_told_and_left_out(in_node):
+    text = """sensor = ["ideal, site=interstitial", "lag, lag_min=8", "white-noise, variance=2, bound_mg_dl=9"]
+controller = "mpc, known_dead_time=true, constraints=qp, faults=stuck"
+guard = "on_board_tau_min=60"
+pump = "expiring, samples=3"
+faults = ["missing, per_day=2"]
+"""
+    [told] = in_node([{"toml": text}])
+    assert told["unlike"] == [
+        'sensor.site = "interstitial"',
+        "the sensor lag, lag_min=8",
+        "sensor.bound_mg_dl = 9",
+        "controller.known_dead_time = true",
+        'controller.constraints = "qp"',
+        "guard.on_board_tau_min = 60",
+        "model.noise_variance = 2",
+        'pump.name = "expiring"',
+        "pump.samples = 3",
+        "the fault missing, per_day=2",
+    ]
+    assert [fault["name"] for fault in told["situation"]["faults"]] == ["stuck"]
 
 
 def test_units_are_remembered_by_the_link_and_change_no_number(in_node):

@@ -32,8 +32,8 @@ const hash = (page) => page.evaluate(() => new URLSearchParams(location.hash.sli
 const views = [];
 for (const width of [1280, 390])
   for (const colorScheme of ["light", "dark"]) {
-    const lesson = "#controller=mpc&guard=true&faults=occlusion%2C+start_min%3D30%2C+duration_min%3D120";
-    const hash = colorScheme === "dark" ? lesson : "#controller=mpc&guard=true&noise_variance=1.45";
+    const lesson = "#controller=mpc&guard=usual&faults=occlusion,+start_min=30,+duration_min=120";
+    const hash = colorScheme === "dark" ? lesson : "#controller=mpc&guard=usual&sensor=white-noise,+variance=1.45";
     const { page, seen } = await open(hash, { viewport: { width, height: 844 }, colorScheme });
     for (const details of await page.locator("details:visible > summary").all()) await details.click();
     await page.locator("#pin").click();

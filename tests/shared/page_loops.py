@@ -1,6 +1,7 @@
 """Situations of the laboratory, simulated in Python by the functions of the page."""
 
 import dataclasses
+import tomllib
 import weakref
 
 import jax
@@ -13,6 +14,8 @@ from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
 from glucoloop.lab.devices import _Passed, fault_parts, part_name
 from glucoloop.lab.parts import GUARDED
 from glucoloop.native.interpreter import Interpreter
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
 NO_DRAW = 0.5
@@ -20,6 +23,13 @@ NO_DRAW = 0.5
 OF_PUMP = 0x50554D50
 """Number by which `simulation.loop` sets the pump's draws apart."""
 TRACED = ("glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status")
+
+
+def run_of(text):
+    """The run of a configuration file that the page wrote as version 1.2.3."""
+    keys = tomllib.loads(text)
+    assert keys.pop("glucoloop") == "1.2.3"
+    return configured(Run, keys)
 
 
 def kept(make):

@@ -280,7 +280,7 @@ def test_each_operation_of_an_output_folder(tmp_path, monkeypatch, error, exchan
 
 
 def test_system_that_cannot_exchange_folders(tmp_path, monkeypatch):
-    monkeypatch.setattr(disk, "_renameat2", lambda: None)
+    monkeypatch.setattr(disk, "exchange", lambda one, other: False)
     for _ in range(2):
         old_and_new(tmp_path / "out")
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]

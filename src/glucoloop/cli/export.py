@@ -72,7 +72,7 @@ def _check(typed: Given) -> None:
     configuration = folder / "run.toml"
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
-    chosen = {key: typed[key] for key in ("samples", "target") if key in typed}
+    chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
     asked: Export = completed(
         request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
     )

@@ -74,7 +74,7 @@ def flag_of(name: str, unit: str) -> str:
 
 
 def _metavar(setting: Setting) -> str:
-    if isinstance(setting.kind, type) and issubclass(setting.kind, Part):
+    if setting.is_part:
         return "PART"
     return (
         "|".join(map(str, setting.choices))

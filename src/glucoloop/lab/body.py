@@ -20,14 +20,14 @@ from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
-from glucoloop.parts.patients import PatientEntry, patient_entry
+from glucoloop.parts.patients import PATIENTS, PatientPart
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.situation import Situation, configured
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
@@ -43,14 +43,16 @@ SEED: Final = 0
 """Seed of the people, who are those of ``glucoloop trial --seed 0``."""
 
 
-def entry_of(family: str) -> PatientEntry:
+def entry_of(family: str) -> type[PatientPart]:
     """Entry of a patient in the catalogue."""
-    return patient_entry(family)
+    return PATIENTS.find(family)
 
 
-def situation(family: str, operating_point: str) -> Situation:
-    """Situation of a patient of the page, with noise-free readings and the usual pump."""
-    return dataclasses.replace(usual_situation(family), operating_point=operating_point)
+def situation(family: str, operating_point: str, *, noisy: bool = False) -> Situation:
+    """Situation of a patient of the page with the usual pump, and with noise-free readings or not."""
+    patient, sensor = {"name": family, "operating_point": operating_point}, ["white-noise"] * noisy
+    of: Situation = configured(Situation, patient=patient, sensor=sensor)
+    return of
 
 
 def patient_id(family: str, operating_point: str) -> str:

@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.control import Controller, LinearMPC
-from glucoloop.control.catalogue import complete
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.horizon import identified_response, least_horizon, linear_response
 from glucoloop.control.imc import design_imc
@@ -26,7 +25,7 @@ from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
 from glucoloop.lab.part import CompiledPart, part, starting
-from glucoloop.parts.guard import PREFIX, GuardSettings, usual_limit
+from glucoloop.parts.guard import GuardSettings, guard_of
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -40,12 +39,12 @@ without weight.
 """
 FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
 """Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
-FREE_LIMITS: Final = tuple(field.name for field in dataclasses.fields(GuardSettings) if field.name not in FIXED_LIMITS)
+FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
 
 
 def usual_tuning(name: str, family: str, operating_point: str, *, noisy: bool = False) -> dict[str, Value]:
     """All settings of a controller that are usual for a patient of the page."""
-    return complete(name, {}, entry_of(family), operating_point, noisy=noisy)
+    return dict(usual_case(name, situation(family, operating_point, noisy=noisy)).tuning)
 
 
 @functools.cache
@@ -130,9 +129,7 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     bare = example_controller(name, family)
     if not guard:
         return Adjustable(bare)
-    fields = dataclasses.fields(GuardSettings)
-    limits = {field.name: usual_limit(f"{PREFIX}{field.name}", entry_of(family)) for field in fields}
-    return Adjustable(guarded(bare, GuardSettings(**limits), PARKER_1999_LIMITS))
+    return Adjustable(guarded(bare, guard_of(entry_of(family)), PARKER_1999_LIMITS))
 
 
 def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:

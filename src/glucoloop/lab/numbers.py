@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from glucoloop.config.run import read_run
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.protocol import Status
 from glucoloop.lab.body import (
@@ -34,14 +33,18 @@ from glucoloop.lab.controllers import (
 )
 from glucoloop.lab.devices import normals, offered
 from glucoloop.lab.people import people_numbers
-from glucoloop.parts.guard import GUARD, PREFIX, usual_limit
-from glucoloop.parts.patients import PatientEntry
+from glucoloop.parts.guard import GuardSettings, guard_of
+from glucoloop.parts.patients import PatientPart
+from glucoloop.parts.pumps import PumpPart
 from glucoloop.parts.routes import SUBCUTANEOUS
+from glucoloop.parts.sensors import SENSORS
 from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import fit_step
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 SEEDS: Final = 10
 LONGEST_MIN: Final = 1440.0
@@ -76,14 +79,12 @@ OFFERED_UNDER_THE_SKIN: Final[dict[str, dict[str, tuple[float, float, float]]]] 
     "imc": {"filter_min": (5.0, 600.0, 5.0)},
 }
 """Settings that have other bounds where insulin is given under the skin, beside the longer horizons."""
-OFFERED_LIMITS: Final = {
-    "max_change_mU_min": ("Largest change of the rate from one sample to the next.", (1.0, 100.0, 0.1)),
-    "min_insulin_mU_min": ("Least rate of the pump.", (0.0, 20.0, 0.1)),
-    "max_insulin_mU_min": ("Greatest rate of the pump.", (21.0, 200.0, 0.1)),
+OFFERED_PUMP: Final = {
+    "max_change_mU_min": (1.0, 100.0, 0.1),
+    "min_insulin_mU_min": (0.0, 20.0, 0.1),
+    "max_insulin_mU_min": (21.0, 200.0, 0.1),
 }
-"""Limits of the pump on the page, by the keys of a configuration: meaning, and bounds and step likewise."""
-
-
+"""Limits of the pump on the page, likewise."""
 OFFERED_GUARD: Final = {
     "lowest_reading_mg_dl": (20.0, 60.0, 1.0),
     "highest_reading_mg_dl": (200.0, 1000.0, 10.0),
@@ -124,6 +125,8 @@ OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
     "noticed": (0, 1, 1),
 }
 """Settings of faults on the page, likewise."""
+CHAIN: Final = ("ideal", "white-noise", "dead-time")
+"""Sensors that a chain on the page can have, from the innermost outwards."""
 
 
 def numbers() -> dict[str, Any]:
@@ -139,6 +142,7 @@ def numbers() -> dict[str, Any]:
             for family in FAMILIES
             for point, patient in patients(family).items()
         },
+        "sensors": {name: SENSORS[name]().values() for name in CHAIN},
         "faults": _faults(),
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
@@ -147,18 +151,13 @@ def numbers() -> dict[str, Any]:
     }
 
 
-def _family(entry: PatientEntry) -> dict[str, Any]:
+def _family(entry: type[PatientPart]) -> dict[str, Any]:
     """Values that all patients of a family share: ways of insulin, controllers, limits and usual values."""
     return {
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},
         "route": entry.insulin_route,
         "inside": [list(place) for place in inside(entry.name)],
-        "limits": {
-            "max_change_mU_min": entry.max_change_mU_min,
-            "min_mU_min": entry.min_insulin_mU_min,
-            "max_mU_min": entry.max_insulin_mU_min,
-        },
         "guard_limits": _guard_limits(entry),
         "pump_limits": _pump_limits(entry),
         "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
@@ -166,27 +165,30 @@ def _family(entry: PatientEntry) -> dict[str, Any]:
     }
 
 
-def _configuration(entry: PatientEntry) -> dict[str, Any]:
-    """Keys of a run without options, and of the guard: with what the page compares a file that it loads."""
-    return read_run({"patient": entry.name, "guard": True}).keys()
+def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
+    """What a run without options uses, with a guard: the page compares with it what a file tells that it loads."""
+    used = configured(Run, patient=entry.name, guard="usual").tree(whole=True)
+    [controller] = used.pop("controller")
+    return {**used, "guard": controller["guard"], "model": controller["model"]}
 
 
-def _guard_limits(entry: PatientEntry) -> dict[str, Any]:
-    """Limits of the guard by the keys of a configuration, with their bounds on the page."""
+def _guard_limits(entry: type[PatientPart]) -> dict[str, Any]:
+    """Limits of the guard, with their bounds on the page."""
+    usual = guard_of(entry).values()
     return {
-        f"{PREFIX}{name}": {
-            **_offered(GUARD[f"{PREFIX}{name}"].summary, False, OFFERED_GUARD[name]),
-            "usual": usual_limit(f"{PREFIX}{name}", entry),
-        }
+        name: {**_offered(GuardSettings.setting(name).summary, False, OFFERED_GUARD[name]), "usual": usual[name]}
         for name in FREE_LIMITS
     }
 
 
-def _pump_limits(entry: PatientEntry) -> dict[str, Any]:
-    """Limits of the pump by the keys of a configuration, with their bounds on the page."""
+def _pump_limits(entry: type[PatientPart]) -> dict[str, Any]:
+    """Limits of the pump, with their bounds on the page."""
     return {
-        name: {**_offered(summary, False, bounds), "usual": getattr(entry, name)}
-        for name, (summary, bounds) in OFFERED_LIMITS.items()
+        name: {
+            **_offered(PumpPart.setting(name).summary.partition(_OF_PATIENT)[0], False, bounds),
+            "usual": getattr(entry, name),
+        }
+        for name, bounds in OFFERED_PUMP.items()
     }
 
 
@@ -211,6 +213,8 @@ def _faults() -> dict[str, Any]:
 
 _OF_ZERO: Final = " 0: "
 """Begins what the value 0 of a horizon means; the page offers none."""
+_OF_PATIENT: Final = "; "
+"""Begins what a limit is by default, which the page shows."""
 
 
 def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> dict[str, Any]:
@@ -218,7 +222,7 @@ def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> d
     return {"summary": summary, "whole": whole, **dict(zip(("least", "most", "step"), bounds, strict=True))}
 
 
-def _patient(entry: PatientEntry, point: str, patient: SemilinearPatient) -> dict[str, Any]:
+def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """A patient at rest, and the models on which controllers are designed."""
     x = patient.steady_state(patient.basal_insulin_mU_min)
     return {
@@ -277,7 +281,7 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
     return {name: float(getattr(fitted, name)) for name in ("gain", "tau_min", "delay_min")}
 
 
-def _controller(name: str, of_patient: PatientEntry) -> dict[str, Any]:
+def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     """A controller's settings on the page, and the usual values of all of its settings."""
     entry = controller_entry(name)
     bounds = dict(OFFERED[name])

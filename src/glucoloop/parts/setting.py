@@ -11,7 +11,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -76,6 +76,8 @@ class About:
     """Quantity with its plausible range, or None if all values within the bounds are plausible."""
     finite: bool = True
     """Whether a number has to be finite."""
+    reads: Callable[[Any], Any] | None = None
+    """Function that reads a value where any type may be possible; it raises a Refusal that says what to give."""
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""
@@ -164,6 +166,15 @@ class Setting:
         own = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")
         return own or next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
 
+    @property
+    def is_part(self) -> bool:
+        """Whether its values are parts, which have a catalogue."""
+        return isinstance(self.kind, type) and hasattr(self.kind, "catalogue")
+
+    def renamed(self, name: str) -> Setting:
+        """The same setting under the name of its option, in the same unit."""
+        return dataclasses.replace(self, name=name, about=dataclasses.replace(self.about, unit=self.unit))
+
     def read(self, text: str) -> object:
         """Value of a text in the type of the setting; the text itself where it is none, which `check` refuses."""
         text = text.strip()
@@ -226,6 +237,11 @@ class Setting:
             the part or the option.
         """
         wrong = self.wrong(value)
+        if wrong is None and self.about.reads is not None:
+            try:
+                return self.about.reads(value)
+            except Refusal as error:
+                wrong = f"{self.name} is {shown(value)}; {error}"
         if wrong is not None:
             raise Refusal(f"{called}: {wrong}" if called else wrong)
         if self.many and value is not None:

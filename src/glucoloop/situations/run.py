@@ -103,7 +103,8 @@ class Loops(Situation):
         """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
         found = super().tree(whole=whole)
         if whole:
-            found["controller"] = [case.tree(whole=True) for case in self.cases]
+            if "controller" in found:
+                found["controller"] = [case.tree(whole=True) for case in self.cases]
             for key in ("guard", "model"):
                 found.pop(key, None)
         return found

@@ -25,7 +25,7 @@ class GuardedTrial(Trial):
     """A trial whose controllers are tried with a guard, without one, or both; `guard` holds the settings of all."""
 
     kind: ClassVar = "guarded trial"
-    refused: ClassVar = ("traces", "metrics")
+    refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
 
     guards: GuardsSetting = "both"
 
@@ -39,12 +39,7 @@ class GuardedTrial(Trial):
         """The controllers without a guard."""
         return tuple(dataclasses.replace(case, guard=None) for case in self.cases)
 
-    def trial_of(self, cases: tuple[Case, ...]) -> Trial:
-        """A trial of these cases, which have their own guards and faults, in the same situation."""
-        own = {name: getattr(self, name) for name in Trial.settings()}
-        return Trial(**{**own, "controller": cases, "guard": None, "model": None, "faults": ()})
-
     @property
     def base(self) -> Trial:
         """The trial without a guard and without faults."""
-        return self.trial_of(self.bare_cases)
+        return self.with_cases(self.bare_cases, faults=())

@@ -1,35 +1,23 @@
 // @ts-check
-/** Files that `glucoloop` writes, read into a situation of the page and runs beside it. */
+/** Files that `glucoloop` writes: root keys of a situation, runs, and people of a trial. */
 
-import { fromHash, VERSION } from "./keys.mjs";
-import { checked, familyOf, tuningOf, usual } from "./situation.mjs";
+import { VERSION } from "./keys.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
-/** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./lab.mjs").Trace} Trace */
 /** @typedef {Record<string, any>} Keys */
 
-/** Keys that say nothing about what happens to the person whom the page simulates. */
-const OF_NO_EFFECT = new Set(["metrics", "allow_unusual", "label", "people", "first_person", "precision", "arithmetic"]);
-const OF_A_TRIAL = new Set(["settled", "shard_people", "traces", "population", "days", "design"]);
-/** Usual values of keys that a run does not have. @type {Keys} */
-const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
-/** Keys that the page takes as a link tells them. */
-const TAKEN = ["patient", "operating_point", "controller", "guard", "noise_variance", "dead_time_min", "duration_min", "seed"];
-const MIN_PER_DAY = 1440;
-
 /**
- * The tables of a configuration file as `glucoloop` writes it: keys with numbers, texts, truths and lists of them.
+ * The root keys of a configuration file as `glucoloop` writes it: numbers, texts, truths, tables and lists of them.
  * @param {string} text
- * @returns {Keys} what was used, where the file tells it beside what was given; with `case`, a list of tables, for a
- * file with several controllers
+ * @returns {Keys} what was used, where the file tells it beside what was given
  * @throws {RangeError} with the line that is none of these
  */
 export function fromToml(text) {
   /** @type {Keys} */
   const keys = {};
   let into = keys;
-  const joined = text.replace(/= \[\n([^\]]*)\]/g, (_, inside) => `= [${inside.replaceAll("\n", " ")}]`);
+  const joined = text.replace(/= \[\n([^]*?)\n\]/g, (_, inside) => `= [${inside.replaceAll("\n", " ")}]`);
   for (const line of joined.split("\n")) {
     if (/^\s*(#.*)?$/.test(line)) continue;
     const table = /^(\[\[?)([\w.]+)\]\]?$/.exec(line);
@@ -50,56 +38,11 @@ export function fromToml(text) {
 function valueOf(text, line) {
   try {
     // Short tables are written in one line, as { key = value }, which JSON writes as { "key": value }.
-    const json = text.includes("{ ") ? text.replace(/([{,] )(\w+) = /g, '$1"$2": ') : text;
+    const json = text.replace(/"(?:[^"\\]|\\.)*"|(\w+) = /g, (whole, key) => (key === undefined ? whole : `"${key}": `));
     return JSON.parse(json.replace(/,\s*\]$/, "]"));
   } catch {
     throw new RangeError(`the configuration has the line '${line}', which this page cannot read`);
   }
-}
-
-/**
- * The situation that is nearest to a configuration.
- * @param {Keys} keys
- * @param {Data} data
- * @returns {{situation: Situation, unlike: string[]}} with what the page leaves out, one phrase each
- * @throws {RangeError} with a sentence, for one that the page cannot simulate at all
- */
-export function situationOf(keys, data) {
-  const { case: cases, days, meals = [], faults = [], ...own } = keys;
-  const told = { ...own, ...(cases ?? [{}])[0] };
-  const hash = new URLSearchParams();
-  for (const name of TAKEN) if (told[name] !== undefined) hash.set(name, `${told[name]}`);
-  if (days !== undefined) hash.set("duration_min", `${days * MIN_PER_DAY}`);
-  hash.set("meals", meals.join(" "));
-  /** @type {Situation} */
-  const situation = { ...usual(data), ...fromHash(`#${hash}`, data).situation };
-  const standard = tuningOf(situation, data);
-  const { controllers, guard_limits, pump_limits, configuration } = familyOf(situation, data);
-  const { settings } = controllers[situation.controller];
-  const unlike = [];
-  for (const [name, value] of Object.entries(told)) {
-    if (TAKEN.includes(name) || name === VERSION || OF_NO_EFFECT.has(name) || OF_A_TRIAL.has(name)) continue;
-    if (Object.hasOwn(settings, name)) {
-      if (value !== standard[name]) situation.tuning = { ...situation.tuning, [name]: value };
-    } else if (Object.hasOwn(guard_limits, name)) {
-      if (value !== guard_limits[name].usual) situation.guard_limits = { ...situation.guard_limits, [name]: value };
-    } else if (Object.hasOwn(pump_limits, name)) {
-      if (value !== pump_limits[name].usual) situation.pump_limits = { ...situation.pump_limits, [name]: value };
-    } else if (name === "model" || name === "model_noise_variance") {
-      if (value !== 0) unlike.push(`${name} = ${JSON.stringify(value)}`);
-    } else if (JSON.stringify(value) !== JSON.stringify(standard[name] ?? configuration[name] ?? USUAL_OF_A_TRIAL[name])) {
-      unlike.push(`${name} = ${JSON.stringify(value)}`);
-    }
-  }
-  for (const fault of faults) {
-    try {
-      situation.faults = [...situation.faults, ...fromHash(`#${new URLSearchParams({ faults: fault })}`, data).situation.faults];
-    } catch (error) {
-      if (!(error instanceof RangeError)) throw error;
-      unlike.push(`the fault ${fault}`);
-    }
-  }
-  return { situation: checked(situation, data), unlike };
 }
 
 /**

@@ -8,7 +8,6 @@ import { familyOf, limitsOf } from "./situation.mjs";
 /** @typedef {import("./situation.mjs").Fault} Fault */
 /** @typedef {import("./design.mjs").Numbers} Numbers */
 
-const GUARD = "guard_";
 const HAIR = 1e-9; // of a sample or a step, as glucoloop rounds up
 
 /**
@@ -30,8 +29,8 @@ export function ofController(designed, situation, data) {
   }
   if (!situation.guard) return numbers;
   numbers["controller.basal_mU_min"] = NaN; // a guard that is told no basal rate takes the one at the start
-  for (const [key, { usual }] of Object.entries(familyOf(situation, data).guard_limits)) {
-    numbers[`guard.${key.slice(GUARD.length)}`] = situation.guard_limits[key] ?? usual;
+  for (const [name, { usual }] of Object.entries(familyOf(situation, data).guard_limits)) {
+    numbers[`guard.${name}`] = situation.guard_limits[name] ?? usual;
   }
   return numbers;
 }

@@ -1,8 +1,8 @@
 // @ts-check
 /** The part of the page's address after the #: the situation with its version, and the units in which it is shown. */
 
-import { fromToml, situationOf } from "./configuration.mjs";
-import { fromHash, hash, VERSION } from "./keys.mjs";
+import { fromToml } from "./configuration.mjs";
+import { fromHash, hash, situationOf, VERSION } from "./keys.mjs";
 import { familyOf, peopleAround } from "./situation.mjs";
 import { unitOf, usualUnits } from "./units.mjs";
 

@@ -17,8 +17,8 @@
  * @property {string} controller
  * @property {Record<string, number>} tuning settings that are not the usual ones
  * @property {boolean} guard
- * @property {Record<string, number>} guard_limits limits of the guard that are not the usual ones, by their keys
- * @property {Record<string, number>} pump_limits limits of the pump that are not the patient's, by their keys
+ * @property {Record<string, number>} guard_limits limits of the guard that are not the usual ones
+ * @property {Record<string, number>} pump_limits limits of the pump that are not the patient's
  * @property {Fault[]} faults
  * @property {Meal[]} meals
  * @property {number} noise_variance
@@ -68,13 +68,12 @@
  * @property {string} route of insulin, by which the functions of the controllers are named
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
- * @property {import("./design.mjs").Limits} limits of the usual pump
  * @property {Record<string, {summary: string, settings: Record<string, Setting>,
  *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers with the usual values
  *   by operating point
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
- * @property {Record<string, any>} configuration of a run without options, with a guard
+ * @property {Record<string, any>} configuration what a run without options uses, with a guard
  */
 
 /**
@@ -99,6 +98,7 @@
  * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {held: number}>} functions
  * @property {Record<string, Family>} families the usual one first
  * @property {Record<string, Patient>} patients by `patientId`
+ * @property {Record<string, Record<string, any>>} sensors of a chain, from the innermost outwards, with their usual settings
  * @property {Record<string, FaultEntry>} faults those that this page has
  * @property {Record<string, People>} people by family
  * @property {number[][]} normals
@@ -191,18 +191,14 @@ export function tuningOf(situation, data) {
  * @returns {import("./design.mjs").Limits}
  */
 export function limitsOf(situation, data) {
-  const { max_change_mU_min, min_insulin_mU_min, max_insulin_mU_min } = situation.pump_limits;
-  const { limits } = familyOf(situation, data);
-  return {
-    max_change_mU_min: max_change_mU_min ?? limits.max_change_mU_min,
-    min_mU_min: min_insulin_mU_min ?? limits.min_mU_min,
-    max_mU_min: max_insulin_mU_min ?? limits.max_mU_min,
-  };
+  const { pump } = familyOf(situation, data).configuration;
+  const { max_change_mU_min, min_insulin_mU_min, max_insulin_mU_min } = { ...pump, ...situation.pump_limits };
+  return { max_change_mU_min, min_mU_min: min_insulin_mU_min, max_mU_min: max_insulin_mU_min };
 }
 
 /**
  * @param {string} what
- * @param {number} value
+ * @param {unknown} value
  * @param {number} least
  * @param {number} most
  * @param {string} unit
@@ -235,12 +231,12 @@ function allowed(given, settings, what) {
     among(what, name, Object.keys(settings));
     const { least, most, whole } = settings[name];
     if (typeof value === "boolean" && least === 0 && most === 1 && whole) continue;
-    within(name.replaceAll("_", " "), Number(value), least, most, "", whole ? 1 : undefined);
+    within(name.replaceAll("_", " "), value, least, most, "", whole ? 1 : undefined);
   }
 }
 
-/** @param {Fault} fault @param {number} duration_min of the run @param {Data} data */
-function checkedFault(fault, duration_min, data) {
+/** Refuse a fault that is not possible. @param {Fault} fault @param {number} duration_min of the run @param {Data} data */
+export function checkedFault(fault, duration_min, data) {
   among("a fault", fault.name, Object.keys(data.faults));
   const { settings, timed } = data.faults[fault.name];
   for (const name of ["start_min", "duration_min"]) {

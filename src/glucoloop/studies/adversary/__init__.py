@@ -7,27 +7,38 @@ interrupted one resumes by reading them again.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
-from glucoloop.config.key import Key
-from glucoloop.control.catalogue import CONTROLLERS, controller_entry
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.studies.options import PAPER_CONTROLLERS, PAPER_MEAL, GuardsKey
+from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.option import Option
+from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial, Guards
 from glucoloop.studies.study import SearchStudy
 
 GENERATIONS: Final = 300
 FEW_GENERATIONS: Final = 30
 """Number of generations for a slow controller."""
 _SLOW: Final = tuple(name for name, entry in CONTROLLERS.items() if entry.slow)
-_errors = functools.partial(Key, panel="Errors")
-_search = functools.partial(Key, panel="Search")
+_errors = functools.partial(Option, panel="Errors")
+_search = functools.partial(Option, panel="Search")
 
 
-@dataclass(frozen=True, kw_only=True)
-class AdversarySettings:
-    """Keys of a search that a trial does not have."""
+class Adversary(GuardedTrial):
+    """Searches for the worst sensor errors of the controllers of a trial."""
 
+    kind: ClassVar = "search for the worst errors"
+    refused: ClassVar[tuple[str, ...]] = (
+        *("traces", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min", "days"),
+    )
+
+    people: int = 1000
+    duration_min: float | None = 600.0
+    meals: tuple[str, ...] = PAPER_MEAL
+    # slow ones are searched only when they are named
+    controller: tuple[Case, ...] = cases_of(*(name for name in PAPER_CONTROLLERS if not CONTROLLERS[name].slow))
+    guards: Guards = "with"
     errors_pct: Annotated[
         tuple[float, ...],
         _errors(
@@ -53,7 +64,7 @@ class AdversarySettings:
         int | None,
         _search(
             "Number of generations of each search.",
-            told=f"{GENERATIONS}; {', '.join(_SLOW)}: {FEW_GENERATIONS}",
+            default=f"{GENERATIONS}; {', '.join(_SLOW)}: {FEW_GENERATIONS}",
             at_least=1,
             at_most=1_000_000,
         ),
@@ -65,7 +76,12 @@ class AdversarySettings:
     search_seed: Annotated[
         int, _search("The same seed tries the same sequences.", at_least=0, at_most=LARGEST_SEED)
     ] = 1
-    guards: GuardsKey = "with"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.errors_pct or len(set(self.errors_pct)) < len(self.errors_pct):
+            told = ", ".join(f"{error:g}" for error in self.errors_pct) or "empty"
+            raise Refusal(f"--error is {told}; give one largest error or more, each once")
 
     @property
     def lanes(self) -> int:
@@ -90,16 +106,8 @@ ADVERSARY: Final = SearchStudy(
         "  glucoloop adversary --config worst/adversary.toml --out again"
     ),
     module="glucoloop.studies.adversary.study",
-    settings=(AdversarySettings,),
+    request=Adversary,
     needs_folder=False,
-    refused=("traces", "guard", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min"),
-    usual={
-        "people": 1000,
-        "duration_min": 600.0,
-        "meals": PAPER_MEAL,
-        # slow ones are searched only when they are named
-        "controllers": [name for name in PAPER_CONTROLLERS if not controller_entry(name).slow],
-    },
     words={
         "help": {
             "people": "Number of people with random errors, for comparison.",

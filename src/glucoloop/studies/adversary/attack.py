@@ -126,7 +126,7 @@ class Attack:
     def person(self, number: int | None) -> VirtualPeople:
         """A person of the population by number, or the nominal patient; Refusal for one without a basal rate."""
         trial = self._trial
-        of = trial.population if number is not None else population("nominal", patient=trial.patient)
+        of = trial.population if number is not None else population("nominal", patient=trial.patient.called)
         drawn = virtual_people(of, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
         if not drawn.feasible.all():
             who = "the nominal patient" if number is None else f"person {number} of seed {trial.seed}"

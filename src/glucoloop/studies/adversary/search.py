@@ -11,7 +11,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.studies.adversary import GENERATIONS, AdversarySettings
+from glucoloop.studies.adversary import GENERATIONS, Adversary
 from glucoloop.studies.adversary.attack import Attack, Harm
 from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.tuning.evolution import Evolution
@@ -47,7 +47,7 @@ class Worst:
 def generations(
     judge: Judge,
     space: ErrorSpace,
-    effort: AdversarySettings,
+    effort: Adversary,
     before: Sequence[Array] = (),
     known: Array | None = None,
 ) -> Iterator[Generation]:
@@ -73,7 +73,7 @@ def generations(
         yield Generation(number=number, score=score, best_score=best_score, best=best)
 
 
-def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: AdversarySettings) -> Worst:
+def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
     """Search for the worst errors of a space for one person, see `Attack.person` and `generations`."""
     *_, last = generations(judge_of(attack, who), space, effort)
     return worst_of(attack, who, space, last)

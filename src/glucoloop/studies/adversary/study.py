@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -13,15 +13,8 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.cases import given_with
-from glucoloop.config.checked import checked
-from glucoloop.config.doubts import boluses_into_a_vein
-from glucoloop.config.key import declared, own_keys, plain
-from glucoloop.config.options.situation import whole_samples
-from glucoloop.config.trial import with_people
-from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.designs import controller_of
-from glucoloop.parts.setting import Value
+from glucoloop.parts.sensors import whole_samples
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
@@ -30,13 +23,14 @@ from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.report.print_figure import figure_files
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.situations.doubts import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.adversary import ADVERSARY, FEW_GENERATIONS, GENERATIONS, AdversarySettings
+from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary
 from glucoloop.studies.adversary.attack import VERY_LOW_MG_DL, Attack
 from glucoloop.studies.adversary.search import Worst, generations, judge_of, random_errors, worst_of
 from glucoloop.studies.adversary.space import ErrorSpace
-from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
+from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.tuning.evolution import library
 
 if TYPE_CHECKING:
@@ -54,7 +48,7 @@ class ErrorSearch:
     trial: Trial
     """Trial with one case, the controller."""
     space: ErrorSpace
-    settings: AdversarySettings
+    settings: Adversary
     """Settings, with the number of generations for the controller."""
 
     @property
@@ -73,76 +67,42 @@ def _name(row: Mapping[str, Any]) -> str:
     return f"{_called(row)}, ±{row['error_pct']:g} %"
 
 
-@dataclass(frozen=True)
-class Adversary:
-    """Searches that are complete and checked."""
+def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
+    """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones.
 
-    base: Trial
-    """Trial with a case for each controller, without a guard."""
-    own: AdversarySettings
-    limits: Mapping[str, Value]
-    """All limits of the guard."""
-    given: Mapping[str, Any] | None = field(default=None, compare=False)
-    """Keys from which it was read, if it was."""
-
-    def loops(self) -> Iterator[list[ErrorSearch]]:
-        """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones."""
-        trial, own = self.base, self.own
-        spaces = [
-            ErrorSpace(
-                samples=trial.samples,
-                error=error / 100.0,
-                hold_samples=whole_samples(own.hold_min, trial.sample_time_min, "a time for which an error holds"),
-                stretches=own.stuck_times,
-                stretch_samples=whole_samples(own.stuck_min, trial.sample_time_min, "a stuck stretch"),
-            )
-            for error in sorted(own.errors_pct)
-        ]
-        for case in trial.cases:
-            usual = FEW_GENERATIONS if controller_entry(case.controller).slow else GENERATIONS
-            settings = dataclasses.replace(own, generations=own.generations or usual)
-            for guarded in WITH_GUARD[own.guards]:
-                tried = dataclasses.replace(case, guard=dict(self.limits) if guarded else None)
-                alone = dataclasses.replace(trial, cases=(tried,))
-                yield [ErrorSearch(alone, space, settings) for space in spaces]
-
-    def searches(self) -> dict[str, ErrorSearch]:
-        """All searches by name, in order."""
-        return {_name(search.key): search for searches in self.loops() for search in searches}
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys from which the same searches are read."""
-        return guarded_trial_keys(self.base, plain(self.own), self.limits, ADVERSARY.refused)
-
-
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> Adversary:
-    """Read the searches from the shared keys and those of each case; Refusal for what cannot be."""
-    own = checked(AdversarySettings, own_keys(keys, AdversarySettings), names)
-    if not own.errors_pct or len(set(own.errors_pct)) < len(own.errors_pct):
-        told = ", ".join(f"{error:g}" for error in own.errors_pct) or "empty"
-        called = (names or {}).get("errors_pct", "errors_pct")
-        raise Refusal(f"{called} is {told}; give one largest error or more, each once")
-    base, limits = read_guarded_trial(
-        keys,
-        cases,
-        names,
-        what=ADVERSARY.what,
-        usual=ADVERSARY.usual,
-        own=declared(AdversarySettings),
-        refused=ADVERSARY.refused,
-    )
-    given = given_with(with_people(keys, base.population), cases)
-    asked = Adversary(base=base, own=own, limits=limits, given=given)
-    asked.searches()  # refuses a part of a sample
+    Raises
+    ------
+    Refusal
+        For a part of a sample, or a library that is missing.
+    """
     library()
-    return asked
+    spaces = [
+        ErrorSpace(
+            samples=asked.samples,
+            error=error / 100.0,
+            hold_samples=whole_samples(asked.hold_min, asked.sample_time_min, "a time for which an error holds"),
+            stretches=asked.stuck_times,
+            stretch_samples=whole_samples(asked.stuck_min, asked.sample_time_min, "a stuck stretch"),
+        )
+        for error in sorted(asked.errors_pct)
+    ]
+    for case in asked.bare_cases:
+        usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
+        settings = dataclasses.replace(asked, generations=asked.generations or usual)
+        for guarded in WITH_GUARD[asked.guards]:
+            tried = dataclasses.replace(case, guard=asked.limits_of_guard if guarded else None)
+            yield [ErrorSearch(asked.with_cases((tried,)), space, settings) for space in spaces]
+
+
+def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
+    """All searches by name, in order."""
+    return {_name(search.key): search for searches in loops(asked) for search in searches}
 
 
 def notes(asked: Adversary) -> tuple[str, ...]:
-    """Sentence on boluses into a vein."""
-    return boluses_into_a_vein(asked.base.patient, (case.controller for case in asked.base.cases))
+    """Sentence on boluses into a vein; what is missing is told before anything else."""
+    library()
+    return boluses_into_a_vein(asked)
 
 
 class GenerationScores(NamedTuple):
@@ -156,13 +116,13 @@ class GenerationScores(NamedTuple):
 
 def rows(asked: Adversary) -> Rows[GenerationScores]:
     """Rows that are kept: the scores of each generation."""
-    searches = asked.searches()
+    searches = searches_of(asked)
     most = {name: of.settings.generations or 0 for name, of in searches.items()}
 
     def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
         found = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(of.search == found.search for of in before)
-        if not found.generation == number < most.get(found.search, 0) or found.score.shape != (asked.own.lanes,):
+        if not found.generation == number < most.get(found.search, 0) or found.score.shape != (asked.lanes,):
             raise Refusal("this is no generation of the search")
         return found
 
@@ -174,7 +134,7 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
         cells=lambda of: {**of._asdict(), "score": of.score.tolist()},
         row=row,
-        width=asked.own.lanes,
+        width=asked.lanes,
         longest_text=1000,  # the name of a search
         every_s=5.0,  # since all scores are written each time
     )
@@ -190,12 +150,12 @@ class AdversarySearch:
 
     def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
         """Carry out the searches; the generations that are known are not simulated again."""
-        for searches in self._asked.loops():
+        for searches in loops(self._asked):
             first = searches[0]
             with one_at_a_time:
                 controller = controller_of(first.trial, first.trial.cases[0])
                 attack = Attack(first.trial, controller, first.space, lanes=first.settings.lanes)
-                who = attack.person(self._asked.own.person)
+                who = attack.person(self._asked.person)
             smaller: tuple[ErrorSpace, Array] | None = None
             for of in searches:
                 name = _name(of.key)
@@ -217,7 +177,7 @@ class AdversarySearch:
         glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
         table = pl.DataFrame(self._numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
         tables = {"adversary.csv": table, "worst.parquet": pl.concat(self._loops)}
-        return Findings({"config": self._asked.keys(), "searches": self._numbers}, tables)
+        return Findings({"config": self._asked.tree(whole=True), "searches": self._numbers}, tables)
 
 
 search = AdversarySearch
@@ -264,10 +224,9 @@ def tables(asked: Adversary, found: Findings) -> Iterator[FittingTable]:
 
 
 def _title(asked: Adversary) -> str:
-    own = asked.own
-    who = "the nominal patient" if own.person is None else f"person {own.person} of {asked.base.population.name}"
-    stuck = f", {own.stuck_times} stretches of {own.stuck_min:g} min stuck" if own.stuck_times else ""
-    return f"The worst errors found for {who}: each held for {own.hold_min:g} min{stuck}"
+    who = "the nominal patient" if asked.person is None else f"person {asked.person} of {asked.population.name}"
+    stuck = f", {asked.stuck_times} stretches of {asked.stuck_min:g} min stuck" if asked.stuck_times else ""
+    return f"The worst errors found for {who}: each held for {asked.hold_min:g} min{stuck}"
 
 
 def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
@@ -277,7 +236,7 @@ def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
     yield f"{_title(asked)}; {tried} sequences were tried. Worse errors may exist: a search does not prove a bound."
     yield (
         f"Random errors: of the same size, drawn uniformly, on {of[0]['random_people']} people of "
-        f"{asked.base.population.name}."
+        f"{asked.population.name}."
     )
 
 

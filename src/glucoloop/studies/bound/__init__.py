@@ -3,33 +3,35 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
-from glucoloop.config.key import Key, declared
-from glucoloop.config.options.situation import SituationKeys
 from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 
-_OF_CONTROLLERS: Final = (
-    *("announce_meals", "carb_error_pct", "carb_bias_pct", "start", "metrics", "seed", "integrator", "faults"),
-    *("noise_bound_mg_dl", "site", "pump", "pump_resolution_mU_min", "max_bolus_U", "min_bolus_U", "bolus_step_U"),
-)
-TAKEN: Final = tuple(key for key in declared(SituationKeys) if key not in _OF_CONTROLLERS)
-"""Keys of a situation that do not concern controllers only."""
-_bound = functools.partial(Key, panel="Bound")
+_LONGEST_MIN: Final = 7200.0
+_MOST_KNOWN: Final = 20
+_bound = functools.partial(Option, panel="Bound")
 
 
-@dataclass(frozen=True, kw_only=True)
-class BoundSettings:
-    """Keys of a bound that a run does not have: the knowledge of the meals, and what is minimised."""
+class BoundRequest(Run):
+    """A bound in a situation: the knowledge of the meals, and what is minimised."""
+
+    kind: ClassVar = "bound"
+    # what concerns controllers only
+    refused: ClassVar = (
+        *("announce_meals", "carb_error_pct", "carb_bias_pct", "start", "metrics", "seed", "integrator", "faults"),
+        *("controller", "guard", "model"),
+    )
 
     known_after_min: Annotated[
         tuple[float, ...],
         _bound(
             "Time from the start of a meal until it is known; a dead time is added; a negative time is in advance. "
             "Repeat it for more.",
-            told="0 and 10",
+            default="0 and 10",
             at_least=-LONGEST_RUN_MIN,
             at_most=LONGEST_RUN_MIN,
         ),
@@ -46,6 +48,23 @@ class BoundSettings:
         float, _bound("Weight of squares below the setpoint, for sse.", above=0.0, at_most=1e6)
     ] = 1.0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.duration_min > _LONGEST_MIN:
+            raise Refusal(
+                f"--duration is {self.duration_min:g} min; give a number above 0 min and up to {_LONGEST_MIN:g} min"
+            )
+        if len(self.known_after_min) > _MOST_KNOWN:
+            raise Refusal(f"--known-after has {len(self.known_after_min)} times; give at most {_MOST_KNOWN}")
+        if not self.known_after_min and not self.in_advance and not self.hedged:
+            raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
+
+    @property
+    def hedged(self) -> bool:
+        """Whether the bound under sensor noise is computed: for one meal at rest, and the largest deviation."""
+        at_rest = self.setpoint_mg_dl is None and self.initial_glucose_mg_dl is None
+        return self.noisy and len(self.meals) == 1 and at_rest and self.objective == "deviation"
+
 
 BOUND: Final = PlainStudy(
     name="bound",
@@ -61,7 +80,6 @@ BOUND: Final = PlainStudy(
         "  glucoloop bound --config bound/bound.toml"
     ),
     module="glucoloop.studies.bound.study",
-    settings=(BoundSettings,),
-    taken=TAKEN,
+    request=BoundRequest,
     summary="bound.json",
 )

@@ -3,78 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
 
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, own_keys, plain
-from glucoloop.config.options.situation import SituationKeys
-from glucoloop.config.run import read_run, refuse_unknown_beside
-from glucoloop.control.settings import BasalSettings
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
-from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.validity import validity_told
+from glucoloop.situations.run import Run
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.bound import TAKEN, BoundSettings
+from glucoloop.studies.bound import BoundRequest
 from glucoloop.studies.bound.figure import plot_bound
 
-_LONGEST_MIN: Final = 7200.0
-_MOST_KNOWN: Final = 20
 _COURSES: Final = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
 """Values of a plan over time."""
-
-
-# ---------------------------------------------------------------------------------------------- what is asked for
-
-
-@dataclass(frozen=True)
-class BoundRequest:
-    """A bound that is complete and checked."""
-
-    situation: SituationKeys
-    own: BoundSettings
-    given: Mapping[str, Any] | None = field(default=None, compare=False)
-    """Flat keys from which it was read."""
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys of all values that are used."""
-        situation = plain(self.situation)
-        return {**{key: situation[key] for key in TAKEN}, **plain(self.own)}
-
-    @property
-    def hedged(self) -> bool:
-        """Whether the bound under sensor noise is computed: for one meal at rest, and the largest deviation."""
-        of = self.situation
-        at_rest = of.setpoint_mg_dl is None and of.initial_glucose_mg_dl is None
-        return of.noisy and len(of.meals) == 1 and at_rest and self.own.objective == "deviation"
-
-
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> BoundRequest:
-    """Read a bound from the keys of a situation and its own; Refusal for what cannot be, or for nothing asked for."""
-    refuse_unknown_beside(keys, [*TAKEN, *declared(BoundSettings)], " of a bound")
-    own = checked(BoundSettings, own_keys(keys, BoundSettings), names)
-    # a run has a controller, and the least one asks for nothing
-    of_run = {key: value for key, value in keys.items() if key in TAKEN} | {"controller": BasalSettings.name}
-    asked = BoundRequest(read_run(of_run, names).situation, own, given=dict(keys))
-    called = {key: (names or {}).get(key, key) for key in keys}
-    if asked.situation.duration_min > _LONGEST_MIN:
-        raise Refusal(
-            f"{called['duration_min']} is {asked.situation.duration_min:g} min; give a number above 0 min and up to "
-            f"{_LONGEST_MIN:g} min"
-        )
-    if len(own.known_after_min) > _MOST_KNOWN:
-        raise Refusal(f"{called['known_after_min']} has {len(own.known_after_min)} times; give at most {_MOST_KNOWN}")
-    if not own.known_after_min and not own.in_advance and not asked.hedged:
-        raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
-    return asked
 
 
 # ---------------------------------------------------------------------------------------------- what is found
@@ -115,7 +61,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
     """Compute every plan that was asked for; Refusal for a situation that is not possible."""
     bounds = _bounds(asked, progress)
     plain = {
-        "config": asked.keys(),
+        "config": asked.tree(whole=True),
         "bounds": [
             {
                 "information": label,
@@ -148,7 +94,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
     return Findings(plain, tables, bounds)
 
 
-def bound_of_run(situation: SituationKeys) -> OptimalDoses:
+def bound_of_run(run: Run) -> OptimalDoses:
     """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
 
     Raises
@@ -156,40 +102,38 @@ def bound_of_run(situation: SituationKeys) -> OptimalDoses:
     ValueError
         For a situation that is not possible, or too long for a plan.
     """
-    made = situation.situation()
     return bound_of_situation(
-        made.nominal,
-        situation.scenario(),
-        made.limits,
-        dead_time_min=situation.dead_time_min,
-        sample_time_min=situation.sample_time_min,
+        run.nominal,
+        run.scenario(),
+        run.limits,
+        dead_time_min=run.dead_time_min,
+        sample_time_min=run.sample_time_min,
     )
 
 
 def _bounds(asked: BoundRequest, progress: Callable[[str], None]) -> Bounds:
-    own, of = asked.own, asked.situation
-    made, scenario = of.situation(), of.scenario()
+    scenario = asked.scenario()
     bounds = Bounds({}, {})
-    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if own.in_advance else []), *own.known_after_min]):
+    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
         label = information_label(known_after_min)
         bounds.plans[label] = optimal_doses(
-            made.nominal,
+            asked.nominal,
             scenario,
-            made.limits,
-            known_after_min=known_after_min + of.dead_time_min,
-            objective=own.objective,
-            undershoot_weight=own.undershoot_weight,
-            sample_time_min=of.sample_time_min,
+            asked.limits,
+            known_after_min=known_after_min + asked.dead_time_min,
+            objective=asked.objective,
+            undershoot_weight=asked.undershoot_weight,
+            sample_time_min=asked.sample_time_min,
         )
         progress(label)
     if asked.hedged:
         for doses in hedged_doses(
-            made.nominal,
+            asked.nominal,
             scenario,
-            of.noise_variance,
-            made.limits,
-            dead_time_min=of.dead_time_min,
-            sample_time_min=of.sample_time_min,
+            asked.noise_variance,
+            asked.limits,
+            dead_time_min=asked.dead_time_min,
+            sample_time_min=asked.sample_time_min,
         ):
             label = f"told from noise that it {doses.question}, error {doses.error:.0%}"
             bounds.hedged[label] = doses
@@ -208,26 +152,25 @@ def information_label(known_after_min: float) -> str:
 
 def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
     """Sentences on the plans that are not what they should be, and on what the numbers mean."""
-    of = asked.situation
     for label, plan in bounds.drawn.items():
         if not plan.converged:
             yield (
                 f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
                 f"{plan.optimality:.2g} more, so this is not a bound."
             )
-    limit = float(lowest_valid_glucose_mg_dl(of.situation().nominal))
+    limit = float(lowest_valid_glucose_mg_dl(asked.nominal))
     for label, plan in bounds.plans.items():
         not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
         if not_valid is not None:
             yield f"{label}: {not_valid}"
-    if of.dead_time_min and bounds.plans:
-        yield f"Readings are {of.dead_time_min:g} min late, so each meal is known later by that time."
-    if of.situation().whom[0].under_the_skin:
+    if asked.dead_time_min and bounds.plans:
+        yield f"Readings are {asked.dead_time_min:g} min late, so each meal is known later by that time."
+    if asked.patient.under_the_skin:
         yield (
             "The doses are rates within the pump's limits, without boluses; a controller that gives boluses can do "
             "better."
         )
-    if len(of.meals) > 1:
+    if len(asked.meals) > 1:
         yield "Each meal is known only after it begins; a controller that prepares for a likely meal could do better."
     if asked.hedged:
         yield (
@@ -235,7 +178,7 @@ def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
             "doses until they can be told apart with the stated error. The largest deviation is that of "
             "the worse world; undershoot and peak are those of this meal."
         )
-    elif of.noisy:
+    elif asked.noisy:
         yield (
             "The bound under sensor noise is left out here: it is computed for one meal, at rest at the setpoint, "
             "and the objective deviation."
@@ -276,6 +219,5 @@ def sentences(asked: BoundRequest, found: Findings) -> tuple[str, ...]:
 
 def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
     """The figure of all plans."""
-    of = asked.situation
-    title = f"The best that could be done at {of.place}"
-    return figure_files("figure", plot_bound(found.extra.drawn, of.eaten(), title=title, limits=of.situation().limits))
+    title = f"The best that could be done at {asked.place}"
+    return figure_files("figure", plot_bound(found.extra.drawn, asked.eaten(), title=title, limits=asked.limits))

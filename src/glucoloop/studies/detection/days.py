@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -15,75 +13,23 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.key import plain
-from glucoloop.config.trial import trial_keys
-from glucoloop.control.catalogue import ESTIMATING, complete
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
-from glucoloop.experiments.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten
-from glucoloop.meals.plan import MealPlan, draw_meals
-from glucoloop.parts.setting import Value
+from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, virtual_people
-from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
-from glucoloop.simulation.plant import SampleGrid
-from glucoloop.studies.detection import TAKEN, DetectionSettings
+from glucoloop.situations.case import Case
+from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Detection:
-    """Estimators, and the days on which they are tried.
-
-    Each day of each person begins at rest at midnight and has meals and noise of its own. As many days again are
-    without a meal.
-    """
-
-    trial: Trial
-    """People, the plan of one day, sensor and pump, and the controllers: a case for each estimator, by its name, where
-    the controller rests on it, or one case alone."""
-    own: DetectionSettings
-    """Settings of the test, with the number of days."""
-    settings: Mapping[str, Value]
-    """All settings of every estimator; see `control.catalogue.ESTIMATING`."""
-    given: Mapping[str, Any] | None = field(default=None, compare=False)
-    """Keys from which it was read, if it was."""
-
-    @property
-    def plan(self) -> MealPlan:
-        """Meals of all days of a person."""
-        day, days = self.trial.plan, self.own.days or 1
-        return MealPlan(day.meals, days, size_spread_pct=day.size_spread_pct, time_spread_min=day.time_spread_min)
-
-    @property
-    def grid(self) -> SampleGrid:
-        """Samples of a day."""
-        return sample_grid(self.trial.plan.horizon_min, self.trial.sample_time_min)
-
-    def case(self, estimator: str) -> Case:
-        """The case under whose doses an estimator is tried."""
-        cases = self.trial.cases
-        return next((case for case in cases if case.label == estimator), cases[0])
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys from which the same test is read."""
-        of_trial, case = trial_keys(self.trial), self.trial.cases[0]
-        return {
-            **{key: of_trial[key] for key in TAKEN if key in of_trial},
-            "known_dead_time": case.known_dead_time,
-            **plain(self.own),
-            **self.settings,
-            **{key: value for key, value in case.tuning.items() if key not in ("estimator", *self.settings)},
-        }
 
 
 def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
@@ -170,11 +116,11 @@ class DayLoop:
 
 def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool) -> Eaten:
     """Meals of days, ``(meals, days)``; a fasting day has as many of 0 g, so that it is the same program."""
-    number = len(detection.plan.meals)
+    number = len(detection.all_days.meals)
     if fasting or not number:
         none = np.zeros((max(1, number), person.size))
         return Eaten(t_min=none, carbs_g=none, eating_min=none)
-    drawn = draw_meals(detection.plan, detection.trial.seed, person)
+    drawn = draw_meals(detection.all_days, detection.trial.seed, person)
     rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
     of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
     return in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
@@ -186,7 +132,7 @@ def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
     feasible = people_of(trial, person).feasible
     held = person[feasible]
-    day = np.arange(detection.own.days or 1, dtype=np.int64)
+    day = np.arange(detection.number_of_days, dtype=np.int64)
     return np.repeat(held, day.size), np.tile(day, held.size), int((~feasible).sum())
 
 
@@ -195,10 +141,10 @@ class Estimator:
 
     def __init__(self, detection: Detection, name: str) -> None:
         trial = detection.trial
-        settings = {**detection.settings, "estimator": name}
-        tuning = complete(ESTIMATING.name, settings, *trial.whom, noisy=trial.noise_variance > 0.0)
         known = trial.cases[0].known_dead_time
-        case = Case(label=name, controller=ESTIMATING.name, tuning=tuning, known_dead_time=known)
+        estimating: Any = detection.estimating
+        controller = dataclasses.replace(estimating, estimator=name)
+        case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
         self._controller, self._detection = controller_of(trial, case), detection
         self._late = trial.dead_time_samples if known else 0
 

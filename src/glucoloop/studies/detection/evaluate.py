@@ -9,10 +9,11 @@ import jax
 import numpy as np
 import polars as pl
 
-from glucoloop.experiments.case import Case
 from glucoloop.meals import absorb, emptying_mg_min, meal_model_of
 from glucoloop.refusal import Refusal
-from glucoloop.studies.detection.days import DayLoop, Days, Detection, Estimator, Numbers, people_of, who_and_when
+from glucoloop.situations.case import Case
+from glucoloop.studies.detection import Detection
+from glucoloop.studies.detection.days import DayLoop, Days, Estimator, Numbers, people_of, who_and_when
 from glucoloop.studies.detection.scores import (
     AFTERMATH_MIN,
     Array,
@@ -68,8 +69,8 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
     blocks = [(person[at : at + size], day[at : at + size]) for at in range(0, person.size, size)]
     recorded: dict[str, dict[bool, list[Days]]] = {}
     scores = {}
-    for name in detection.own.estimators:
-        case = detection.case(name)
+    for name in detection.estimators:
+        case = detection.case_of(name)
         if case.label not in recorded:
             recorded[case.label] = _recorded(detection, case, blocks, progress)
         estimator = Estimator(detection, name)
@@ -105,7 +106,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.told.eating.shape, bool)
     fasting_days, between_days = (days_of(of, grid.sample_time_min) for of in (always, quiet))
     rows = {}
-    for threshold in np.unique([*THRESHOLDS, detection.own.threshold]).tolist():
+    for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
         delay, already = delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
         found = np.isfinite(delay)
         between = false_alarms(eating, quiet, threshold)
@@ -118,7 +119,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
             "false_alarms_fasting_per_day": false_alarms(fasted.told.eating, always, threshold) / fasting_days,
             "false_alarms_between_per_day": between / between_days if between_days else None,
         }
-    at = rows[detection.own.threshold]
+    at = rows[detection.threshold]
     alarms = {
         "false_alarms_fasting_per_day": at["false_alarms_fasting_per_day"],
         "fasting_days": fasting_days,
@@ -137,7 +138,7 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     grid, told, horizon_min = detection.grid, fed.told, detection.trial.plan.horizon_min
     begin_min: Any = fed.meals.t_min
     carbs_g: Any = fed.meals.carbs_g
-    delay, already = delays_min(told.eating, grid.t_min, fed.meals, detection.own.threshold, horizon_min)
+    delay, already = delays_min(told.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
     over = followed_min(fed.meals, horizon_min)
 
     def estimate(values: Any, at_min: Array) -> Array:

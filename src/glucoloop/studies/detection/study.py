@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import polars as pl
 
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.run import controllers_of, refuse_unknown_beside
-from glucoloop.config.trial import overlay_trial, read_trial, with_people
-from glucoloop.control import catalogue
-from glucoloop.control.catalogue import ESTIMATING
-from glucoloop.parts.setting import known_names
 from glucoloop.printable import NOT_AVAILABLE, how_many
-from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.report.columns import (
@@ -33,8 +24,7 @@ from glucoloop.report.columns import (
 )
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.detection import ANNOUNCEMENTS, DETECT, ESTIMATORS, TAKEN, USUAL_DAYS, DetectionSettings
-from glucoloop.studies.detection.days import Detection
+from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import QUANTILES, TOLD_AFTER_MIN, Scores, evaluate
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
@@ -43,62 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_RUNS: Final = 100_000
 SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
 """Limits between small, middling and large meals."""
-
-
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> Detection:
-    """Read a test of estimators from flat keys; Refusal for one that is unknown, wrong or at odds with another."""
-    called = dict(names or {})
-    for key in ANNOUNCEMENTS:
-        if key in keys:
-            raise Refusal(
-                f"{called.get(key, key)} is no part of {DETECT.what}, which are told of no meal; leave it out"
-            )
-    known = [*declared(DetectionSettings), *TAKEN, *sorted(catalogue.setting_names(*controllers_of(keys)))]
-    refuse_unknown_beside(keys, known, f" of {DETECT.what}")
-    own = checked(DetectionSettings, own_keys(keys, DetectionSettings), names)
-    _check_estimators(own.estimators, called.get("estimators", "estimators"))
-    settings = {key: value for key, value in keys.items() if key in catalogue.setting_names(own.controller)}
-    of_trial = {key: keys[key] for key in TAKEN if key in keys and key != "known_dead_time"}
-    trial = read_trial({"days": 1, **overlay_trial(DETECT.usual, of_trial, names)}, _cases(own, keys, settings), names)
-    days = own.days or (USUAL_DAYS if trial.people == 1 else 1)
-    if trial.people * days > MOST_RUNS:
-        raise Refusal(f"{days} days of {trial.people} people are too many; give at most {MOST_RUNS} days in all")
-    given = {key: value for key, value in settings.items() if key in ESTIMATING.estimator_settings}
-    complete = catalogue.complete(ESTIMATING.name, given, *trial.whom, noisy=trial.noise_variance > 0.0)
-    if given:
-        ESTIMATING(**complete)  # refuses before anything is designed
-    return Detection(
-        trial=trial,
-        own=dataclasses.replace(own, days=days),
-        settings={key: complete[key] for key in ESTIMATING.estimator_settings},
-        given=with_people(keys, trial.population),
-    )
-
-
-def _check_estimators(estimators: Sequence[str], called: str) -> None:
-    if not estimators:
-        raise Refusal(f"{called} names none; give one or more of {', '.join(ESTIMATORS)}")
-    for name in estimators:
-        if name not in ESTIMATORS:
-            raise Refusal(f"{called} has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
-        if list(estimators).count(name) > 1:
-            raise Refusal(f"{called} has {name!r} twice; leave one out")
-
-
-def _cases(own: DetectionSettings, keys: Mapping[str, Any], settings: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A case for each estimator if the controller depends on it, otherwise one case."""
-    shared = {"controller": own.controller, **{key: keys[key] for key in ("known_dead_time",) if key in keys}}
-    if not catalogue.controller_entry(own.controller).estimator_settings:
-        of_controller = {key: of for key, of in settings.items() if key not in ESTIMATING.estimator_settings}
-        return [{"label": own.controller, **shared, **of_controller}]
-    if "estimator" in settings:
-        raise Refusal(f"the controller {own.controller} is tried with each of the estimators; leave estimator out")
-    return [{"label": name, **shared, **settings, "estimator": name} for name in own.estimators]
 
 
 def notes(asked: Detection) -> tuple[str, ...]:
@@ -167,7 +103,7 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         for table in ("meals", "curve", "size_error", "day")
     }
     plain = {
-        "config": asked.keys(),
+        "config": asked.tree(whole=True),
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
@@ -193,7 +129,7 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
     fed = f"{days} with meals and as many without" if asked.trial.plan.meals else f"{days} without a meal"
     yield (
         f"Of {fed}; three numbers are the 10 % quantile, the median and the 90 % "
-        f"quantile. A meal is detected above a probability of {asked.own.threshold:g}; errors of the size are those of "
+        f"quantile. A meal is detected above a probability of {asked.threshold:g}; errors of the size are those of "
         "meals that are detected by then."
     )
     if scores.infeasible:
@@ -201,7 +137,9 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
         yield f"{people} no basal rate that holds them at the setpoint, and take no part."
     late = asked.trial.dead_time_samples * asked.trial.sample_time_min
     if late and not asked.trial.cases[0].known_dead_time:
-        yield f"The estimators do not know of the dead time of {late:g} min; --known-dead-time tells it."
+        yield (
+            f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
+        )
 
 
 def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
@@ -247,8 +185,8 @@ def drawn(asked: Detection, found: Findings) -> dict[str, bytes]:
 def _title(asked: Detection) -> str:
     trial = asked.trial
     people = f"each of {trial.people} people of {trial.population.name}" if trial.people > 1 else "one person"
-    days = "A day" if asked.own.days == 1 else f"{asked.own.days} days"
-    under = sorted({case.controller for case in trial.cases})
+    days = "A day" if asked.number_of_days == 1 else f"{asked.number_of_days} days"
+    under = sorted({case.controller.called for case in trial.cases})
     return f"{days} of {people}, with meals that nobody announced; doses by {', '.join(under)}"
 
 

@@ -13,12 +13,14 @@ from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Search
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from glucoloop.studies.robust import Search
 
 _PANEL_MM: Final = 70.0
 _AROUND_MM: Final = 24.0
@@ -65,7 +67,7 @@ def _draw_trade(
     """Draw the tunings, the front, the bounds and the other controllers; returns the entries of the legend."""
     from matplotlib.lines import Line2D
 
-    x, y = (OBJECTIVES[name] for name in asked.own.objectives)
+    x, y = (OBJECTIVES[name] for name in asked.objectives)
     of = found.plain
     tried = found.tables["candidates.csv"].filter(pl.all_horizontal(pl.col(x.name, y.name).is_finite()))
     out, kept = tried.filter(~pl.col("keeps_the_bounds")), tried.filter("keeps_the_bounds")
@@ -90,7 +92,7 @@ def _draw_trade(
         style = {**styles[label], "markeredgecolor": "black", "markeredgewidth": 0.6}
         axes.plot(*place, **{**style, "linestyle": "none"}, zorder=4)
         entries[label] = Line2D([], [], **style)
-    lines = dict(zip(asked.own.objectives, (axes.axvline, axes.axhline), strict=True))
+    lines = dict(zip(asked.objectives, (axes.axvline, axes.axhline), strict=True))
     for bound in of["bounds"]:
         if bound["objective"] in lines and bound["at_most"] is not None:
             line = lines[bound["objective"]]

@@ -7,6 +7,7 @@ tuning.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -153,4 +154,5 @@ class TuningLoop:
         return joined
 
     def _design(self, tuning: Tuning) -> Controller:
-        return self._design_of({**self._case.tuning, **tuning})
+        controller: Any = self._case.controller
+        return self._design_of(dataclasses.replace(controller, **tuning))

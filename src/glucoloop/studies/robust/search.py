@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.cohorts.trial import Trial
-from glucoloop.config.key import plain
-from glucoloop.config.trial import trial_keys
-from glucoloop.experiments.case import Case
-from glucoloop.parts.ranges import Tuned
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust import TAKEN, HowFar, RobustSettings
+from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.front import Bound, judged
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import NO_SCORES, OBJECTIVES, Scores, scores
@@ -33,64 +28,29 @@ Candidate = dict[str, Any]
 """A tuning that was tried, as a row: its number, its round, the tuned numbers, and its scores."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Search:
-    """A search that is complete and checked."""
+def tuning_of(asked: Search, candidate: Candidate) -> dict[str, float]:
+    """The tuned numbers of a candidate."""
+    return {of.name: candidate[of.name] for of in asked.space}
 
-    trial: Trial
-    """The situation; its first case is tuned, and the others are references."""
-    space: tuple[Tuned, ...]
-    at_most: tuple[tuple[str, float | str], ...] = ()
-    """Objectives with a bound: a number, or the label of a reference case."""
-    own: RobustSettings
-    far: HowFar = field(default_factory=HowFar)
-    top: int = 10
-    """Number of tunings in the table."""
-    given: Mapping[str, Any] | None = field(default=None, compare=False)
-    """Flat keys from which it was read, if it was."""
 
-    def keys(self) -> dict[str, Any]:
-        """The flat keys of all values that are used."""
-        ranges = {of.name: of.text for of in self.space}
-        return {**plain(self.own), **plain(self.far), **self.shared(), **self.case.tuning, **ranges}
+def rows_of(asked: Search) -> Rows[Candidate]:
+    """The rows that are kept."""
+    numbers = [*(of.name for of in asked.space), *NO_SCORES]
 
-    def shared(self) -> dict[str, Any]:
-        """The flat keys that a search has in common with a trial."""
-        trial = {**trial_keys(self.trial), "known_dead_time": self.case.known_dead_time}
-        return {key: trial[key] for key in TAKEN if key in trial}
+    def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
+        if cells["candidate"] != len(before):
+            raise Refusal("the candidates are not in their order")
+        return {name: float("nan") if cell is None else cell for name, cell in cells.items()}
 
-    @property
-    def case(self) -> Case:
-        """The controller that is tuned."""
-        return self.trial.cases[0]
-
-    @property
-    def start(self) -> dict[str, float]:
-        """Initial values of the tuned numbers."""
-        return {of.name: float(self.case.tuning[of.name]) for of in self.space}
-
-    def tuning(self, candidate: Candidate) -> dict[str, float]:
-        """The tuned numbers of a candidate."""
-        return {of.name: candidate[of.name] for of in self.space}
-
-    def rows(self) -> Rows[Candidate]:
-        """The rows that are kept."""
-        numbers = [*(of.name for of in self.space), *NO_SCORES]
-
-        def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
-            if cells["candidate"] != len(before):
-                raise Refusal("the candidates are not in their order")
-            return {name: float("nan") if cell is None else cell for name, cell in cells.items()}
-
-        return Rows(
-            file="candidates.parquet",
-            what="candidates",
-            wanted=self.far.rounds * self.own.batch,
-            most=_MOST_CANDIDATES,
-            schema={"candidate": pl.Int64, "round": pl.Int64, **dict.fromkeys(numbers, pl.Float64)},
-            cells=dict,
-            row=row,
-        )
+    return Rows(
+        file="candidates.parquet",
+        what="candidates",
+        wanted=asked.rounds * asked.batch,
+        most=_MOST_CANDIDATES,
+        schema={"candidate": pl.Int64, "round": pl.Int64, **dict.fromkeys(numbers, pl.Float64)},
+        cells=dict,
+        row=row,
+    )
 
 
 class SearchEngine:
@@ -104,8 +64,7 @@ class SearchEngine:
     """
 
     def __init__(self, asked: Search) -> None:
-        own = asked.own
-        self.asked = asked
+        self.asked = own = asked
         self.subjects = draw_subjects(
             asked.trial, people=own.people, people_seed=own.people_seed, seeds=own.seeds, first_seed=own.first_seed
         )
@@ -118,7 +77,7 @@ class SearchEngine:
             Bound(name, self.references[most][OBJECTIVES[name].name], most)
             if isinstance(most, str)
             else Bound(name, most)
-            for name, most in asked.at_most
+            for name, most in asked.bounds
         ]
 
     def missing(self, before: Sequence[Candidate]) -> Iterator[Candidate]:
@@ -129,16 +88,17 @@ class SearchEngine:
         ValueError
             For a sampler that is not installed, or that asks for other tunings than it did before.
         """
-        asked, own, known = self.asked, self.asked.own, list(before)
+        asked, known = self.asked, list(before)
+        own = asked
         start = None
-        if all(of.holds(asked.start[of.name]) for of in asked.space):
-            start = {of.name: of.rounded(asked.start[of.name]) for of in asked.space}
+        if all(of.holds(asked.initial[of.name]) for of in asked.space):
+            start = {of.name: of.rounded(asked.initial[of.name]) for of in asked.space}
         sampler = make_sampler(own.sampler, asked.space, own.sampler_seed, batch=own.batch, start=start)
-        for first in range(0, asked.far.rounds * own.batch, own.batch):
+        for first in range(0, asked.rounds * own.batch, own.batch):
             tunings = sampler.ask(own.batch)
             held = known[first : first + own.batch]
             for candidate, tuning in zip(held, tunings, strict=False):
-                if asked.tuning(candidate) != tuning:
+                if tuning_of(asked, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than {own.sampler} "
                         "proposes now; go on with the libraries with which it was begun, or begin again with "
@@ -146,7 +106,7 @@ class SearchEngine:
                     )
             todo = tunings[len(held) :]
             if todo:
-                for tuning, metrics in zip(todo, self._loop(asked.case).run(self.subjects, todo), strict=True):
+                for tuning, metrics in zip(todo, self._loop(asked.tuned).run(self.subjects, todo), strict=True):
                     number = len(known)
                     known.append({"candidate": number, "round": number // own.batch, **tuning, **self._scores(metrics)})
                     yield known[-1]
@@ -154,20 +114,20 @@ class SearchEngine:
 
     def found(self, rows: Sequence[Candidate]) -> Findings:
         """Choose a tuning, and check it."""
-        asked, own = self.asked, self.asked.own
-        table = judged(asked.rows().table(rows), self.bounds, own.objectives, asked.far.prefer)
+        own = asked = self.asked
+        table = judged(rows_of(asked).table(rows), self.bounds, own.objectives, asked.prefer)
         kept, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
         front = front.sort(OBJECTIVES[own.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
-        check, scores = self.check(asked.tuning(chosen))
+        check, scores = self.check(tuning_of(asked, chosen))
         plain = {
-            "config": asked.keys(),
+            "config": asked.tree(whole=True),
             "candidates": len(table),
             "keeping_the_bounds": len(kept),
             "bounds": [{"objective": b.objective, "at_most": b.most, "of": b.of} for b in self.bounds],
             "chosen": {**self._plain(chosen), "keeps_the_bounds": chosen["keeps_the_bounds"]},
             "front": [self._plain(row) for row in front.to_dicts()],
-            "as_it_was": self._plain(rows[0]) if asked.tuning(rows[0]) == asked.start else None,
+            "as_it_was": self._plain(rows[0]) if tuning_of(asked, rows[0]) == asked.initial else None,
             "beside": self.references,
             "check": scores,
             "notes": self._left_out(),
@@ -179,7 +139,7 @@ class SearchEngine:
 
         Nothing is told of a tuning that the design refuses.
         """
-        asked, own = self.asked, self.asked.own
+        own = asked = self.asked
         subjects = draw_subjects(
             asked.trial,
             people=own.check_people,
@@ -187,7 +147,9 @@ class SearchEngine:
             seeds=own.check_seeds,
             first_seed=own.check_first_seed,
         )
-        runs = dict(zip((CHOSEN, AS_IT_WAS), self._loop(asked.case).run(subjects, [tuning, asked.start]), strict=True))
+        runs = dict(
+            zip((CHOSEN, AS_IT_WAS), self._loop(asked.tuned).run(subjects, [tuning, asked.initial]), strict=True)
+        )
         runs |= {case.label: next(self._loop(case).run(subjects)) for case in asked.trial.cases[1:]}
         done = {label: metrics for label, metrics in runs.items() if metrics is not None}
         group = np.where(np.arange(subjects.number) < subjects.people, "people", "noise")
@@ -207,7 +169,7 @@ class SearchEngine:
 
     def _loop(self, case: Case) -> TuningLoop:
         if case.label not in self._loops:
-            space = self.asked.space if case is self.asked.case else ()
+            space = self.asked.space if case.label == self.asked.tuned.label else ()
             self._loops[case.label] = TuningLoop(self.asked.trial, case, space, self.subjects)
         return self._loops[case.label]
 
@@ -215,15 +177,15 @@ class SearchEngine:
         return NO_SCORES if metrics is None else scores(metrics, self.subjects.people)
 
     def _left_out(self) -> list[str]:
-        left, people = self.subjects.infeasible, how_many(self.asked.own.people, "person", "people")
+        left, people = self.subjects.infeasible, how_many(self.asked.people, "person", "people")
         return [f"{left} of {people} {'has' if left == 1 else 'have'} no basal rate and took no part."] if left else []
 
     def _plain(self, row: Candidate) -> dict[str, Any]:
         scores = {name: row[name] for name in NO_SCORES}
-        return {"candidate": row["candidate"], "tuning": self.asked.tuning(row), "scores": scores}
+        return {"candidate": row["candidate"], "tuning": tuning_of(self.asked, row), "scores": scores}
 
     def _told(self, candidate: Candidate) -> Told:
         return Told(
-            values=tuple(candidate[OBJECTIVES[name].name] for name in self.asked.own.objectives),
+            values=tuple(candidate[OBJECTIVES[name].name] for name in self.asked.objectives),
             violation=tuple(float(np.nan_to_num(bound.violation(candidate), nan=1e9)) for bound in self.bounds),
         )

@@ -7,136 +7,34 @@ from typing import Any
 
 import numpy as np
 
-from glucoloop.config.cases import CASES_KEY
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.run import read_run, refuse_unknown_beside
-from glucoloop.config.toml import toml_text
-from glucoloop.config.trial import read_trial, with_people
-from glucoloop.control.catalogue import SEARCHED, controller_entry
-from glucoloop.parts.number_text import number_of
-from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.control.catalogue import SEARCHED
 from glucoloop.printable import NOT_AVAILABLE, how_many
-from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
 from glucoloop.report.print_figure import figure_files
+from glucoloop.situations.case import Case
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust import BOTH, RANGES, ROBUST, TAKEN, HowFar, RobustSettings, Shown
+from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, Search, SearchEngine
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, SearchEngine, rows_of
 from glucoloop.tuning.samplers import library
 
 
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> Search:
-    """Read a search, in which a number that can be tuned is a range or one number that is kept; Refusal if wrong."""
-    settings = SEARCHED.settings()
-    known = [*declared(RobustSettings), *declared(HowFar), *declared(Shown), *TAKEN, *settings]
-    refuse_unknown_beside({**keys, **({CASES_KEY: cases} if cases else {})}, known, " of a search")
-    called = {key: (names or {}).get(key, key) for key in known}
-    own = checked(RobustSettings, own_keys(keys, RobustSettings), names)
-    far = checked(HowFar, own_keys(keys, HowFar), names)
-    shown = checked(Shown, own_keys(keys, Shown), names)
-    _refuse_shared_subjects(own)
-    if len(set(own.objectives)) != 2 or len(own.objectives) != 2:
-        told = ", ".join(own.objectives)
-        raise Refusal(
-            f"{called['objectives']} is {told}; give two objectives that differ, and others as bounds by --at-most"
-        )
-    for name in own.objectives:
-        objective(name)
-    if far.prefer not in (*own.objectives, BOTH):
-        raise Refusal(f"{called['prefer']} is {far.prefer!r}; give {', '.join(own.objectives)} or {BOTH}")
-    for name in own.beside:
-        controller_entry(name)
-    if len(set(own.beside)) < len(own.beside) or SEARCHED.name in own.beside:
-        raise Refusal(
-            f"{called['beside']} is {', '.join(own.beside)}; name each controller once, and {SEARCHED.name} not at "
-            "all, since it is tuned"
-        )
-    space, fixed = _space({key: keys[key] for key in RANGES if key in keys}, called)
-    others = {name: keys[name] for name in settings if name in keys and name not in RANGES}
-    shared = {**ROBUST.usual, **{key: keys[key] for key in TAKEN if keys.get(key) is not None}}
-    tuned = {"label": SEARCHED.name, "controller": SEARCHED.name, **others, **fixed}
-    trial = read_trial(
-        {**shared, "people": own.people, "seed": own.people_seed},
-        [tuned, *({"label": name, "controller": name} for name in own.beside)],
-        names,
-    )
-    if own.sampler != "random":
-        library()
-    return Search(
-        trial=trial,
-        space=space,
-        at_most=tuple(_bound(text, own.beside, called["at_most"]) for text in own.at_most),
-        own=own,
-        far=far,
-        top=shown.top,
-        given=with_people({key: value for key, value in keys.items() if key not in declared(Shown)}, trial.population),
-    )
-
-
-def _refuse_shared_subjects(own: RobustSettings) -> None:
-    if own.people_seed == own.check_people_seed:
-        raise Refusal(
-            f"people are drawn with the seed {own.people_seed} for the search and for the check; "
-            "give another seed for one of them"
-        )
-    searched, of_check = (own.first_seed, own.seeds), (own.check_first_seed, own.check_seeds)
-    (first, seeds), (second, _) = sorted((searched, of_check))
-    if first + seeds > second:
-        raise Refusal(
-            f"the noise of seed {second} is met in the search and in the check; move the first seed of one of them"
-        )
-
-
-def _space(told: Mapping[str, object], called: Mapping[str, str]) -> tuple[tuple[Tuned, ...], dict[str, float]]:
-    """Ranges of the tuned numbers, and values of the fixed ones."""
-    space, fixed = {of.name: of for of in RANGES.values() if of.unasked}, {}
-    for key, value in told.items():
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise Refusal(f"{called[key]} is {value!r}; write it like '.1:2', or one number that is kept")
-        read = parse_range(value, RANGES[key], called[key]) if isinstance(value, str) else float(value)
-        if isinstance(read, Tuned):
-            space[key] = read
-        else:
-            space.pop(key, None)
-            fixed[key] = read
-    if not space:
-        raise Refusal("nothing is tuned; give at least one range, like .1:2, in place of a number")
-    return tuple(space[name] for name in RANGES if name in space), fixed
-
-
-def _bound(text: str, beside: Sequence[str], called: str) -> tuple[str, float | str]:
-    name, _, most = (part.strip() for part in text.partition("="))
-    if not most:
-        raise Refusal(f"{called} is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
-    objective(name)
-    if most in beside:
-        return name, most
-    try:
-        number = number_of(most, float)
-    except ValueError:
-        number = float("nan")
-    if number != number:
-        raise Refusal(
-            f"{called} is {text!r}, where {most!r} is neither a number nor a controller that stands beside: "
-            f"{', '.join(beside) or 'there are none'}"
-        )
-    return name, number
-
-
 def notes(asked: Search) -> tuple[str, ...]:
-    """Return no sentence; who is left out is known when people are drawn."""
+    """Refuse what is missing before anything is drawn; who is left out is known when people are."""
+    for name in (*asked.objectives, *(name for name, _ in asked.bounds)):
+        objective(name)
+    if asked.sampler != "random":
+        library()
     return ()
 
 
 def rows(asked: Search) -> Rows[Candidate]:
     """The rows that are kept: each candidate with its round, its tuning and its objectives."""
-    return asked.rows()
+    return rows_of(asked)
 
 
 def search(asked: Search) -> SearchEngine:
@@ -184,7 +82,7 @@ def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[
 
 def sentences(asked: Search, found: Findings) -> Iterator[str]:
     """Conclusions on the bounds, the front and the choice."""
-    of, objectives, prefer = found.plain, asked.own.objectives, asked.far.prefer
+    of, objectives, prefer = found.plain, asked.objectives, asked.prefer
     for bound in of["bounds"]:
         whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
         most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
@@ -204,15 +102,23 @@ def sentences(asked: Search, found: Findings) -> Iterator[str]:
 
 def drawn(asked: Search, found: Findings) -> dict[str, bytes]:
     """The chosen tuning as the configuration of a run, and the figure."""
-    own, trial, case = asked.own, asked.trial, asked.case
+    trial, case = asked.trial, asked.tuned
+    people = how_many(asked.people, "person", "people")
     title = (
-        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, {how_many(own.people, 'person', 'people')} of "
-        f"{trial.population.name} and {how_many(own.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
+        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, {people} of {trial.population.name} and "
+        f"{how_many(asked.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
     )
-    shared = {key: value for key, value in asked.shared().items() if key != "population" and value is not None}
-    tuning = {**case.tuning, **found.plain["chosen"]["tuning"]}
-    best = read_run({**shared, "controller": case.controller, **tuning})
+    best = _best(asked, found.plain["chosen"]["tuning"])
     return {
-        "best.toml": toml_text(best.keys(), "run --config best.toml").encode(),
+        "best.toml": toml_text(best.tree(whole=True), "run --config best.toml", best.tree()).encode(),
         **figure_files("front", plot_robust(asked, found, title=title)),
     }
+
+
+def _best(asked: Search, tuning: Mapping[str, float]) -> Run:
+    """The run of the nominal patient, in the same situation, with a tuning."""
+    controller = SEARCHED.partial({**asked.tuned.controller.given, **tuning})
+    case = Case.partial({**asked.case.given, "controller": controller})
+    names = [name for name in asked.given if name in Run.settings()]
+    shared = {name: getattr(asked, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
+    return Run.partial({**shared, "controller": (case,)}).completed()

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.parts.faults import FAULTS, FaultPart
-from glucoloop.parts.sensors import WhiteNoiseSettings
+from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.refusal import Refusal
-from glucoloop.situations.case import cases_of
+from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import SENSOR_PANEL, Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
 from glucoloop.studies.study import TrialStudy
@@ -52,11 +52,11 @@ class StressTest(GuardedTrial):
 
     kind: ClassVar = "stress test"
 
-    people = 100
-    duration_min = 600.0
-    meals = PAPER_MEAL
-    sensor = (WhiteNoiseSettings.partial({"variance": 1.45}),)
-    controller = cases_of(*PAPER_CONTROLLERS)
+    people: int = 100
+    duration_min: float | None = 600.0
+    meals: tuple[str, ...] = PAPER_MEAL
+    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
     faults: Annotated[
         tuple[FaultPart, ...],
         Option(

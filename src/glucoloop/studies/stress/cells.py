@@ -52,7 +52,7 @@ def trial_of(asked: StressTest) -> Trial:
         {case.label: case for case in asked.bare_cases},
         dict(zip(asked.fault_texts, asked.faults, strict=True)),
     )
-    return asked.trial_of(
+    return asked.with_cases(
         tuple(
             dataclasses.replace(
                 of[cell.controller],
@@ -61,7 +61,8 @@ def trial_of(asked: StressTest) -> Trial:
                 faults=(faults[cell.fault],) if cell.fault else (),
             )
             for cell in cells_of(asked)
-        )
+        ),
+        faults=(),
     )
 
 

@@ -17,11 +17,10 @@ from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
-from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.facts import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import cell_colours, plot_surface
+from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
@@ -74,11 +74,12 @@ class Verification(Part):
         from glucoloop.studies.verification.campaign import Campaign
         from glucoloop.studies.verification.nonsense import NonsenseCheck
 
-        chosen = {"controllers": self.controllers} if self.controllers else {}
+        chosen: dict[str, Any] = {"controllers": self.controllers} if self.controllers else {}
         if self.nonsense is not None:
             return NonsenseCheck(seed=self.seed, samples=self.nonsense, loop=self.person, **chosen)
-        number = {} if self.loops is None else {"loops": self.loops}
-        return Campaign(seed=self.seed, patient=self.patient, person=self.person, **number, **chosen)
+        if self.loops is not None:
+            chosen["loops"] = self.loops
+        return Campaign(seed=self.seed, patient=self.patient, person=self.person, **chosen)
 
 
 VERIFY: Final = PlainStudy(

@@ -1,8 +1,9 @@
 // @ts-check
 /** Results that glucoloop wrote, dropped on the page or chosen: a run beside its situation, or the people of a trial. */
 
-import { fromPage, fromToml, fromTrace, situationOf } from "../configuration.mjs";
+import { fromPage, fromToml, fromTrace } from "../configuration.mjs";
 import { button, byId, element, input, say } from "../dom.mjs";
+import { situationOf } from "../keys.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
 
@@ -109,7 +110,7 @@ function loadRun(session, table, configuration) {
 function loadPeople(session, people, keys, place) {
   session.crowd = { percentiles: people, situation: null };
   try {
-    const { situation, unlike } = situationOf({ ...keys, case: [keys.case?.[place] ?? {}] }, session.data);
+    const { situation, unlike } = situationOf({ ...keys, controller: [keys.controller].flat()[place] }, session.data);
     session.change(situation);
     const told = texts.loadedPeople(people.name);
     say(unlike.length ? `${told} ${texts.unlike(unlike)}` : told);

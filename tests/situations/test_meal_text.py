@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.meals import Meal
+from glucoloop.situations.meal_text import meal_text, parse_meal
 
 grams = st.floats(min_value=0.0, max_value=1000.0, exclude_min=True)
 minutes = st.floats(min_value=0.0, max_value=1e300)

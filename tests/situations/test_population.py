@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.situations.population import named_population, population_keys, read_population
-from glucoloop.situations.toml import read_toml, toml_text
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
+from glucoloop.situations.population import named_population, population_keys, read_population
+from glucoloop.situations.toml import read_toml, toml_text
 
 TABLE = """
 summary = "weight and insulin clearance"
@@ -78,7 +78,7 @@ def test_any_population_comes_back_from_its_file(variations, summary):
         ({"vary": [3]}, r"vary is \[3\]; give a table"),
         (
             {"vary": [{"parametre": "F_LC"}]},
-            r"\[\[vary\]\] number 1: unknown key 'parametre'; did you mean 'parameter'",
+            r"\[\[vary\]\] number 1: a variation has no setting 'parametre'; did you mean 'parameter'",
         ),
         ({"vary": [{"parameter": "F_LC"}]}, r"number 1: distribution is missing; add it"),
         (
