@@ -2,7 +2,6 @@
 
 import polars as pl
 import pytest
-
 from glucoloop.config.case_text import parse_case
 
 SHORT = ("--duration", 100)

@@ -5,10 +5,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from glucoloop.config.trial import trial_keys
 
 from glucoloop.cli.request import file_keys
 from glucoloop.situations.toml import read_toml, toml_text
-from glucoloop.config.trial import trial_keys
 from requests_read import request_of
 
 UNDER_THE_SKIN = {"patient": "hovorka-2004"}

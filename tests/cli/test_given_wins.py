@@ -1,10 +1,10 @@
 """Options beside a configuration file: those given on the command line win, in every command that takes both."""
 
 import pytest
-
-from glucoloop.cli.app import app
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
+
+from glucoloop.cli.app import app
 from requests_read import request_of
 
 

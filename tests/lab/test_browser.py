@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from glucoloop.report._page import Repeat, situation
+from glucoloop.report._page import page as page_of
+from glucoloop.report._plot import GLUCOSE, Panel, plot
 
 from browser import in_browser, needs_browser
 from glucoloop import __version__
 from glucoloop.lab.pack import page
-from glucoloop.report._page import Repeat, situation
-from glucoloop.report._page import page as page_of
-from glucoloop.report._plot import GLUCOSE, Panel, plot
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import toml_text

@@ -8,11 +8,11 @@ import tomllib
 import numpy as np
 import polars as pl
 import pytest
+from glucoloop.report._page import Repeat, situation
 
 from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import request_of
 from glucoloop.cli.run import RUN_OPTIONS
-from glucoloop.report._page import Repeat, situation
 from glucoloop.situations.request import asked_for
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
