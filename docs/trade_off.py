@@ -13,8 +13,7 @@ from pathlib import Path
 from made import made
 
 from glucoloop.report import _style
-from glucoloop.studies.adversary.keys import read_adversary
-from glucoloop.studies.adversary.outcome import search_all
+from glucoloop.studies.adversary.study import read, search
 
 GUIDE = Path(__file__).resolve().parent / "guide"
 NAMES = {"mpc": "MPC", "mpc-se": "MPC/SE"}
@@ -57,14 +56,15 @@ class Searches:
         name = json.dumps([controller, settings], sort_keys=True)
         if name not in self._found:
             print(name, flush=True)
-            asked = read_adversary({**SEARCH, **settings, "controllers": [controller]})
+            searched = search(read({**SEARCH, **settings, "controllers": [controller]}))
+            found = searched.found(list(searched.missing([])))
             self._found[name] = {
-                f"{outcome.cell.error_pct:g}": {
-                    "below_54_min": outcome.worst.below_54_min,
-                    "lowest_mg_dl": outcome.worst.lowest_mg_dl,
-                    "peak_mg_dl": outcome.peak_without_errors_mg_dl,
+                f"{row['error_pct']:g}": {
+                    "below_54_min": row["below_54_min"],
+                    "lowest_mg_dl": row["lowest_mg_dl"],
+                    "peak_mg_dl": row["peak_without_errors_mg_dl"],
                 }
-                for outcome in search_all(asked.groups(), None)
+                for row in found.plain["searches"]
             }
             self._place.write_text(json.dumps(self._found, indent=1), encoding="utf-8")
         return {float(error): row for error, row in self._found[name].items()}

@@ -1,6 +1,6 @@
 """A patient of your own: the model of Kanderian et al. (2009) with insulin under the skin.
 
-    glucoloop run --patient kanderian:PERSON_1 --controller pid
+    glucoloop run --patient kanderian:Person1 --controller pid
 
 References
 ----------
@@ -12,6 +12,7 @@ and the constants of person 1.
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
-from glucoloop.parts.patients import OperatingPoint, PatientEntry
+from glucoloop.parts.patients import OperatingPoint, PatientPart
 from glucoloop.patients import Inputs, PatientModel, Population, Variation
 
 # Constants of person 1; they may vary from person to person.
@@ -139,7 +140,7 @@ def populations():
         Variation(parameter=name, distribution="lognormal", spread_pct=25.0)
         for name in ("sensitivity", "clearance_ml_min", "tau_1_min", "EGP")
     ]
-    return {"varied": Population("varied", tuple(varied), patient="kanderian:PERSON_1")}
+    return {"varied": Population("varied", tuple(varied), patient="kanderian:Person1")}
 
 
 MODEL = PatientModel(
@@ -148,20 +149,22 @@ MODEL = PatientModel(
     nominal=CONSTANTS,
     populations=populations,
 )
-PERSON_1 = PatientEntry(
-    name="kanderian:PERSON_1",
-    summary="person 1 of Kanderian et al. (2009), insulin under the skin",
-    model="kanderian:MODEL",
-    operating_points=(OperatingPoint("at-120", "held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),),
-    populations={"varied": "four constants, lognormal with a coefficient of variation of 25 %"},
-    insulin_route="subcutaneous",
-    max_change_mU_min=100.0,
-    max_insulin_mU_min=150.0,
-    pulse_mU_min=20.0,
-    memory_min=480.0,
-    laguerre_pole=0.93,
-    laguerre_functions=6,
-)
+
+
+class Person1(PatientPart, name="kanderian:Person1"):
+    """Person 1 of Kanderian et al. (2009), insulin under the skin."""
+
+    model = "kanderian:MODEL"
+    operating_points = (OperatingPoint("at-120", "held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),)
+    populations: ClassVar = {"varied": "four constants, lognormal with a coefficient of variation of 25 %"}
+    insulin_route = "subcutaneous"
+    max_change_mU_min = 100.0
+    max_insulin_mU_min = 150.0
+    pulse_mU_min = 20.0
+    memory_min = 480.0
+    laguerre_pole = 0.93
+    laguerre_functions = 6
+
 
 if __name__ == "__main__":
     person = resting_at(120.0)

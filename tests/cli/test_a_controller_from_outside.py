@@ -14,7 +14,6 @@ from glucoloop.control.catalogue import controller_entry, controller_names
 from glucoloop.parts.code import found
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
-from glucoloop.studies.detection.keys import detection_keys
 from requests_read import request_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
@@ -78,9 +77,7 @@ def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
 def keys_of(command, given, file=None):
     """The configuration of a command, from its options and its file."""
     asked = request_of(command, with_lists(dict(given)), file_keys(None if file is None else Path(file)))
-    if command in ("trial", "detect"):
-        return {"trial": trial_keys, "detect": detection_keys}[command](asked)
-    return asked.keys()
+    return trial_keys(asked) if command == "trial" else asked.keys()
 
 
 @pytest.mark.parametrize("command", ["compare", "trial", "stress", "adversary"])

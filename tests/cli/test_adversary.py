@@ -5,7 +5,7 @@ import json
 import polars as pl
 import pytest
 
-from glucoloop.studies.adversary import work as adversary
+from glucoloop.studies.adversary import study
 
 SMALL = (
     *("adversary", "--controller", "pid", "--guards", "without", "--error", 30, "--duration", 120, "--people", 3),
@@ -13,28 +13,34 @@ SMALL = (
 )
 
 
-@pytest.fixture(scope="module")
-def searched():
-    """The search itself, carried out once for all tests; whoever asks for it again gets the same."""
-    search_all, known = adversary.search_all, {}
+class Once:
+    """A search that is carried out once for all tests; `stop_after` generations it is interrupted."""
 
-    def once(groups, person, *, before=None, told=None):
-        groups = list(groups)
-        key = repr(([cell for _, cells in groups for cell in cells], person))
-        if key not in known:
-            scores = []
-            known[key] = list(search_all(groups, person, told=lambda cell, one: scores.append((cell, one)))), scores
-        outcomes, scores = known[key]
-        for cell, one in scores:
-            told(cell, one)
-        return outcomes
+    known, stop_after = {}, None
 
-    return once
+    def __init__(self, asked):
+        self.key = repr([(of.trial.cases, of.space, of.settings) for of in asked.searches().values()])
+        if self.key not in self.known:
+            whole = SEARCH(asked)
+            self.known[self.key] = list(whole.missing([])), whole
+
+    def missing(self, rows):
+        for number, row in enumerate(self.known[self.key][0]):
+            if number == self.stop_after:
+                raise KeyboardInterrupt
+            if number >= len(rows):
+                yield row
+
+    def found(self, rows):
+        return self.known[self.key][1].found(rows)
+
+
+SEARCH = study.AdversarySearch
 
 
 @pytest.fixture(autouse=True)
-def _search_once(monkeypatch, searched):
-    monkeypatch.setattr(adversary, "search_all", searched)
+def _search_once(monkeypatch):
+    monkeypatch.setattr(study, "search", Once)
 
 
 def test_a_folder_holds_the_worst_loops_and_repeats_the_search(glucoloop, tmp_path):
@@ -55,26 +61,13 @@ def test_a_folder_holds_the_worst_loops_and_repeats_the_search(glucoloop, tmp_pa
     assert finished.out == answer.out
 
 
-def test_a_search_that_was_cut_short_goes_on_to_the_same_files(glucoloop, monkeypatch, tmp_path, searched):
+def test_a_search_that_was_cut_short_goes_on_to_the_same_files(glucoloop, monkeypatch, tmp_path):
     glucoloop(*SMALL, "--out", "whole")
-
-    def cut_short(groups, person, *, before, told):
-        count = 0
-
-        def stop(cell, one):
-            nonlocal count
-            count += 1
-            if count == 3:
-                raise KeyboardInterrupt
-            told(cell, one)
-
-        return searched(groups, person, before=before, told=stop)
-
-    monkeypatch.setattr(adversary, "search_all", cut_short)
+    monkeypatch.setattr(Once, "stop_after", 2)
     answer = glucoloop(*SMALL, "--out", "cut")
     assert answer.code == 130
     assert "2 of 3 generations are kept, the same command goes on" in answer.err
-    monkeypatch.setattr(adversary, "search_all", searched)
+    monkeypatch.setattr(study, "search", SEARCH)
     answer = glucoloop(*SMALL, "--out", "cut")
     assert "2 of 3 generations of cut are there already; going on." in answer.err
     for name in ("adversary.csv", "adversary.toml", "scores.parquet", "worst.parquet"):

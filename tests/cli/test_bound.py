@@ -38,7 +38,7 @@ def test_folder_repeats_the_bound(glucoloop, tmp_path):
 
 def test_noise_adds_what_it_lets_one_know(glucoloop, monkeypatch, tmp_path):
     from glucoloop.bounds import HedgedDoses, optimal_doses
-    from glucoloop.studies import bounded
+    from glucoloop.studies.bound import study
 
     def hedged(person, scenario, noise_variance, limits, **more):
         assert (scenario.meals[0].carbs_g, noise_variance) == (50.0, 1.45)
@@ -47,7 +47,7 @@ def test_noise_adds_what_it_lets_one_know(glucoloop, monkeypatch, tmp_path):
         for question, told_after_min in (("begins", 30.0), ("ends", float("inf"))):
             yield HedgedDoses(question, 0.05, told_after_min, 7.5, *plans)
 
-    monkeypatch.setattr(bounded, "hedged_doses", hedged)
+    monkeypatch.setattr(study, "hedged_doses", hedged)
     arguments = ("--noise", 1.45, "--known-after", 0, "--dead-time", 10, *EARLY)
     answer = glucoloop("bound", *arguments, "--out", "noisy", "--json").json
     begins, ends = answer["hedged"]

@@ -7,13 +7,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
-from glucoloop.studies.detection import evaluate
+from glucoloop.studies.detection import study
 from glucoloop.studies.detection.days import Days
-from glucoloop.studies.detection.evaluate import Estimated, score
-from glucoloop.studies.detection.figure import plot_detection
-from glucoloop.studies.detection.keys import read_detection
-from glucoloop.studies.detection.result import DetectionResult
+from glucoloop.studies.detection.evaluate import Scores, score
+from glucoloop.studies.detection.study import findings, plot_detection, read
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
@@ -46,18 +45,19 @@ def done(detection):
         insulin_mU_min=np.full((288, 1), 25.0),
         glucose_mg_dl=np.full((288, 1), 81.0),
     )
-    fed = Estimated(days, eating, told, 10.0 * eating, 360.0 * eating)
+    estimates = dict.fromkeys((field.name for field in dataclasses.fields(MealEstimates)), eating)
+    estimates |= {"carbs_g": told, "remaining_g": 10.0 * eating, "emptying_mg_min": 360.0 * eating}
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
-    fasted = dataclasses.replace(fed, eating=alarm)
-    results = [score(detection, name, "basal", fed, fasted) for name in detection.estimators]
-    return DetectionResult(estimators=tuple(results), days=1, infeasible=0)
+    fed = dataclasses.replace(days, told=MealEstimates(**estimates))
+    fasted = dataclasses.replace(days, told=MealEstimates(**{**estimates, "eating": alarm}))
+    return Scores({name: score(detection, fed, fasted) for name in detection.own.estimators}, 1, 0)
 
 
 @pytest.fixture
 def asked(monkeypatch):
     """What was asked for, in place of computing it."""
     asked = []
-    monkeypatch.setattr(evaluate, "evaluate", lambda detection, progress: asked.append(detection) or done(detection))
+    monkeypatch.setattr(study, "evaluate", lambda detection, progress: asked.append(detection) or done(detection))
     return asked
 
 
@@ -81,7 +81,7 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
     again = glucoloop("detect", "--config", "a/detect.toml", "--out", "b", "--json")
     assert again.code == 0, again.err
     assert asked[0] == asked[1]
-    assert (asked[0].trial.cases[0].controller, asked[0].days, asked[0].trial.seed) == ("basal", 1, 5)
+    assert (asked[0].trial.cases[0].controller, asked[0].own.days, asked[0].trial.seed) == ("basal", 1, 5)
     told = {key: value for key, value in again.json.items() if key != "files"}
     assert told == json.loads((tmp_path / "a/detect.json").read_text())
     assert told["estimators"]["kalman"]["size_error_after_end_mean_absolute_g"] == pytest.approx(0.0, abs=1e-9)
@@ -93,13 +93,14 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
     more = ("--meals-per-h", 0.2, "--people", 3, "--days", 1, "--estimator", "moving-horizon")
     assert glucoloop("detect", "--config", "mine.toml", *more).code == 0
     (detection,) = asked
-    assert (detection.days, detection.trial.people, detection.estimators) == (1, 3, ("moving-horizon",))
+    assert (detection.own.days, detection.trial.people, detection.own.estimators) == (1, 3, ("moving-horizon",))
     assert detection.settings["meals_per_h"] == 0.2
 
 
 @pytest.mark.parametrize("width", ["single", "double"])
 def test_nothing_of_the_figure_is_clipped(width):
-    figure = plot_detection(done(read_detection({"days": 1})), title="A title that is long " * 4, width=width)
+    asked = read({"days": 1})
+    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4, width=width)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert min(drawn.x0, drawn.y0) >= 0.0
@@ -124,7 +125,7 @@ def test_help_tells_of_both_estimators(glucoloop, monkeypatch):
     ("arguments", "sentence"),
     [
         (("--estimator", "kalmen"), "--estimator has the unknown 'kalmen'; did you mean 'kalman'?"),
-        (("--threshold", 2), "a threshold of 2 is not possible; give more than 0 and less than 1"),
+        (("--threshold", 2), "--threshold is 2; give a number above 0 and below 1"),
         (("--threshold", "high"), "--threshold is 'high'; give a number"),
         (("--days", 0), "--days is 0; give"),
         (("--people", 0), "--people is 0; give"),

@@ -54,7 +54,7 @@ def test_limit_of_a_file_stays_with_another_pump(key):
 )
 def test_what_follows_from_the_people_stays_where_it_was_given(command, of_file, upper, key):
     found = read(command, upper, of_file)
-    assert getattr(found, key) == of_file[key]
+    assert getattr(found if command == "trial" else found.own, key) == of_file[key]
 
 
 @pytest.mark.parametrize("command", ["run", "compare", "trial", "stress", "adversary", "tune", "robust", "detect"])
@@ -72,9 +72,7 @@ def test_file_is_read_from_what_was_given_alone(command):
 
 
 def _keys_of(command):
-    from glucoloop.studies.detection.keys import detection_keys
-
-    return {"trial": trial_keys, "detect": detection_keys}.get(command, lambda asked: asked.keys())
+    return trial_keys if command == "trial" else lambda asked: asked.keys()
 
 
 def test_table_of_what_was_used_is_a_table(refused, tmp_path):

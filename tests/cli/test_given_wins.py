@@ -3,10 +3,8 @@
 import pytest
 
 from glucoloop.cli.app import app
-from glucoloop.config.bound import bound_keys
 from glucoloop.config.identification import identification_keys
 from glucoloop.config.trial import trial_keys
-from glucoloop.studies.detection.keys import detection_keys
 from requests_read import request_of
 
 
@@ -18,13 +16,13 @@ MANY = ("compare", "trial", "stress", "adversary")
 KEYS_OF = {
     "run": own_keys,
     "compare": own_keys,
-    "bound": bound_keys,
+    "bound": own_keys,
     "tune": own_keys,
     "robust": own_keys,
     "trial": trial_keys,
     "stress": own_keys,
     "adversary": own_keys,
-    "detect": detection_keys,
+    "detect": own_keys,
     "identify": identification_keys,
     "export": own_keys,
     "hil": own_keys,

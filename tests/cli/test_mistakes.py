@@ -302,7 +302,7 @@ LONG_WORK = {
     "identify": "glucoloop.studies.identified.identify",
     "bound": "glucoloop.studies.bounded.work_out",
     "tune": "glucoloop.studies.tuning.study.found",
-    "detect": "glucoloop.studies.detection.evaluate.evaluate",
+    "detect": "glucoloop.studies.detection.study.found",
     "compare --case mpc --case pid": "glucoloop.studies.closed_loop.close_the_loop",
 }
 
@@ -485,7 +485,7 @@ LACKING = {
 def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, monkeypatch, line):
     package, told = LACKING[line]
     for engine in (
-        "studies.adversary.work.search_on",
+        "studies.adversary.study.search",
         "studies.robust.search.SearchEngine",
         "cohorts.engine.prepare",
     ):

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from glucoloop.config.run import read_run
 from glucoloop.control.catalogue import ESTIMATING, SEARCHED
-from glucoloop.studies.robust.keys import read_robust, robust_key_names
-from glucoloop.studies.robust.objectives import METRICS, OBJECTIVES
-from glucoloop.studies.robust.options import RANGES
+from glucoloop.studies.robust import RANGES
+from glucoloop.studies.robust.objectives import METRICS, NO_SCORES
+from glucoloop.studies.robust.study import read
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -100,7 +100,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
 
 @pytest.fixture
 def _plain(monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.robust.results.plot_robust", lambda *_, **__: Figure())
+    monkeypatch.setattr("glucoloop.studies.robust.study.plot_robust", lambda *_, **__: Figure())
 
 
 @pytest.mark.long
@@ -148,11 +148,10 @@ def test_bounds_that_nothing_keeps_are_told(glucoloop):
 
 
 def test_what_is_read_is_told_as_it_was():
-    asked = read_robust({"move_weight": "0.1:1", "caution_weight": 3, "estimator": "kalman", "people": 7})
-    assert read_robust(asked.keys() | {"population": "parker2000"}) == asked
-    assert asked.search.case.tuning["caution_weight"] == 3.0
-    assert "caution_weight" not in asked.ranges
-    assert set(asked.keys()) <= set(robust_key_names())
+    asked = read({"move_weight": "0.1:1", "caution_weight": 3, "estimator": "kalman", "people": 7})
+    assert read(asked.keys()) == asked
+    assert asked.case.tuning["caution_weight"] == 3.0
+    assert "caution_weight" not in asked.start
 
 
 def test_what_can_be_searched_are_settings_of_the_controller():
@@ -191,4 +190,4 @@ def test_mistakes(refused, tmp_path, arguments, sentence):
 def test_every_objective_has_a_column(glucoloop, tmp_path):
     assert glucoloop("robust", *SMALL, "--sampler", "random", "--out", "a").code == 0
     columns = set(pl.read_parquet(tmp_path / "a/candidates.parquet").columns)
-    assert {of.column for of in OBJECTIVES.values()} <= columns
+    assert set(NO_SCORES) <= columns

@@ -11,8 +11,8 @@ from glucoloop.cli import main
 from glucoloop.refusal import Refusal
 
 _STOPS = (
-    "glucoloop.studies.bounded.optimal_doses",
-    "glucoloop.studies.bounded.hedged_doses",
+    "glucoloop.studies.bound.study.optimal_doses",
+    "glucoloop.studies.bound.study.hedged_doses",
     "glucoloop.studies.closed_loop.nominal_model",
     "glucoloop.studies.closed_loop.controller_for",
     "glucoloop.studies.identified._method",

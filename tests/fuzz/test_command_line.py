@@ -6,17 +6,16 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cli import bound, compare, identify, run, trial_options
+from glucoloop.cli import compare, identify, run, trial_options
 from glucoloop.cli.declared import study_options
 from glucoloop.studies.catalogue import STUDIES
 
 CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
 FLAGS = {
-    "bound": bound._OPTIONS,
     "run": run._OPTIONS,
     "compare": compare._OPTIONS,
     "identify": identify._OPTIONS,
-    "tune": next(study_options(study) for study in STUDIES if study.name == "tune"),
+    **{study.name: study_options(study) for study in STUDIES if study.name in ("bound", "tune")},
     "trial": trial_options.TRIAL,
 }
 NAMES = sorted({part for options in FLAGS.values() for option in options for part in option.flag.split("/")})

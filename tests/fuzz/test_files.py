@@ -21,9 +21,8 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.model_file import read_model
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
-from glucoloop.storage.trials.binding import SHARD
-from glucoloop.storage.trials.folder import SHARDS, SUMMARY
-from glucoloop.storage.trials.header import HEADER, arithmetic_of, header_of, read_header
+from glucoloop.storage.trials.folder import SHARD, SHARDS, SUMMARY
+from glucoloop.storage.trials.header import HEADER, header_of, read_header
 from glucoloop.storage.trials.query import trial_tables
 
 MODEL = {
@@ -164,7 +163,7 @@ def trial(tmp_path_factory):
     tables = {"people.parquet": people, "bands.parquet": pl.DataFrame(counts)}
     told = {
         **{"format": "glucoloop-shard", "format_version": FORMAT, "index": 0},
-        **{"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(arithmetic_of(header))},
+        **{"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(header.computed_with)},
         "rows": {name: table.height for name, table in tables.items()},
     }
     files = {SHARD: json.dumps(told).encode()}

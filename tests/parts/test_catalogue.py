@@ -1,14 +1,16 @@
 """The catalogue: names, settings, defaults, and a controller behind every name."""
 
+from typing import ClassVar
+
 import pytest
 
 import glucoloop as gl
-from glucoloop.control.catalogue import CONTROLLERS, all_settings, complete, controller_entry
+from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientEntry
+from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientPart
 from glucoloop.parts.setting import About, Default, Setting, known_names
 from glucoloop.pumps import PARKER_1999_LIMITS
 
@@ -26,7 +28,8 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
         dead_time_samples=0,
     )
     entry = controller_entry(name)
-    controller = entry(**complete(name, {}, USUAL_PATIENT, operating_point, noisy=noisy)).designed(case)
+    usual = USUAL_PATIENT(operating_point=operating_point).usual_of(name)
+    controller = entry.partial({}).completed(usual, noisy=noisy).designed(case)
     assert controller.sample_time_min == 5.0
     assert gives_boluses(controller) == entry.gives_boluses
 
@@ -42,9 +45,7 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
         dead_time_samples=0,
     )
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
-        settings = complete(name, given, USUAL_PATIENT, "setpoint-81", noisy=False)
-        entry = controller_entry(name)
-        controller = entry(**settings).designed(case)
+        controller = controller_entry(name).partial(given).completed(USUAL_PATIENT().usual_of(name)).designed(case)
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
             assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))
@@ -53,8 +54,10 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
 
 
 def test_a_name_has_one_type_in_all_controllers():
-    for owners in all_settings().values():
-        assert len({(setting.kind, setting.choices) for setting in owners.values()}) == 1
+    found = {}
+    for controller in CONTROLLERS.values():
+        for name, setting in controller.settings().items():
+            assert found.setdefault(name, (setting.kind, setting.choices)) == (setting.kind, setting.choices), name
 
 
 def test_a_default_follows_noise():
@@ -64,19 +67,24 @@ def test_a_default_follows_noise():
     assert default.text == "1, with noise 2"
 
 
+class _Somebody(PatientPart, name="somebody"):
+    """Somebody."""
+
+    model = "somewhere:MODEL"
+    operating_points = (OperatingPoint("here", "", {"pid": {"gain": Default(3.0)}}), OperatingPoint("there", ""))
+    pulse_mU_min = 1.0
+    tunings: ClassVar = {"pid": {"gain": Default(2.0), "closed_loop_min": Default(9.0)}}
+
+
 def test_usual_settings_are_those_of_the_operating_point_before_those_of_the_patient():
-    here = OperatingPoint("here", "", {"pid": {"gain": Default(3.0)}})
-    points = (here, OperatingPoint("there", ""))
-    tunings = {"pid": {"gain": Default(2.0), "closed_loop_min": Default(9.0)}}
-    entry = PatientEntry(
-        name="somebody", summary="", model="", operating_points=points, pulse_mU_min=1.0, tunings=tunings
-    )
-    assert complete("pid", {}, entry, "here", noisy=False)["gain"] == 3.0
-    assert complete("pid", {}, entry, "there", noisy=False)["gain"] == 2.0
-    assert complete("pid", {}, entry, "here", noisy=False)["closed_loop_min"] == 9.0
-    assert complete("pid", {"gain": 1.0}, entry, "here", noisy=False)["gain"] == 1.0
+    pid = CONTROLLERS["pid"]
+    here, there = (_Somebody(operating_point=name).usual_of("pid") for name in ("here", "there"))
+    assert pid.partial({}).completed(here).gain == 3.0
+    assert pid.partial({}).completed(there).gain == 2.0
+    assert pid.partial({}).completed(here).closed_loop_min == 9.0
+    assert pid.partial({"gain": 1.0}).completed(here).gain == 1.0
     with pytest.raises(ValueError, match=r"unknown operating point 'her' of somebody; did you mean 'here'\?"):
-        complete("pid", {}, entry, "her", noisy=False)
+        _Somebody(operating_point="her")
 
 
 def test_unknown_names_are_answered():

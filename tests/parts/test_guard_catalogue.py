@@ -6,46 +6,50 @@ import pytest
 
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.experiments.designs import with_guard
-from glucoloop.parts.guard import GUARD, OF_ROUTE, complete_guard
-from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.guard import GUARDS, OF_ROUTE, guard_of
+from glucoloop.parts.patients import USUAL_PATIENT, PatientPart, patient_entry
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
-def test_every_limit_can_be_set_and_has_the_guards_default():
-    assert GuardSettings(**{key.removeprefix("guard_"): limit for key, limit in complete_guard({}).items()}) == (
-        GuardSettings()
-    )
-    assert set(OF_ROUTE[SUBCUTANEOUS]) <= {field.name for field in dataclasses.fields(GuardSettings)}
-
-
 def test_usual_limits_are_those_of_the_route_and_of_the_patient():
-    assert complete_guard({}) == {name: setting.default.noise_free for name, setting in GUARD.items()}
-    entry = patient_entry("hovorka-2004")
-    of_route = {f"guard_{name}": value for name, value in OF_ROUTE[SUBCUTANEOUS].items()}
-    assert complete_guard({}, entry) == {**complete_guard({}), **of_route}
-    own = dataclasses.replace(entry, guard={"guard_max_hour": 7.0})
-    assert complete_guard({}, own)["guard_max_hour"] == 7.0
-    assert complete_guard({"guard_max_hour": 3}, own)["guard_max_hour"] == 3.0
+    assert set(OF_ROUTE[SUBCUTANEOUS]) <= set(GuardSettings.settings())
+    assert guard_of(USUAL_PATIENT) == GuardSettings()
+    under_the_skin = patient_entry("hovorka-2004")
+    assert guard_of(under_the_skin) == GuardSettings(**OF_ROUTE[SUBCUTANEOUS])
+
+    class Own(under_the_skin, name="own"):
+        """Somebody with a limit of their own."""
+
+        guard = {"max_hour": 7.0}  # noqa: RUF012
+
+    assert guard_of(Own) == dataclasses.replace(guard_of(under_the_skin), max_hour=7.0)
+    assert guard_of(Own, GUARDS.parse("max_hour=3")).max_hour == 3.0
     with pytest.raises(ValueError, match="by the route 'nasal'; the known ones are: intravenous, subcutaneous"):
-        dataclasses.replace(entry, insulin_route="nasal")
+
+        class Nasal(PatientPart, name="nasal"):
+            """Somebody with insulin through the nose."""
+
+            model = "somewhere:MODEL"
+            insulin_route = "nasal"
 
 
 def test_a_limit_reaches_the_guard():
-    guard = with_guard(design_open_loop(), complete_guard({"guard_gap_min": 35}), PARKER_1999_LIMITS)
+    guard = with_guard(design_open_loop(), guard_of(USUAL_PATIENT, GUARDS.parse("gap_min=35")), PARKER_1999_LIMITS)
     assert isinstance(guard, Guard)
     assert guard.settings == GuardSettings(gap_min=35.0)
     assert with_guard(guard, None, PARKER_1999_LIMITS) is guard
 
 
 @pytest.mark.parametrize(
-    ("given", "sentence"),
+    ("text", "sentence"),
     [
-        ({"guard_gap": 35}, "a guard has no limit 'guard_gap'"),
-        ({"guard_gap_min": "long"}, "guard_gap_min is 'long'; give a number"),
+        ("gap=35", "--guard: the guard usual has no setting 'gap'; did you mean 'gap_min'?"),
+        ("gap_min=long", "--guard: gap_min is 'long'; give a number from 0 to 10000 min"),
+        ("usual, gap_min=-1", "--guard: usual: gap_min is -1 min; give a number from 0 to 10000 min"),
     ],
 )
-def test_what_is_no_limit_is_refused(given, sentence):
+def test_what_is_no_limit_is_refused(text, sentence):
     with pytest.raises(ValueError, match="guard") as refused:
-        complete_guard(given)
+        GUARDS.parse(text, "--guard")
     assert sentence in str(refused.value)

@@ -8,24 +8,28 @@ from types import SimpleNamespace
 import pytest
 
 import glucoloop as gl
-from glucoloop.config.run import read_run
-from glucoloop.control.catalogue import CONTROLLERS, complete
-from glucoloop.parts.guard import complete_guard
-from glucoloop.parts.patients import PATIENTS, OperatingPoint, PatientEntry, patient_entry
+from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.parts.grammar import given
+from glucoloop.parts.guard import guard_of
+from glucoloop.parts.patients import PATIENTS, OperatingPoint, PatientPart, patient_entry
 from glucoloop.parts.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.simulation.usual_limits import usual_limits
+from glucoloop.situations.request import asked_for
+from glucoloop.situations.run import Run
 
 
 def entry_of(route):
-    """An entry of another package that says no more than it has to."""
-    return PatientEntry(
-        name="somebody",
-        summary="somebody",
-        model="somewhere:MODEL",
-        operating_points=(OperatingPoint("at-rest", "at rest"),),
-        insulin_route=route,
-        pulse_mU_min=10.0,
-    )
+    """A patient of another package that says no more than it has to."""
+
+    class Somebody(PatientPart, name="somebody"):
+        """Somebody."""
+
+        model = "somewhere:MODEL"
+        operating_points = (OperatingPoint("at-rest", "at rest"),)
+        insulin_route = route
+        pulse_mU_min = 10.0
+
+    return Somebody
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -33,14 +37,15 @@ def entry_of(route):
 def test_tunings_identification_and_guard_of_another_package_are_those_of_the_route(controller, route, like):
     somebody, known = entry_of(route), patient_entry(like)
     for noisy in (False, True):
-        found = complete(controller, {}, somebody, "at-rest", noisy=noisy)
-        usual = complete(controller, {}, known, known.usual_point, noisy=noisy)
+        part = CONTROLLERS[controller].partial({})
+        found = part.completed(somebody().usual_of(controller), noisy=noisy).values()
+        usual = part.completed(known().usual_of(controller), noisy=noisy).values()
         if route == "subcutaneous" and "prediction_horizon" in usual:
             assert found.pop("prediction_horizon") == 0  # it follows from the model
             assert usual.pop("prediction_horizon") in (36, 48)
         assert found == usual
     assert somebody.identification(5.0) == known.identification(5.0)
-    assert complete_guard({}, somebody) == complete_guard({}, known)
+    assert guard_of(somebody) == guard_of(known)
 
 
 def test_pump_is_that_of_the_route():
@@ -67,9 +72,10 @@ def test_person_of_ones_own_has_the_pump_of_the_route():
 
 
 def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
-    assert read_run({"patient": "hovorka-2004", "max_insulin_mU_min": 500.0}).situation.max_insulin_mU_min == 500.0
-    with pytest.raises(ValueError, match=r"^max_insulin_mU_min is 500 mU/min; "):
-        read_run({"max_insulin_mU_min": 500.0})
+    pump = {"max_insulin_mU_min": 500.0}
+    assert asked_for(Run, given({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
+    with pytest.raises(ValueError, match=r"^max_insulin_mU_min of the pump is 500 mU/min; "):
+        asked_for(Run, given({"pump": pump}, ""))
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from glucoloop.parts.catalogue import Catalogue, catalogues
 from glucoloop.parts.grammar import part_text, part_tree, plain
 from glucoloop.parts.part import Part
-from glucoloop.parts.setting import About, expanded, usual
+from glucoloop.parts.setting import About, usual
 from glucoloop.plausible import SETPOINT
 from glucoloop.refusal import Refusal
 
@@ -88,7 +88,7 @@ def test_any_text_is_a_part_or_refused_in_a_sentence(text):
     ("text", "sentence"),
     [
         ("dsk", "--lamp: unknown lamp 'dsk'; did you mean 'desk'? the known ones are: desk"),
-        ("bulbs=2", "--lamp: nothing names no lamp; begin with its name, like 'desk, bulbs=2'"),
+        ("bulbs=2", "--lamp: no lamp is named; begin with its name, like 'desk, bulbs=2'"),
         ("desk, bulb=2", "--lamp: the lamp desk has no setting 'bulb'; did you mean 'bulbs'?"),
         ("desk, bulbs=9", "--lamp: desk: bulbs is 9; give a whole number from 1 to 8"),
         ("desk, bulbs=2.0", "--lamp: desk: bulbs is '2.0'; give a whole number from 1 to 8"),
@@ -143,30 +143,6 @@ def test_a_part_made_in_python_takes_numbers_of_numpy_and_refuses_other_types():
         _Desk(bulb=1)
     with pytest.raises(Refusal, match="bulbs is 0; give a whole number from 1 to 8"):
         _Desk(bulbs=0)
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("1:3", [1, 2, 3]),
-        ("2", [2]),
-        ("0|.1|1", [0, 0.1, 1]),
-        (".3:.5:.1", [0.3, 0.4, 0.5]),
-        ("1:2|9", [1, 2, 9]),
-    ],
-)
-def test_ranges_and_choices_are_values_too(text, values):
-    assert [float(value) for value in expanded(text, float)] == values
-
-
-@pytest.mark.parametrize("text", ["3:1", "1:2:0", "1:2:-1", "0:inf", "1:9:nan"])
-def test_a_range_that_is_empty_or_endless_is_refused(text):
-    with pytest.raises(Refusal, match="is no range; write it like"):
-        list(expanded(text, float))
-
-
-def test_a_text_with_colons_is_no_range():
-    assert list(expanded("06:30", str)) == ["06:30"]
 
 
 EVERY = [(kind, name) for kind, catalogue in catalogues().items() for name in catalogue]

@@ -10,7 +10,7 @@ import pytest
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page
-from glucoloop.report.rows import metric_rows
+from glucoloop.report.table import metric_rows
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=false"
@@ -80,7 +80,7 @@ def test_both_units_stand_on_the_axes(page):
 def test_the_metrics_are_those_of_the_runs_in_both_units(page, quiet, noisy):
     of_all = {"calm": summarise(quiet), "wild": summarise(noisy)}
     table = page[page.index(">Metrics</h2>") :].partition("</table>")[0]
-    lines = [line for line in table.split("<tr>") if "scope='row'" in line]
+    lines = [line for line in table.split("<tr>") if 'scope="row"' in line]
     rows = metric_rows(of_all)
     assert len(lines) == len(rows) > 30
     for line, row in zip(lines, rows, strict=True):
@@ -132,7 +132,7 @@ def test_what_happened_is_marked_and_told(make_trace):
     assert "Boluses delivered: 4.2 U at 50 min." in told
     assert '<rect class="fault" x="2000"' in page
     assert 'width="600"' in page
-    assert '<rect x="3000" y="0.1" width="300"' in page  # the guard's line of time
+    assert '<rect class="colour-0" x="3000" y="0.1" width="300"' in page  # the guard's line of time
 
 
 def test_what_was_commanded_is_drawn_where_it_differs(make_trace, drawn):

@@ -5,7 +5,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.cohorts.people_run import PeopleRun
-from glucoloop.report.people_figure import bands
+from glucoloop.report.figure import bands
 
 
 def run_of(people=40, samples=24, shift=0.0):

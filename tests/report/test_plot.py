@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import population
-from glucoloop.report._page import in_both_units
-from glucoloop.report._plot import GLUCOSE, Panel, nice_ticks, thinned
 from glucoloop.report._runs import periods
+from glucoloop.report.charts import GLUCOSE, Panel, TimeAxis, nice_ticks, thinned
 from glucoloop.report.fault_words import window_of
 from glucoloop.report.person_words import person_in_words
 
@@ -52,12 +51,12 @@ def test_periods_cover_the_samples_and_no_others(there):
 
 
 def test_a_band_is_drawn_only_where_there_is_something_between():
-    panel = Panel(GLUCOSE, 0.0, 200.0, 5.0, "")
-    panel.band([0.0, 5.0], [0.0, 0.0], [0.0, 0.0], "")
-    panel.band([0.0, 5.0], [np.nan, np.nan], [np.nan, np.nan], "")
-    assert panel.shapes == []
-    panel.band([0.0, 5.0], [80.0, 81.0], [90.0, 91.5], "")
-    assert panel.shapes == ['<path data-kind="band"  d="M0 900l50 15 0-105-50-10"/>']
+    panel = Panel(GLUCOSE, TimeAxis(5.0), 0.0, 200.0, 5.0, "")
+    panel.band([0.0, 5.0], [0.0, 0.0], [0.0, 0.0], "band", "nothing")
+    panel.band([0.0, 5.0], [np.nan, np.nan], [np.nan, np.nan], "band", "nothing")
+    assert panel.curves == []
+    panel.band([0.0, 5.0], [80.0, 81.0], [90.0, 91.5], "band", "something")
+    assert [(curve.name, curve.path) for curve in panel.curves] == [("something", "M0 900l50 15 0-105-50-10")]
 
 
 @pytest.mark.parametrize(
@@ -74,14 +73,6 @@ def test_a_band_is_drawn_only_where_there_is_something_between():
 )
 def test_the_time_of_a_fault_is_what_its_settings_say(fault, window):
     assert window_of(FAULTS.choose(fault), 600.0) == window
-
-
-def test_glucose_is_told_in_either_unit():
-    assert in_both_units("Time from 70 to 180 mg/dl") == (
-        'Time from <span class="mg">70 to 180 mg/dl</span><span class="mmol">3.9 to 10.0 mmol/l</span>'
-    )
-    for untouched in ("variance 1.45 (mg/dl)²", "3 mg/dl/h", "60 min"):
-        assert in_both_units(untouched) == untouched
 
 
 def test_a_person_is_told_by_what_is_farthest_from_the_usual():

@@ -64,8 +64,8 @@ def test_page_and_picture_tell_of_it(make_trace):
     traces = {"deep <b>": low, "fine": fine}
     page = interactive_page(traces, {label: summarise(trace) for label, trace in traces.items()})
     assert '<li>deep &lt;b&gt;: Glucose was below <span class="mg">40.0 mg/dl' in page
-    assert "from 10 to 19 min: the patient&#x27;s model" in page
+    assert "from 10 to 19 min: the patient&#39;s model" in page
     assert 'model not valid below <span class="mg">40 mg/dl' in page
-    assert "Time below the model&#x27;s validity" in page
+    assert "Time below the model&#39;s validity" in page
     texts = [text.get_text() for text in plot(traces).legends[0].get_texts()]
     assert "model not valid, below 40.0 mg/dl" in texts

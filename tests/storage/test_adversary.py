@@ -4,25 +4,29 @@ import numpy as np
 import polars as pl
 import pytest
 
+from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
-from glucoloop.studies.adversary.keys import read_adversary
-from glucoloop.studies.adversary.work import FINAL, Scores, rows_of, work_of
+from glucoloop.studies.adversary import ADVERSARY
+from glucoloop.studies.adversary.study import GenerationScores, rows
+from glucoloop.studies.adversary.study import read as read_adversary
 
 KEYS = {"controllers": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = read_adversary(KEYS)
-(NAME,) = (cell.name for cell in ASKED.cells())
+(NAME,) = ASKED.searches()
 FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 
 def adversary_folder(path, asked):
-    return rows_folder(path, work_of(asked), rows_of(asked))
+    final, summary = (*ADVERSARY.files, ADVERSARY.summary), ADVERSARY.summary
+    work = Work(command="adversary", what="search", keys=asked.keys(), given=asked.given, final=final, summary=summary)
+    return rows_folder(path, work, rows(asked))
 
 
 @pytest.fixture
 def begun(tmp_path):
     with adversary_folder(tmp_path / "worst", ASKED) as folder:
-        folder.add(Scores(NAME, 0, FIRST))
-        folder.add(Scores(NAME, 1, SECOND))
+        folder.add(GenerationScores(NAME, 0, FIRST))
+        folder.add(GenerationScores(NAME, 1, SECOND))
     return tmp_path / "worst"
 
 
@@ -35,7 +39,7 @@ def test_what_was_kept_is_there_to_the_bit(begun):
 
 def test_a_finished_search_tells_its_summary(begun):
     with adversary_folder(begun, ASKED) as folder:
-        folder.finish({**dict.fromkeys(FINAL, b""), "adversary.json": b'{"searches": []}'})
+        folder.finish({**dict.fromkeys(ADVERSARY.files, b""), "adversary.json": b'{"searches": []}'})
     with adversary_folder(begun, ASKED) as folder:
         assert folder.finished
         assert folder.summary() == {"searches": []}

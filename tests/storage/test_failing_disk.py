@@ -14,13 +14,13 @@ from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
 from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
-from glucoloop.studies.robust.keys import read_robust
-from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import Candidate
-from glucoloop.studies.robust.work import rows_of, work_of
+from glucoloop.studies.robust import ROBUST
+from glucoloop.studies.robust.objectives import NO_SCORES
+from glucoloop.studies.robust.study import read, rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
@@ -173,7 +173,11 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
 
 
 def robust_folder(path, asked, *, overwrite=False):
-    return rows_folder(path, work_of(asked), rows_of(asked.search, asked.far.rounds), overwrite=overwrite)
+    work = Work(
+        command=ROBUST.name, what="search", keys=asked.keys(), given=asked.given, final=(*ROBUST.files, ROBUST.summary),
+        summary=ROBUST.summary,
+    )  # fmt: skip
+    return rows_folder(path, work, rows(asked), overwrite=overwrite)
 
 
 def search(path, asked, candidates, *, overwrite):
@@ -185,9 +189,9 @@ def search(path, asked, candidates, *, overwrite):
 
 
 def searched(seeds):
-    asked = read_robust({"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
-    tuning, scores = dict.fromkeys((of.name for of in asked.search.space), 0.5), dict.fromkeys(OBJECTIVES, 1.0)
-    return asked, [Candidate(number, tuning, {**scores, "undershoot-p95": float(seeds)}) for number in range(2)]
+    asked = read({"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
+    numbers = {**dict.fromkeys(asked.start, 0.5), **dict.fromkeys(NO_SCORES, 1.0), "undershoot_p95_mg_dl": float(seeds)}
+    return asked, [{"candidate": number, "round": 0, **numbers} for number in range(2)]
 
 
 @pytest.mark.long
@@ -276,7 +280,7 @@ def test_each_operation_of_an_output_folder(tmp_path, monkeypatch, error, exchan
 
 
 def test_system_that_cannot_exchange_folders(tmp_path, monkeypatch):
-    monkeypatch.setattr(disk, "_renameat2", lambda: None)
+    monkeypatch.setattr(disk, "exchange", lambda one, other: False)
     for _ in range(2):
         old_and_new(tmp_path / "out")
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]

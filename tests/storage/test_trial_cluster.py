@@ -75,18 +75,18 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
 
 
 class Refusing:
-    """A cluster whose workers fail."""
+    """A cluster whose workers fail, at each try of a shard with the next error of its list."""
 
     def __init__(self, client, errors, pretend):
         self.client, self.errors, self.pretend = client, list(errors), pretend
         self.loop, self.nthreads = client.loop, client.nthreads
 
     def submit(self, function, *arguments, **options):
-        error, pretend = self.errors.pop(0) if self.errors else None, self.pretend
+        errors, pretend = self.errors.pop(0) if self.errors else [], self.pretend
 
         def fails(trial, index, *arguments):
-            if error is not None:
-                raise error
+            if errors:
+                raise errors.pop(0)
             return compute_shard(trial, index, pretend(trial), lambda: None)
 
         return self.client.submit(fails, *arguments, **options)
@@ -103,15 +103,15 @@ def client():
 
 def test_shard_that_fails_is_tried_again(tmp_path, make_trial, client, pretend):
     with trial_folder(tmp_path / "out", make_trial()) as folder:
-        run_on_cluster(folder, Refusing(client, [RuntimeError("a"), RuntimeError("b")], pretend), lambda people: None)
+        run_on_cluster(folder, Refusing(client, [[RuntimeError("a"), RuntimeError("b")]], pretend), lambda people: None)
         assert folder.done == 5
 
 
 @pytest.mark.parametrize(
     ("errors", "told"),
     [
-        ([RuntimeError("out of\n luck")] * 30, "failed on the cluster: out of luck; "),
-        ([None, Refusal("a worker has glucoloop 9, and this is 0")], "a worker has glucoloop 9"),
+        ([[RuntimeError("out of\n luck")] * 30] * 5, "failed on the cluster: out of luck; "),
+        ([[], [Refusal("a worker has glucoloop 9, and this is 0")] * 30], "a worker has glucoloop 9"),
     ],
 )
 def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_trial, client, pretend, errors, told):

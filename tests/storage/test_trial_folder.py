@@ -294,8 +294,9 @@ def test_place_that_is_taken_is_refused(tmp_path, make_trial):
 def test_two_runs_at_once_are_refused_and_the_lock_of_a_dead_one_is_free(tmp_path, make_trial):
     hold = (
         "import pathlib, sys, time\n"
-        "from glucoloop.storage.lock import locked\n"
-        f"with locked(pathlib.Path({str(tmp_path)!r})):\n"
+        "from glucoloop.storage.disk import locked\n"
+        f"folder = pathlib.Path({str(tmp_path)!r})\n"
+        "with locked(folder / 'lock', folder):\n"
         "    print('held', flush=True)\n"
         "    time.sleep(60)\n"
     )
@@ -375,7 +376,7 @@ def test_a_folder_that_cannot_be_made_has_a_mend(tmp_path, make_trial, pretend, 
     def refuse(*_):
         raise OSError(reason, os.strerror(reason))
 
-    monkeypatch.setattr("glucoloop.storage.disk.make_folders", refuse)
+    monkeypatch.setattr("glucoloop.storage.disk.made_folders", refuse)
     with pytest.raises(ValueError, match="cannot be written") as told:
         run(tmp_path / "out", make_trial(), pretend)
     own = f"{MENDS[reason]} and run the same command again, or " if reason in MENDS else ""

@@ -4,17 +4,19 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import polars as pl
 import pytest
 
 import glucoloop as gl
 from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.control import Status
 from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
+from glucoloop.studies.adversary import AdversarySettings
 from glucoloop.studies.adversary.attack import Attack
-from glucoloop.studies.adversary.keys import read_adversary
-from glucoloop.studies.adversary.random_errors import random_errors
-from glucoloop.studies.adversary.search import Effort, worst_errors
+from glucoloop.studies.adversary.search import random_errors, worst_errors
 from glucoloop.studies.adversary.space import ErrorSpace
+from glucoloop.studies.adversary.study import read as read_adversary
 
 ASKED = read_adversary(
     {
@@ -37,34 +39,36 @@ def pid():
 
 @pytest.fixture(scope="module")
 def attack(pid):
-    ((trial, (cell,)),) = ASKED.groups()
-    return Attack(trial, pid, cell.space, lanes=4)
+    (search,) = ASKED.searches().values()
+    return Attack(search.trial, pid, search.space, lanes=4)
 
 
 @pytest.fixture(scope="module")
 def space():
-    return ASKED.cells()[0].space
+    (search,) = ASKED.searches().values()
+    return search.space
 
 
 def test_it_is_the_loop_of_simulate(attack, pid, space):
     errors = 0.3 * np.sin(np.arange(space.samples))
     stuck = np.array([3.0, 20.0, 40.0])
-    lane, harm = attack.trace(attack.one(None), errors, stuck)
+    loop, harm = attack.trace(attack.person(None), errors, stuck)
     trace = gl.simulate(gl.patient(), pid, erring(errors, stuck, 6), scenario=gl.Scenario(horizon_min=240.0))
-    np.testing.assert_allclose(lane.glucose_mg_dl[:-1], trace.glucose_mg_dl, atol=0.05)
-    np.testing.assert_allclose(lane.reading_mg_dl, trace.reading_mg_dl, atol=0.05)
-    np.testing.assert_allclose(lane.insulin_mU_min, trace.insulin_mU_min, atol=0.05)
-    assert (lane.status == np.asarray(trace.status)).mean() > 0.9
+    for name in ("t_min", "glucose_mg_dl", "reading_mg_dl", "insulin_mU_min"):
+        np.testing.assert_allclose(loop[name], getattr(trace, name), atol=0.05)
+    status = [Status(code).name.lower().replace("_", " ") for code in np.asarray(trace.status).tolist()]
+    assert (loop["status"] == pl.Series(status)).mean() > 0.9
     assert harm.lowest_mg_dl[0] == pytest.approx(float(jnp.min(trace.fine_glucose_mg_dl)), abs=0.05)
 
 
 def test_carbohydrate_is_announced_as_people_count_it():
     keys = {"controllers": ["basal-bolus"], "guards": "without", "duration_min": 120.0, "people": 3, "seed": 5}
     told = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -20.0}
-    ((trial, (cell, *_)),) = read_adversary({**keys, **told, "errors_pct": [10.0]}).groups()
-    attack = Attack(trial, controller_of(trial, trial.cases[0]), cell.space, lanes=4)
-    none, never = np.zeros((trial.samples, 3)), np.full((cell.space.stretches, 3), float(trial.samples))
-    found = attack.on_people(np.arange(3), none, never)
+    (search,) = read_adversary({**keys, **told, "errors_pct": [10.0]}).searches().values()
+    trial = search.trial
+    attack = Attack(trial, controller_of(trial, trial.cases[0]), search.space, lanes=4)
+    none, never = np.zeros((trial.samples, 3)), np.full((search.space.stretches, 3), float(trial.samples))
+    found = attack.harm(attack.people(3), none, never)
     tried = run_people(prepare(trial), "basal-bolus", np.arange(3)).metrics
     np.testing.assert_allclose(found.lowest_mg_dl, tried["minimum_mg_dl"], atol=1e-6)
     np.testing.assert_allclose(found.peak_mg_dl, tried["peak_mg_dl"], atol=1e-6)
@@ -73,28 +77,28 @@ def test_carbohydrate_is_announced_as_people_count_it():
 def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, space):
     errors = np.random.default_rng(0).uniform(-0.3, 0.3, (space.samples, 7))
     stuck = np.tile(np.array([[2.0], [30.0], [40.0]]), 7)
-    who = attack.one(None)
-    together = attack.on_one(who, errors, stuck)
-    alone = attack.on_one(who, errors[:, 5:6], stuck[:, 5:6])
+    who = attack.person(None)
+    together = attack.harm(who, errors, stuck)
+    alone = attack.harm(who, errors[:, 5:6], stuck[:, 5:6])
     for name in ("lowest_mg_dl", "below_54_min", "peak_mg_dl"):
         assert getattr(together, name)[5] == getattr(alone, name)[0]
 
 
 def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
-    worst = worst_errors(attack, attack.one(3), space, Effort(generations=8, starts=1, population=4))
+    worst = worst_errors(attack, attack.person(3), space, AdversarySettings(generations=8, starts=1, sequences=4))
     assert np.abs(worst.errors).max() <= 0.3
     assert worst.tried == 32
-    fresh = attack.on_one(attack.one(3), worst.errors[:, None], worst.stuck_from[:, None])
-    assert fresh.lowest_mg_dl[0] == worst.lowest_mg_dl
-    assert worst.lane.glucose_mg_dl.min() >= worst.lowest_mg_dl
+    fresh = attack.harm(attack.person(3), worst.errors[:, None], worst.stuck_from[:, None])
+    assert fresh.lowest_mg_dl[0] == worst.harm.lowest_mg_dl[0]
+    assert worst.loop["glucose_mg_dl"].min() >= worst.harm.lowest_mg_dl[0]
 
 
 def test_each_person_has_random_errors_of_their_own(attack, space):
     found = random_errors(attack, space, 5, seed=1)
     fewer = random_errors(attack, space, 3, seed=1)
-    np.testing.assert_array_equal(found.harm.lowest_mg_dl[:3], fewer.harm.lowest_mg_dl)
-    assert np.unique(found.harm.lowest_mg_dl).size == 5
-    assert found.ever_below_54_pct in {20.0 * n for n in range(6)}
+    np.testing.assert_array_equal(found.lowest_mg_dl[:3], fewer.lowest_mg_dl)
+    assert np.unique(found.lowest_mg_dl).size == 5
+    assert random_errors(attack, space, 0, seed=1).lowest_mg_dl.size == 0
 
 
 def test_what_does_not_fit_is_refused(pid):

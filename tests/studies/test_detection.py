@@ -8,7 +8,6 @@ import pytest
 from glucoloop.meals import Eaten, draw_meals
 from glucoloop.studies.detection.days import who_and_when
 from glucoloop.studies.detection.evaluate import evaluate
-from glucoloop.studies.detection.keys import detection_keys, read_detection
 from glucoloop.studies.detection.scores import (
     days_of,
     delays_min,
@@ -18,6 +17,7 @@ from glucoloop.studies.detection.scores import (
     told_at,
     under_way,
 )
+from glucoloop.studies.detection.study import findings, read
 
 # Scores, by hand ------------------------------------------------------------------------------------------------------
 
@@ -105,7 +105,7 @@ def test_meals_of_a_day_are_put_in_order():
 
 @pytest.fixture(scope="module")
 def asked():
-    return read_detection(
+    return read(
         {
             "days": 3,
             "noise_variance": 0.0,
@@ -120,93 +120,102 @@ def asked():
 
 @pytest.fixture(scope="module")
 def result(asked):
-    return evaluate(asked)
+    return evaluate(asked, lambda done: None)
 
 
 @pytest.mark.long
 def test_true_meals_are_all_found_and_sized(result):
-    (of,) = result.estimators
-    assert of.meals.carbs_g.size == 6
-    assert not of.meals.missed.any()
-    assert not of.meals.already.any()
-    assert of.meals.delay_min.max() < 25.0
+    (of,) = result.of.values()
+    assert of.tables["meals"].height == 6
+    assert not of.tables["meals"]["missed"].any()
+    assert not of.tables["meals"]["already"].any()
+    assert of.tables["meals"]["delay_min"].max() < 25.0
     # each begins and ends within a sample, of which there is no telling where
-    np.testing.assert_allclose(of.meals.estimated_g, of.meals.carbs_g, atol=2.0 * 1.8)
-    at = of.curve.threshold == 0.5
-    assert of.curve.false_alarms_fasting_per_day[at] == 0.0
-    assert of.curve.false_alarms_between_per_day[at] == 0.0
-    assert (np.diff(of.curve.missed_pct) >= 0.0).all()
-    assert of.fasting_days == pytest.approx(3.0)
+    np.testing.assert_allclose(of.tables["meals"]["estimated_g"], of.tables["meals"]["carbs_g"], atol=2.0 * 1.8)
+    at = of.tables["curve"].filter(threshold=0.5)
+    assert at["false_alarms_fasting_per_day"].item() == 0.0
+    assert at["false_alarms_between_per_day"].item() == 0.0
+    assert (of.tables["curve"]["missed_pct"].diff().drop_nulls() >= 0.0).all()
+    assert of.alarms["fasting_days"] == pytest.approx(3.0)
     # what is expected of a meal comes to be what it is
-    assert np.abs(of.size_error.error_g[1, -1]) < 1.8
+    assert abs(of.tables["size_error"]["error_p50_g"][-1]) < 1.8
 
 
 @pytest.mark.long
 def test_meals_are_those_of_the_plan(asked, result):
-    (of,) = result.estimators
+    (of,) = result.of.values()
     drawn = draw_meals(asked.plan, asked.trial.seed, [0])
-    np.testing.assert_allclose(of.meals.carbs_g, drawn.carbs_g[:, 0])
-    np.testing.assert_allclose(of.meals.t_min + 1440.0 * of.meals.day, drawn.t_min[:, 0])
-    assert of.meals.day.tolist() == [0, 0, 1, 1, 2, 2]
-    assert len(set(np.round(of.meals.t_min % 5.0, 6))) == 6  # off the grid of samples
+    np.testing.assert_allclose(of.tables["meals"]["carbs_g"], drawn.carbs_g[:, 0])
+    np.testing.assert_allclose(of.tables["meals"]["t_min"] + 1440.0 * of.tables["meals"]["day"], drawn.t_min[:, 0])
+    assert of.tables["meals"]["day"].to_list() == [0, 0, 1, 1, 2, 2]
+    assert len(set((of.tables["meals"]["t_min"] % 5.0).round(6))) == 6  # off the grid of samples
 
 
 @pytest.mark.long
-def test_the_example_is_the_first_day(asked, result):
-    (of,) = result.estimators
-    held = of.example
-    np.testing.assert_allclose(held.insulin_mU_min, held.insulin_mU_min[0])
-    np.testing.assert_array_equal(held.glucose_mg_dl, held.reading_mg_dl)  # no noise
-    eaten = of.meals.carbs_g[of.meals.day == 0].sum()
-    assert 5.0 * held.emptying_mg_min.sum() / 1000.0 == pytest.approx(eaten, rel=0.01)
-    assert 5.0 * held.estimated_emptying_mg_min.sum() / 1000.0 == pytest.approx(eaten, rel=0.08)
+def test_the_example_is_the_first_day(result):
+    (of,) = result.of.values()
+    held = of.tables["day"]
+    np.testing.assert_allclose(held["insulin_mU_min"], held["insulin_mU_min"][0])
+    np.testing.assert_array_equal(held["glucose_mg_dl"], held["reading_mg_dl"])  # no noise
+    eaten = of.tables["meals"].filter(day=0)["carbs_g"].sum()
+    assert 5.0 * held["emptying_mg_min"].sum() / 1000.0 == pytest.approx(eaten, rel=0.01)
+    assert 5.0 * held["estimated_emptying_mg_min"].sum() / 1000.0 == pytest.approx(eaten, rel=0.08)
 
 
 @pytest.mark.long
-def test_numbers_of_the_summary_are_those_of_the_meals(result):
-    (of,) = result.estimators
-    summary = of.summary()
+def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
+    meals = result.of["moving-horizon"].tables["meals"].to_numpy(structured=True)
+    summary = findings(asked, result).plain["estimators"]["moving-horizon"]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
-    assert summary["delay_median_min"] == pytest.approx(np.median(of.meals.delay_min))
-    error = of.meals.estimated_g - of.meals.carbs_g
+    assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))
+    error = meals["estimated_g"] - meals["carbs_g"]
     assert summary["size_error_after_end_mean_absolute_g"] == pytest.approx(np.abs(error).mean())
     assert summary["missed_pct"] == 0.0
-    at_30 = of.meals.expected_g[30.0] - of.meals.carbs_g
+    at_30 = meals["expected_30_min_g"] - meals["carbs_g"]
     assert summary["size_error_at_30_min_median_g"] == pytest.approx(np.median(at_30))
+    assert summary["size_error_at_30_min_p90_g"] == pytest.approx(np.quantile(at_30, 0.9))
+    for size in summary["by_size"]:
+        within = (meals["carbs_g"] >= size["from_g"]) & (meals["carbs_g"] < (size["to_g"] or np.inf))
+        assert size["meals"] == within.sum()
 
 
-def test_a_summary_of_no_meals_is_none():
-    with_meals = read_detection({"days": 1, "meals": [], "meal_size_spread_pct": 0.0})
-    assert with_meals.trial.plan.meals == ()
+@pytest.mark.long
+def test_without_meals_there_is_no_number_of_them():
+    asked = read({"days": 1, "meals": [], "meal_size_spread_pct": 0.0, "controller": "basal", "estimators": ["kalman"]})
+    summary = findings(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
+    assert (summary["meals"], summary["delay_median_min"], summary["missed_pct"]) == (0, None, None)
+    assert summary["false_alarms_between_per_day"] is None
+    assert summary["false_alarms_fasting_per_day"] >= 0.0
 
 
 # What is asked for ----------------------------------------------------------------------------------------------------
 
 
 def test_a_test_is_read_again_from_its_keys(asked):
-    for detection in (asked, read_detection({}), read_detection({"people": 7, "population": "parker2000"})):
-        again = read_detection(detection_keys(detection))
+    for detection in (asked, read({}), read({"people": 7, "population": "parker2000"})):
+        again = read(detection.keys())
         assert again == detection
-        assert detection_keys(again) == detection_keys(detection)
+        assert again.keys() == detection.keys()
 
 
 def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
-    one, many = read_detection({}), read_detection({"people": 30, "population": "parker2000", "seed": 3})
-    assert (one.trial.people, one.days, one.estimators) == (1, 100, ("moving-horizon", "kalman"))
-    assert (many.trial.people, many.days) == (30, 1)
-    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.estimators)
-    person, day_of, infeasible = who_and_when(dataclasses.replace(many, days=2))
+    one, many = read({}), read({"people": 30, "population": "parker2000", "seed": 3})
+    assert (one.trial.people, one.own.days, one.own.estimators) == (1, 100, ("moving-horizon", "kalman"))
+    assert (many.trial.people, many.own.days) == (30, 1)
+    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.own.estimators)
+    twice = dataclasses.replace(many, own=dataclasses.replace(many.own, days=2))
+    person, day_of, infeasible = who_and_when(twice)
     assert day_of.tolist() == [0, 1] * (person.size // 2)
     assert person.size // 2 + infeasible == 30
 
 
 def test_settings_of_the_estimator_are_not_the_controllers():
-    asked = read_detection({"controller": "mpc-se", "measurement_variance": 3.0, "move_weight": 2.0})
+    asked = read({"controller": "mpc-se", "measurement_variance": 3.0, "move_weight": 2.0})
     (case,) = asked.trial.cases
     assert asked.settings["measurement_variance"] == 3.0
     assert case.tuning["measurement_variance"] == 1.45
     assert case.tuning["move_weight"] == 2.0
-    assert asked.case("kalman") == asked.case("moving-horizon") == "mpc-se"
+    assert asked.case("kalman").label == asked.case("moving-horizon").label == "mpc-se"
 
 
 @pytest.mark.parametrize(
@@ -215,8 +224,8 @@ def test_settings_of_the_estimator_are_not_the_controllers():
         ({"estimators": []}, "estimators names none; give one or more of moving-horizon, kalman"),
         ({"estimators": ["kalmen"]}, "estimators has the unknown 'kalmen'; did you mean 'kalman'?"),
         ({"estimators": ["kalman", "kalman"]}, "estimators has 'kalman' twice; leave one out"),
-        ({"threshold": 0.0}, "a threshold of 0 is not possible; give more than 0 and less than 1"),
-        ({"threshold": 1.0}, "a threshold of 1 is not possible"),
+        ({"threshold": 0.0}, "threshold is 0; give a number above 0 and below 1"),
+        ({"threshold": 1.0}, "threshold is 1; give a number above 0 and below 1"),
         ({"days": 0}, "days is 0; give"),
         ({"days": 366, "people": 1000}, "366 days of 1000 people are too many; give at most 100000 days in all"),
         ({"estimator": "kalman"}, "the controller meal-mpc is tried with each of the estimators"),
@@ -230,5 +239,5 @@ def test_settings_of_the_estimator_are_not_the_controllers():
 )
 def test_what_cannot_be_is_refused(keys, sentence):
     with pytest.raises(ValueError, match=r"^.*$") as refused:
-        read_detection(keys)
+        read(keys)
     assert sentence in str(refused.value)

@@ -1,7 +1,5 @@
 """Many tunings in one program are what each comes to alone."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,13 +12,14 @@ from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.parts.ranges import Tuned
-from glucoloop.patients import patient
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
+from glucoloop.studies.robust import RANGES, HowFar, RobustSettings
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import METRICS
-from glucoloop.studies.robust.search import Group, Search, SearchEngine
+from glucoloop.studies.robust.search import Search, SearchEngine
+from glucoloop.studies.robust.study import read
 from glucoloop.studies.robust.subjects import draw_subjects
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
@@ -75,9 +74,7 @@ def trial():
 
 @pytest.fixture(scope="module")
 def subjects(trial):
-    return draw_subjects(
-        patient(), trial.population, people=3, people_seed=7, seeds=2, first_seed=100, setpoint_mg_dl=81.1
-    )
+    return draw_subjects(trial, people=3, people_seed=7, seeds=2, first_seed=100)
 
 
 @pytest.fixture(scope="module")
@@ -128,37 +125,41 @@ class ClosedForm:
 
 def test_a_search_goes_on_to_the_same_candidates(trial, monkeypatch):
     monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
-    search = Search(
-        trial=trial, space=SPACE, group=Group(2, 1, 2, 0), check=Group(2, 2, 2, 10), batch=4, sampler_seed=1
-    )
+    own = RobustSettings(
+        people=2, people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,
+        sampler_seed=1,
+    )  # fmt: skip
+    search = Search(trial=trial, space=SPACE, own=own, far=HowFar(rounds=2))
     engine = SearchEngine(search)
-    whole = list(engine.candidates(2, ()))
-    assert [of.number for of in whole] == list(range(8))
-    assert whole[0].tuning == search.start
-    rest = list(engine.candidates(2, (), whole[:3]))
-    assert [vars(of) for of in rest] == [vars(of) for of in whole[3:]]
-    assert list(engine.candidates(2, (), whole)) == []
-    other = dataclasses.replace(whole[2], tuning={"filter_min": 1.23})
+    whole = list(engine.missing([]))
+    assert [of["candidate"] for of in whole] == list(range(8))
+    assert [of["round"] for of in whole] == [0] * 4 + [1] * 4
+    assert search.tuning(whole[0]) == search.start
+    assert list(engine.missing(whole[:3])) == whole[3:]
+    assert list(engine.missing(whole)) == []
+    other = {**whole[2], "filter_min": 1.23}
     with pytest.raises(ValueError, match="candidate 2 of the search was another tuning than tpe proposes now"):
-        next(engine.candidates(2, (), [*whole[:2], other]))
-    checked = {of.label: of for of in engine.check(whole[3].tuning)}
-    assert checked.keys() == {"chosen", "as it was"}
-    assert checked["chosen"].undershoot_mg_dl.shape == (4,)
-    assert checked["chosen"].scores["undershoot-p95"] != whole[3].scores["undershoot-p95"]  # on others
+        next(engine.missing([*whole[:2], other]))
+    table, scores = engine.check(search.tuning(whole[3]))
+    assert scores.keys() == {"chosen", "as it was"}
+    assert table.group_by("controller", "group", maintain_order=True).len().rows() == [
+        (label, group, 2) for label in scores for group in ("people", "noise")
+    ]
+    assert scores["chosen"]["undershoot_p95_mg_dl"] != whole[3]["undershoot_p95_mg_dl"]  # on others
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("keys", "sentence"),
     [
-        ({"space": ()}, "nothing is tuned"),
-        ({"objectives": ("peak-p95", "peak-p95")}, "give two that differ"),
-        ({"at_most": (("peak-p95", "mpc"),)}, "bounded by 'mpc', which is neither"),
-        ({"at_most": (("peaks", 1.0),)}, "unknown objective 'peaks'"),
-        ({"check": Group(2, 1, 2, 10)}, "people are drawn with the seed 1 for the search and for the check"),
-        ({"check": Group(2, 2, 2, 1)}, "the noise of seed 1 is met in the search and in the check"),
+        (dict.fromkeys((name for name, of in RANGES.items() if of.unasked), 1.0), "nothing is tuned"),
+        ({"objectives": ["peak-p95", "peak-p95"]}, "give two objectives that differ"),
+        ({"objectives": ["peak-p95", "peaks"]}, "unknown objective 'peaks'"),
+        ({"at_most": ["peak-p95=mpc"]}, "'mpc' is neither a number nor a controller that stands beside: mpc-se"),
+        ({"at_most": ["peaks=1"]}, "unknown objective 'peaks'"),
+        ({"check_people_seed": 424242}, "people are drawn with the seed 424242 for the search and for the check"),
+        ({"check_first_seed": 900_039}, "the noise of seed 900039 is met in the search and in the check"),
     ],
 )
-def test_searches_that_are_refused(trial, change, sentence):
-    sound = {"trial": trial, "space": SPACE, "group": Group(2, 1, 2, 0), "check": Group(2, 2, 2, 10)}
+def test_searches_that_are_refused(keys, sentence):
     with pytest.raises(ValueError, match=sentence):
-        Search(**{**sound, **change})
+        read(keys)

@@ -4,12 +4,13 @@ import dataclasses
 import sys
 
 import numpy as np
+import polars as pl
 import pytest
 
 from glucoloop.parts.ranges import Tuned, parse_range
-from glucoloop.studies.robust.front import BOTH, Bound, choose, keeps, pareto
-from glucoloop.studies.robust.objectives import OBJECTIVES, objective, scores
-from glucoloop.studies.robust.options import RANGES
+from glucoloop.studies.robust import BOTH, RANGES
+from glucoloop.studies.robust.front import Bound, choose, judged, pareto
+from glucoloop.studies.robust.objectives import NO_SCORES, objective, scores
 from glucoloop.tuning.samplers import Told, make_sampler
 
 
@@ -51,16 +52,23 @@ def test_choice_of_the_front():
     names = ("peak-p95", "undershoot-p95")
     assert [choose(front, names, of) for of in (*names, BOTH)] == [0, 2, 1]
     assert choose(front[:1], names, BOTH) == 0
-    with pytest.raises(ValueError, match="'x' cannot be preferred; the known ones are: peak-p95"):
-        choose(front, names, "x")
 
 
 def test_bounds():
-    of = dict.fromkeys(OBJECTIVES, 1.0)
-    assert keeps(of, [Bound("peak-p95", 1.0)], ("peak-p95",))
-    assert not keeps(of, [Bound("peak-p95", 0.99)], ("peak-p95",))
-    assert not keeps({**of, "peak-p95": np.nan}, [], ("peak-p95",))
-    assert Bound("peak-p95", 100.0).violation({"peak-p95": 110.0}) == pytest.approx(0.1)
+    peaks, names = [1.0, 0.9, None, 3.0], ("peak-p95", "undershoot-p95")
+    tried = pl.DataFrame({name: peaks if name == "peak_p95_mg_dl" else [1.0] * 4 for name in NO_SCORES})
+
+    def found(*bounds):
+        table = judged(tried, bounds, names)
+        return table["keeps_the_bounds"].to_list(), table["chosen"].to_list().index(True)
+
+    assert found() == ([True, True, False, True], 1)
+    assert found(Bound("peak-p95", 1.0)) == ([True, True, False, False], 1)
+    assert found(Bound("peak-p95", 0.89)) == ([False] * 4, 1)
+    assert found(Bound("peak-p95", 0.89), Bound("peak-median", 2.0)) == ([False] * 4, 1)
+    assert Bound("peak-p95", 100.0).violation({"peak_p95_mg_dl": 110.0}) == pytest.approx(0.1)
+    with pytest.raises(ValueError, match="no tuning of the search has a controller"):
+        judged(tried[2:3], (), names)
 
 
 def test_scores_by_hand():
@@ -72,14 +80,14 @@ def test_scores_by_hand():
         "insulin_total_variation_mU_min": np.array([9.0, 9.0, 9.0, 1.0, 2.0, 6.0]),
     }
     found = scores(metrics, 3)
-    assert found.keys() == OBJECTIVES.keys()
-    assert found["undershoot-median"] == pytest.approx(6.1)
-    assert found["undershoot-p95"] == pytest.approx(0.9 * 11.1 + 0.1 * 6.1)  # of three, 95 % lies at 1.9
-    assert (found["peak-median"], found["total-variation"]) == (91.0, 2.0)
-    assert found["people-peak-p95"] == pytest.approx(119.0)
-    assert found["people-below-60"] == 1.0
+    assert list(found) == list(NO_SCORES)
+    assert found["undershoot_median_mg_dl"] == pytest.approx(6.1)
+    assert found["undershoot_p95_mg_dl"] == pytest.approx(0.9 * 11.1 + 0.1 * 6.1)  # of three, 95 % lies at 1.9
+    assert (found["peak_median_mg_dl"], found["total_variation_mU_min"]) == (91.0, 2.0)
+    assert found["people_peak_p95_mg_dl"] == pytest.approx(119.0)
+    assert found["people_below_60"] == 1.0
     metrics["minimum_mg_dl"] = np.full(6, np.nan)
-    assert np.isnan(scores(metrics, 3)["people-below-60"])
+    assert np.isnan(scores(metrics, 3)["people_below_60"])
 
 
 def test_unknown_objectives_are_refused():

@@ -10,7 +10,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NoReturn
 
 import glucoloop
 from glucoloop.cli.command import Command
@@ -20,7 +20,7 @@ from glucoloop.cli.results import forgotten
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.studies.catalogue import LIMITS, SAFETY, SIMULATE, STUDIES
+from glucoloop.studies.catalogue import LIMITS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
 _ALLOW_CODE: Final = "--allow-code"
 _HELP: Final = ("-h", "--help")
@@ -29,15 +29,6 @@ _INTRO: Final = (
     "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, compare "
     "controllers, try them on a population. Research software, not a medical device."
 )
-
-
-class CommandEntry(NamedTuple):
-    """A command in the help of the program."""
-
-    place: str
-    """Place ``module:attribute`` of its `command.Command`; nothing of it is imported before it is asked for."""
-    group: str
-    summary: str
 
 
 _MODELS: Final = "People and models"

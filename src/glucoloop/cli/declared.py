@@ -104,7 +104,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
 
-    work, trial = _work(study, "trial", asked, ()), asked.trial
+    work, trial = _work(study, "trial", asked, ()), module.trial_of(asked)
 
     def finish(folder: TrialFolder) -> Findings:
         if folder.finished:

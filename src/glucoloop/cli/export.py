@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from glucoloop.cli.options import (
-    ALLOW_CODE,
-    CASE,
-    OUTPUT,
-    SITUATION,
-    Given,
-    Option,
-    names,
-    options_of,
-    with_options,
-    without,
-)
-from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
-from glucoloop.cli.screen import stage
-from glucoloop.cli.telling import note_on_boluses
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.options.export import ChipKeys
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given, options_of, without
+from glucoloop.cli.request import completed, request_of
+from glucoloop.cli.screen import note, stage
 from glucoloop.refusal import Refusal
-
-if TYPE_CHECKING:
-    from glucoloop.config.export import Export
+from glucoloop.situations.doubts import boluses_into_a_vein
+from glucoloop.situations.request import asked_for, read_root
+from glucoloop.studies.exported import Export
 
 HELP: Final = (
     "Write a controller in C for a microcontroller, with recorded samples and a self-test.\n\n"
@@ -36,40 +24,32 @@ HELP: Final = (
     "  glucoloop export --controller mpc-se --guard --target cortex-m4f --out pump\n\n"
     "  glucoloop export --check pump --samples 10000"
 )
-_TAKEN: Final = ("meals", "duration_min", "integrator", "faults", "metrics", "initial_glucose_mg_dl")
-"""Options of a run that do not concern a controller: the recorded samples have meals and faults of their own."""
-OPTIONS: Final = (
-    *options_of(ChipKeys),
-    Option(
-        "check",
-        "--check",
-        str,
-        "Check a folder that was written before, with all that is installed: NumPy, the native engine, C on this "
-        "computer and in QEMU, MISRA C by cppcheck, and bounds of the dose by Frama-C.",
-        "Chip",
-        metavar="DIR",
-    ),
-    *without((*SITUATION, *CASE), *_TAKEN),
-    *OUTPUT,
+_CHECK: Final = CommandOption(
+    "check",
+    "--check",
+    "Check a folder that was written before, with all that is installed: NumPy, the native engine, C on this computer "
+    "and in QEMU, MISRA C by cppcheck, and bounds of the dose by Frama-C.",
+    panel="Chip",
+    metavar="DIR",
 )
+OPTIONS: Final = (_CHECK, *without(options_of(Export), Export.refused), *SHORT, *OUTPUT)
 
 
-@with_options(OPTIONS)
-def command(given: Given) -> None:
+def _export(typed: Given) -> None:
     """Check the request, write or check the folder, and print the results."""
-    if "check" in given:
-        _check(given)
+    if _CHECK.key in typed:
+        _check(typed)
         return
-    keys, output, file = split_off_output(given)
-    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
-    note_on_boluses(asked.run.situation.patient, [asked.run.case.controller])
+    request = request_of(typed, OPTIONS)
+    read_root(Export, request.tree)
+    output = request.output
+    asked: Export = completed(request, functools.partial(asked_for, Export))
+    note(boluses_into_a_vein(asked))
     with output.folder() as folder:
         if folder is None:
             raise Refusal("an exported controller is a folder; name one with --out")
-        with stage("Importing the simulator"):
-            from glucoloop.cli.compiled import keep_compiled
-            from glucoloop.cli.exported import report, tell, write
-        keep_compiled()
+        from glucoloop.cli.exported import report, tell, write
+
         with stage("Designing the controller, and writing it in C"):
             written = write(asked, folder)
         files = folder.paths()
@@ -83,40 +63,30 @@ def command(given: Given) -> None:
         sys.exit(1)
 
 
-def _read(keys: Given, of_file: Given) -> Export:
-    from glucoloop.config.export import read_export
-    from glucoloop.config.run import overlay
-
-    called = names(OPTIONS, keys)
-    chip = own_keys({**of_file, **keys}, ChipKeys)
-    lower, upper = ({k: v for k, v in of.items() if k not in declared(ChipKeys)} for of in (of_file, keys))
-    run = overlay(lower, upper, called)
-    return read_export({**run, **chip}, called)
-
-
-def _check(given: Given) -> None:
-    extra = sorted(given.keys() - {"check", "samples", "json", "target", ALLOW_CODE.key})
+def _check(typed: Given) -> None:
+    extra = sorted(typed.keys() - {_CHECK.key, "samples", "json", "target", ALLOW_CODE.key})
     if extra:
-        called = ", ".join(names(OPTIONS, {key: given[key] for key in extra}).values())
+        called = ", ".join(option.flag for option in OPTIONS if option.key in extra)
         raise Refusal(f"--check reads how the controller was designed from the folder; leave out {called}")
-    folder = Path(str(given["check"]))
-    with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
-        from glucoloop.cli.exported import check, tell_rungs
-        from glucoloop.config.export import read_export
+    folder = Path(str(typed[_CHECK.key]))
     configuration = folder / "run.toml"
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
-    asked = read_again(lambda _, of_file: read_export(of_file), keys_used, {}, file_keys(configuration))
-    chosen: Given = {key: given[key] for key in ("samples", "target") if key in given}
-    wanted = read_export({**asked.keys(), **chosen}, names(OPTIONS, given))
-    keep_compiled()
+    chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
+    asked: Export = completed(
+        request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
+    )
+    from glucoloop.cli.exported import check, tell_rungs
+
     with stage("Checking"):
-        rungs = check(asked, folder, wanted.chip.samples, wanted.chip.target)
-    if given.get("json"):
+        rungs = check(asked, folder)
+    if typed.get("json"):
         from glucoloop.storage.strict_json import json_text, with_version
 
         print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
     else:
         tell_rungs(rungs)
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)
+
+
+EXPORT: Final = Command("export", HELP, OPTIONS, _export, more="run")

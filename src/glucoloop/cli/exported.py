@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from glucoloop.cli.telling import where_written
-from glucoloop.config.export import Export
 from glucoloop.control import Controller
+from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
@@ -18,14 +18,15 @@ from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
+from glucoloop.parts.models import FilePart
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.storage.strict_json import json_text, with_version
-from glucoloop.studies.closed_loop import controller_for, model_for
-from glucoloop.studies.exported import exported_controller, name_of
+from glucoloop.studies.closed_loop import model_arguments, model_for
+from glucoloop.studies.exported import Export, exported_controller, name_of
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,11 @@ class Made:
 
 def made_of(asked: Export) -> Made:
     """Design a controller and write it in C."""
-    situation = asked.run.situation.situation()
-    model = model_for(asked.run, situation)
-    controller = controller_for(asked.run, situation, model)
-    exported = exported_controller(asked.run, asked.chip, situation, controller, stepper_of(situation, 0))
-    return Made(exported, controller, situation, model)
+    case = asked.case
+    model = model_for(asked, case)
+    controller = controller_of(asked, case, **model_arguments(model))
+    exported = exported_controller(asked, case, controller, stepper_of(asked, 0))
+    return Made(exported, controller, asked, model)
 
 
 def write(asked: Export, folder: OutputFolder) -> Written:
@@ -77,27 +78,26 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     ValueError
         If the controller cannot be designed or exported.
     """
-    made, chip = made_of(asked), chip_of(asked.chip.target)
+    made, chip = made_of(asked), chip_of(asked.target)
     exported = made.exported
-    of_loop = made.recorded(asked.chip.samples, asked.run.situation.seed)
+    of_loop = made.recorded(asked.samples, asked.seed)
     chips = [] if chip is None else [chip]
     rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
     for file, text in code_files(exported, of_loop, chip).items():
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
-    name, guarded = name_of(asked.run), asked.run.case.guard
+    name, guarded = name_of(asked, asked.case), asked.case.guard is not None
     checks = [rung.as_dict() for rung in rungs]
     folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
     written = Written(asked, exported, rungs)
     folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
-    keys, given = asked.keys(), asked.given
+    used, given = asked.tree(whole=True), asked.tree()
     if made.model is not None:
         folder.write("model.json", made.model.text())
-        if asked.run.case.model is not None:
-            keys["model"] = "model.json"
-            given = None if given is None else {**given, "model": "model.json"}
-    folder.write("run.toml", toml_text(keys, "export --config run.toml --out DIR", given))
+        if isinstance(asked.case.model, FilePart):
+            used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
+    folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
     return written
 
 
@@ -105,7 +105,7 @@ def report(written: Written) -> dict[str, Any]:
     """Plain values for JSON."""
     source = written.exported.source
     return {
-        "config": written.asked.keys(),
+        "config": written.asked.tree(whole=True),
         "design": source.design,
         "form": source.form,
         "precision": written.exported.precision,
@@ -115,7 +115,7 @@ def report(written: Written) -> dict[str, Any]:
     }
 
 
-def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
+def check(asked: Export, folder: Path) -> list[Rung]:
     """Design the controller of a folder again, and run the whole ladder.
 
     Raises
@@ -124,9 +124,9 @@ def check(asked: Export, folder: Path, samples: int, target: str) -> list[Rung]:
         If the design of the folder is not possible any more.
     """
     made = made_of(asked)
-    of_loop = made.recorded(samples, asked.run.situation.seed)
+    of_loop = made.recorded(asked.samples, asked.seed)
     rungs, form = [_same_file(made.exported, folder)], made.exported.source.form
-    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(target)), samples=CHECKED[form], deep=True)]
+    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(asked.target)), samples=CHECKED[form], deep=True)]
 
 
 def _same_file(exported: Exported, folder: Path) -> Rung:

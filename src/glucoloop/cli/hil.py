@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import CASE, MMOL, OUTPUT, SITUATION, Given, names, options_of, with_options
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import MMOL, OUTPUT, SHORT, Given, options_of
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import file_keys, keys_used, read_again, split_off_output, with_lists
+from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.run import tell, write_outcome
 from glucoloop.cli.screen import stage
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.options.hil import HilKeys
+from glucoloop.situations.request import asked_for, read_root
+from glucoloop.studies.hardware import Hil
 
 if TYPE_CHECKING:
-    from glucoloop.config.hil import Hil
     from glucoloop.studies.hil import HilOutcome
 
 HELP: Final = (
@@ -28,26 +29,23 @@ HELP: Final = (
     "  glucoloop hil --controller pid --duration 1440 --power-cuts 1000 --damaged 100 --outages 5 --out night\n\n"
     "  glucoloop hil --config first/run.toml --chip /dev/ttyACM0 --real-time"
 )
-OPTIONS: Final = (*options_of(HilKeys), *SITUATION, *CASE, *OUTPUT, MMOL)
+OPTIONS: Final = (*options_of(Hil), *SHORT, *OUTPUT, MMOL)
 
 
-@with_options(OPTIONS)
-def command(given: Given) -> None:
+def _hil(typed: Given) -> None:
     """Check the request, run the loop, write and print the results."""
-    keys, output, file = split_off_output(given)
-    asked = read_again(_read, keys_used, with_lists(keys), file_keys(file))
-    files: dict[str, str] = {}
+    request = request_of(typed, OPTIONS)
+    read_root(Hil, request.tree)
+    output, files = request.output, dict[str, str]()
     with output.folder() as folder:
-        with stage("Importing the simulator"):
-            from glucoloop.cli.compiled import keep_compiled
-            from glucoloop.studies.hil import run_hardware
-        keep_compiled()
+        asked: Hil = completed(request, functools.partial(asked_for, Hil))
+        from glucoloop.studies.hil import run_hardware
+
         with counted(asked.samples, 0, "samples") as progress:
             found = run_hardware(asked, progress)
         if folder is not None:
             with stage("Drawing"):
-                again = asked.with_run(found.outcome.repeat())
-                write_outcome(folder, found.outcome, output, found.report(), again.keys(), again.given, "hil")
+                write_outcome(folder, asked, found.outcome, output, found.report(), "hil")
                 for name, text in found.firmware().items():
                     folder.write(name, text)
             files = folder.paths()
@@ -56,19 +54,9 @@ def command(given: Given) -> None:
         sys.exit(1)
 
 
-def _read(keys: Given, of_file: Given) -> Hil:
-    from glucoloop.config.hil import read_hil
-    from glucoloop.config.run import overlay
-
-    called = names(OPTIONS, keys)
-    chip = own_keys({**of_file, **keys}, HilKeys)
-    lower, upper = ({k: v for k, v in of.items() if k not in declared(HilKeys)} for of in (of_file, keys))
-    return read_hil({**overlay(lower, upper, called), **chip}, called)
-
-
 def _lines(found: HilOutcome) -> Iterator[str]:
     """The chip, its decisions and what befell it, one sentence each."""
-    on_chip, source, asked = found.on_chip, found.exported.source, found.asked.chip
+    on_chip, source, asked = found.on_chip, found.exported.source, found.asked
     samples, equal = len(on_chip.answered), on_chip.equal.count(True)
     yield f"Chip: {asked.chip}, design {source.design[:16]}, {source.form} form, {asked.precision}."
     yield f"{equal} of {samples} decisions are equal to the bit to those of the same controller without a chip."
@@ -89,3 +77,6 @@ def _lines(found: HilOutcome) -> Iterator[str]:
     if counts:
         yield f"Link and power: {', '.join(counts)}."
     yield f"Speed: {on_chip.samples_per_s:.3g} samples/s."
+
+
+HIL: Final = Command("hil", HELP, OPTIONS, _hil, more="run")

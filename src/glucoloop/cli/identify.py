@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.options import OUTPUT, Given, names, options_of, with_options
-from glucoloop.cli.request import Output, file_keys, read_again, split_off_output
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import OUTPUT, SHORT, Given, options_of, without
+from glucoloop.cli.request import Output, completed, request_of
 from glucoloop.cli.screen import stage
 from glucoloop.cli.study import tell_results
-from glucoloop.config.options.identification import IdentificationKeys
+from glucoloop.situations.request import asked_for, read_root
 from glucoloop.storage.strict_json import with_version
+from glucoloop.studies.identification import ModelRequest
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -26,49 +29,28 @@ HELP: Final = (
     "  glucoloop identify --data record.csv --out model\n\n"
     "  glucoloop run --model model/model.json"
 )
-_OPTIONS: Final = (*options_of(IdentificationKeys), *OUTPUT)
+_OPTIONS: Final = (*without(options_of(ModelRequest), ModelRequest.refused), *SHORT, *OUTPUT)
 
 
-@with_options(_OPTIONS)
-def command(given: Given) -> None:
+def _identify(typed: Given) -> None:
     """Check the request, identify, write the model and report on it."""
-    keys, output, file = split_off_output(given)
-    of_file = file_keys(file)
-    asked, given = read_again(_read, _used, keys, of_file), _merged(keys, of_file)
-    files: dict[str, str] = {}
+    request = request_of(typed, _OPTIONS)
+    read_root(ModelRequest, request.tree)
+    output, files = request.output, dict[str, str]()
     with output.folder() as folder:
-        with stage("Importing the simulator"):
-            from glucoloop.cli.compiled import keep_compiled
-            from glucoloop.studies.identified import identify
-        keep_compiled()
+        asked: ModelRequest = completed(request, functools.partial(asked_for, ModelRequest))
+        from glucoloop.studies.identified import identify
+
         with stage("Identifying a model"):
             identified = identify(asked)
         if folder is not None:
             with stage("Drawing"):
-                _write(folder, identified, given)
+                _write(folder, identified)
             files = folder.paths()
     _tell(identified, output, files)
 
 
-def _read(keys: Given, of_file: Given) -> IdentificationKeys:
-    from glucoloop.config.identification import read_identification
-
-    return read_identification(_merged(keys, of_file), names(_OPTIONS, keys))
-
-
-def _merged(keys: Given, of_file: Given) -> Given:
-    from glucoloop.config.identification import overlay_identification
-
-    return overlay_identification(of_file, keys)
-
-
-def _used(asked: IdentificationKeys) -> Given:
-    from glucoloop.config.identification import identification_keys
-
-    return identification_keys(asked)
-
-
-def _write(folder: OutputFolder, identified: Identified, given: Given) -> None:
+def _write(folder: OutputFolder, identified: Identified) -> None:
     from glucoloop.cli.pictures import write_figure
     from glucoloop.report import plot_identification, plot_validation
     from glucoloop.situations.toml import toml_text
@@ -93,8 +75,9 @@ def _write(folder: OutputFolder, identified: Identified, given: Given) -> None:
     if identified.data is not None:
         folder.write("data.csv", identified.data)
         data = {"data": "data.csv"}
-    used = {**_used(identified.config), **data}
-    folder.write("identify.toml", toml_text(used, "identify --config identify.toml", {**given, **data}))
+    used, given = identified.config.tree(whole=True), identified.config.tree()
+    text = toml_text({**used, **data}, "identify --config identify.toml", {**given, **data})
+    folder.write("identify.toml", text)
 
 
 def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None:
@@ -130,3 +113,6 @@ def _warning(identified: Identified) -> tuple[str, ...]:
             f"leave out --memory, --laguerre-pole and --laguerre-functions, so that the record chooses them; or {mend}"
         )
     return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")
+
+
+IDENTIFY: Final = Command("identify", HELP, _OPTIONS, _identify)

@@ -7,6 +7,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from glucoloop.parts.grammar import part_text
 from glucoloop.parts.part import Part
 from glucoloop.parts.setting import Setting, value_text
 from glucoloop.situations.option import OUTPUT_PANEL, WORK_PANEL, Option
@@ -59,7 +60,7 @@ def _option_of(setting: Setting) -> CommandOption | None:
         panel=about.panel,
         metavar=None if setting.kind is bool else about.metavar or _metavar(setting),
         many=setting.many,
-        default=about.default or _told(setting),
+        default=_told(setting) or about.default,
         rare=about.rare,
         alone=about.alone,
         setting=setting,
@@ -73,7 +74,7 @@ def flag_of(name: str, unit: str) -> str:
 
 
 def _metavar(setting: Setting) -> str:
-    if isinstance(setting.kind, type) and issubclass(setting.kind, Part):
+    if setting.is_part:
         return "PART"
     return (
         "|".join(map(str, setting.choices))
@@ -87,6 +88,8 @@ def _told(setting: Setting) -> str:
     default = setting.default.noise_free
     if default is None or isinstance(default, bool | Part) or default == ():
         return ""
+    if isinstance(default, tuple) and isinstance(default[0], Part):
+        return ", ".join(part_text(part.tree()) for part in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
 
 

@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NoReturn
 
-from glucoloop.cli.option import CommandOption, Given
+from glucoloop.cli.option import CommandOption, Given, flag_of
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PANELS
 
@@ -93,7 +93,8 @@ class Parser(argparse.ArgumentParser):
             if not word.startswith("-"):
                 raise Refusal(f"{self.prog} takes no argument {word!r}; {see}")
             near = difflib.get_close_matches(word, [option.flag for option in self._options], n=1)
-            raise Refusal(f"there is no option {word}; {f'did you mean {near[0]}?' if near else see}")
+            told = self._put_otherwise(word) or (f"did you mean {near[0]}?" if near else see)
+            raise Refusal(f"there is no option {word}; {told}")
         lacking = re.match(r"argument (\S+?)(?:/\S+)?: expected one argument", message)
         if lacking is not None:
             raise Refusal(f"{lacking[1]} has no value; give one after it")
@@ -101,6 +102,22 @@ class Parser(argparse.ArgumentParser):
         if missing is not None:
             raise Refusal(f"{missing[1]} is missing; {see}")
         raise Refusal(f"{message}; {see}")
+
+    def _put_otherwise(self, word: str) -> str:
+        """What to write in place of an option that is none: a part that is left out, or a setting of a part."""
+        from glucoloop.parts.catalogue import catalogues
+
+        flags = {option.flag: option for option in self._options}
+        off = word.replace("--no-", "--", 1)
+        if off != word and off in flags and flags[off].metavar is not None:
+            return f"write {off} none"
+        for kind, catalogue in catalogues().items():
+            for name, part in catalogue.items() if f"--{kind}" in flags else ():
+                for setting in part.settings().values():
+                    flag = flag_of(setting.name, setting.unit)
+                    if word in (flag, f"--{setting.name}".replace("_", "-"), f"--{kind}-{flag[2:]}"):
+                        return f"write --{kind} '{'' if catalogue.unnamed else f'{name}, '}{setting.name}=...'"
+        return ""
 
     def format_help(self) -> str:
         """Help of a command: what it does, its options by heading, and the names of those that are seldom needed."""

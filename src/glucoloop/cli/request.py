@@ -12,7 +12,6 @@ from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOptio
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
-from glucoloop.parts.part import Part
 from glucoloop.parts.tree import as_table, over, put
 from glucoloop.refusal import Refusal
 
@@ -22,7 +21,16 @@ if TYPE_CHECKING:
 _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
-_EXCLUDING: Final = {"days": ("duration_min",), "duration_min": ("days",), "data": ("patient",)}
+_EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
+_RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
+_EXCLUDING: Final = {
+    "days": ("duration_min",),
+    "duration_min": ("days",),
+    "data": _EXPERIMENT,
+    **dict.fromkeys(_EXPERIMENT, _RECORD),
+    "best_pole": ("laguerre_pole",),
+    "laguerre_pole": ("best_pole",),
+}
 """Settings of a file that a setting of the command line takes the place of."""
 
 
@@ -99,7 +107,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
             chain = list(map(as_table, _listed(tree.get("sensor", []))))
-            tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag)})
+            tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag, alone=True)})
     for text in typed.get(SET.key, ()):
         place, equals, value = text.partition("=")
         if not equals or not value.strip():
@@ -111,19 +119,20 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
 def _leaf(option: CommandOption, value: Any) -> Any:
     """What an option gives: a value, a part, or a list of either."""
     setting = option.setting
-    if setting is not None and isinstance(setting.kind, type) and issubclass(setting.kind, Part):
-        texts = value if option.many else [value]
-        if any(text.strip() == NONE for text in texts):
-            if len(texts) > 1:
-                raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
-            return [] if option.many else GivenValue(None, option.flag, text=False)
-        parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]  # type: ignore[attr-defined]
+    is_part = setting is not None and setting.is_part
+    texts = [text for text in (value if option.many else [value]) if isinstance(text, str)]
+    if (is_part or option.many) and any(text.strip() == NONE for text in texts):
+        if len(texts) > 1:
+            raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
+        return [] if option.many else GivenValue(None, option.flag, text=False)
+    if setting is not None and is_part:
+        if not all(text.strip() for text in texts):
+            raise Refusal(f"{option.flag} is empty; give a part or settings after it")
+        parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
         return parts if option.many else parts[0]
     if option.many:
-        if [text.strip() for text in value] == [NONE]:
-            return []
-        return [GivenValue(text, option.flag) for text in value]
-    return GivenValue(value, option.flag, text=isinstance(value, str))
+        return [GivenValue(text, option.flag, alone=True) for text in value]
+    return GivenValue(value, option.flag, text=isinstance(value, str), alone=True)
 
 
 def _laid_over(lower: Tree, upper: Tree) -> Tree:
@@ -133,9 +142,9 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
         if key in upper:
             tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
     patient = upper.get("patient")
-    if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
-        if plain(as_table(tree.get("patient", {})).get(NAME)) != plain(patient[NAME]):
-            tree.pop("population", None)
+    another = isinstance(patient, Mapping) and NAME in patient and not _same_name(tree.get("patient"), patient)
+    if another and "population" not in upper:
+        tree.pop("population", None)
     cases = upper.pop("controller", None)
     if cases is not None:
         tree["controller"] = _cases(tree.get("controller", []), cases)
@@ -148,6 +157,11 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     for key, value in upper.items():
         tree[key] = over(as_table(tree[key]), value) if key in tree and isinstance(value, Mapping) else value
     return tree
+
+
+def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
+    table = as_table(lower)
+    return isinstance(table, Mapping) and plain(table.get(NAME)) == plain(upper[NAME])
 
 
 def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
@@ -175,7 +189,7 @@ def _listed(leaf: Any) -> list[Any]:
 
 
 def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
-    """A chain in which the part of a name has these settings; noise is put inside a dead time, either outside others."""
+    """A chain in which a part has these settings; noise is put inside a dead time, either outside others."""
     if any(plain(part.get(NAME)) == name for part in chain):
         return [{**part, **settings} if plain(part.get(NAME)) == name else part for part in chain]
     [leaf] = settings.values()
@@ -185,7 +199,7 @@ def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
 
 
 def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
-    """Tree of a configuration file, whose paths start at the file, and the values that were used when it was written."""
+    """Tree of a configuration file, with paths from the file, and the values that were used when it was written."""
     if path is None:
         return {}, None
     import glucoloop
@@ -203,7 +217,7 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
     return _beside(given(written.keys, str(path)), path), written.used
 
 
-def _beside(tree: Tree, path: Path) -> Tree:
+def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
     found = dict(tree)
     for key in ("data", "population"):
@@ -222,7 +236,7 @@ def _beside(tree: Tree, path: Path) -> Tree:
         found["model"] = model
     if "controller" in found:
         found["controller"] = [
-            _beside(case, path) if isinstance(case, Mapping) and "model" in case else case
+            _beside(dict(case), path) if isinstance(case, Mapping) and "model" in case else case
             for case in map(as_table, _listed(found["controller"]))
         ]
     return found

@@ -215,7 +215,7 @@ def compare(typed: Given) -> None:
                     raise
         if asked.bound:
             with stage("Working out the bound"):
-                from glucoloop.studies.bounded import bound_of_run
+                from glucoloop.studies.bound.study import bound_of_run
 
                 bound = bound_of_run(asked)
         if folder is not None:

@@ -47,7 +47,7 @@ _FILES: Final = {
 def results(folder: TrialFolder, simulate: Simulate) -> dict[str, bytes]:
     """Files about a whole trial, by name, from its shards; people with the worst outcomes are simulated again."""
     trial = folder.trial
-    summary = summarise_people(folder.people, max_insulin_mU_min=trial.pump.max_insulin_mU_min)
+    summary = summarise_people(folder.people, max_insulin_mU_min=float(trial.limits.max_mU_min))
     bands = _bands(folder)
     setpoint = trial.target_mg_dl
     report = TrialReport(

@@ -247,7 +247,7 @@ def _run_block(
         basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
         metrics={name: np.asarray(values)[:n] for name, values in metrics.by_name().items()},
         glucose_counts=count(_of(glucose, known), glucose_edges()),
-        insulin_counts=count(_of(insulin, known), insulin_edges(trial.pump.max_insulin_mU_min)),
+        insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
         glucose_mg_dl=glucose.astype(np.float32) if traces else None,
         insulin_mU_min=insulin.astype(np.float32) if traces else None,
     )

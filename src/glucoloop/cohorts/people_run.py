@@ -18,6 +18,7 @@ from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics import Metrics, RunningMetrics
+from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
@@ -118,10 +119,9 @@ def simulate_people(
     told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
     loop = PeopleLoop(
         Situation(
-            patient=people.name,
+            patient=patient_entry(people.name).partial({}, asked=people.name),
             setpoint_mg_dl=setpoint,
-            announced=scenario.announced,
-            start_min=scenario.start_min,
+            announce_meals=scenario.announced,
             meal_model=scenario.meal_model,
         ),
         controller,
@@ -134,6 +134,7 @@ def simulate_people(
         around=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),
+        start_min=scenario.start_min,
         engine=engine,
         precision=precision,
     )

@@ -8,13 +8,15 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import Loops, refuse_parts_of_samples
 from glucoloop.units import MIN_PER_DAY
@@ -44,6 +46,16 @@ _BLOCK: Final = 1024
 _LEAST_SHARD: Final = 2 * _BLOCK
 _LEAST_TRACED: Final = 64
 """Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
+
+
+def _traces(told: object) -> Literal["none", "all"] | int:
+    if told == "none" or told == "all":
+        return told
+    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
+    number = int(str(told)) if digits else told
+    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
+        return number
+    raise Refusal("give none, all, or the number of people whose traces are kept")
 
 
 class Trial(Loops):
@@ -116,6 +128,7 @@ class Trial(Loops):
         _work(
             "People whose glucose and insulin over time are kept: none, all, or a number of the first people.",
             metavar="none|all|N",
+            reads=_traces,
         ),
     ] = "none"
     precision: Annotated[
@@ -147,7 +160,6 @@ class Trial(Loops):
         super().__post_init__()
         resolved = {
             "population": population_of(self.population, self.patient.called),
-            "traces": _traces(self.traces),
             "meals": tuple(meal_text(parse_meal(text)) for text in self.meals),
         }
         for name, value in resolved.items():
@@ -158,6 +170,12 @@ class Trial(Loops):
             traced = self.people if self.traces == "all" else 0
             size = usual_shard_people(self.people, self.plan.horizon_min, traced=traced, slow=slow)
             object.__setattr__(self, "shard_people", size)
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The trial with everything that is usual; days that were given take the place of a usual length."""
+        if self.given.get("days") is not None and "duration_min" not in self.given:
+            usual = {**(usual or {}), "duration_min": Default(None)}
+        return super().completed(usual, noisy=noisy)
 
     def _refuse_impossible(self) -> None:
         if self.days is not None and self.duration_min is not None:
@@ -201,6 +219,11 @@ class Trial(Loops):
             found["days"] = 1
         return found
 
+    def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
+        """A trial of other cases, which have guards and models of their own, in the same situation."""
+        own = {name: getattr(self, name) for name in Trial.settings()}
+        return Trial(**{**own, "controller": cases, "guard": None, "model": None, **other})
+
     @functools.cached_property
     def plan(self) -> MealPlan:
         """Meals and the length of the run; of the usual meals those within it.
@@ -237,16 +260,21 @@ class Trial(Loops):
         return round(self.plan.horizon_min / self.sample_time_min)
 
     @property
+    def people_a_shard(self) -> int:
+        """Number of people that are computed and written together."""
+        return self.shard_people or SHARD_PATIENT_DAYS
+
+    @property
     def shards(self) -> int:
         """Number of shards into which the people are divided."""
-        return -(-self.people // self.shard_people)
+        return -(-self.people // self.people_a_shard)
 
     def shard(self, index: int) -> npt.NDArray[np.int64]:
         """Numbers of the people in a shard."""
         import numpy as np
 
-        start = index * self.shard_people
-        stop = min(start + self.shard_people, self.people)
+        start = index * self.people_a_shard
+        stop = min(start + self.people_a_shard, self.people)
         return self.first_person + np.arange(start, stop, dtype=np.int64)
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
@@ -287,16 +315,6 @@ def population_of(told: object, patient: str) -> Population:
     if isinstance(told, str):
         return named_population(told, patient)
     raise Refusal(f"population is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
-
-
-def _traces(told: object) -> Literal["none", "all"] | int:
-    if told == "none" or told == "all":
-        return told  # type: ignore[return-value]
-    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
-    number = int(str(told)) if digits else told
-    if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
-        return number
-    raise Refusal(f"traces is {told!r}; give none, all, or the number of people whose traces are kept")
 
 
 def plain(trial: Trial) -> dict[str, Any]:

@@ -89,8 +89,8 @@ def _with_horizon(situation: Situation, case: Case, controller: Controller) -> C
         return case
     if case.known_dead_time:
         horizon -= situation.dead_time_samples
-    controller: Any = case.controller
-    return dataclasses.replace(case, controller=dataclasses.replace(controller, prediction_horizon=round(horizon)))
+    settings: Any = case.controller
+    return dataclasses.replace(case, controller=dataclasses.replace(settings, prediction_horizon=round(horizon)))
 
 
 def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:

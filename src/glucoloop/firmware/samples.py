@@ -16,6 +16,7 @@ from glucoloop.control.protocol import Controller, Observation, gives_boluses
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.native.interpreter import Interpreter
+from glucoloop.parts.faults import FAULTS
 from glucoloop.simulation.stepper import Stepper
 from glucoloop.situations.situation import Situation
 
@@ -23,7 +24,7 @@ Leaves = list[npt.NDArray[Any]]
 Step = Callable[[Sequence[Any], Sequence[Any]], tuple[Leaves, Leaves]]
 Init = Callable[[Sequence[Any]], Leaves]
 
-FAULTS: Final = (
+_FAULTS: Final = (
     "missing, per_day=10, duration_min=25",
     "spikes, per_day=10, size_mg_dl=60",
     "stuck, per_day=4, duration_min=40",

@@ -44,7 +44,7 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
 
     def __init__(self, of: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
         self._of, self._parts, self.example = of, {part.name: part for part in parts}, example
-        self._unnamed = unnamed
+        self.unnamed = unnamed
         self._group = f"{of.kind.replace(' ', '_')}s"
         of.catalogue = self  # type: ignore[attr-defined]
 
@@ -129,10 +129,10 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         told = f"{where}: " if where else ""
         if not isinstance(tree, Mapping):
             raise Refusal(f"{told}{plain(tree)!r} is no {self._of.kind}; give a text like {self.example!r}, or a table")
-        name = plain(tree.get(NAME, self.usual if self._unnamed else None))
+        name = plain(tree.get(NAME, self.usual if self.unnamed else None))
         if not isinstance(name, str) or not name:
-            given = "nothing" if name is None else repr(name)
-            raise Refusal(f"{told}{given} names no {self._of.kind}; begin with its name, like {self.example!r}")
+            given = f"no {self._of.kind} is named" if name is None else f"{name!r} names no {self._of.kind}"
+            raise Refusal(f"{told}{given}; begin with its name, like {self.example!r}")
         try:
             part = self.find(name)
         except Refusal as error:

@@ -29,6 +29,8 @@ class GivenValue:
     where: str
     text: bool = True
     """Whether it is a text of the command line, which the type of its setting reads; otherwise it has its type."""
+    alone: bool = False
+    """Whether the option gives this value alone, so that messages call it by the option."""
 
 
 def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tree:
@@ -88,7 +90,7 @@ def unquoted(text: str) -> str:
 
 def part_text(tree: Mapping[str, Any]) -> str:
     """Text from which the same tree is read."""
-    settings = (f"{key}={_value_text(value)}" for key, value in tree.items() if key != NAME)
+    settings = (f"{key}={_value_text(value)}" for key, value in tree.items() if key != NAME and value is not None)
     return ", ".join([*([_value_text(tree[NAME])] if NAME in tree else []), *settings])
 
 

@@ -10,7 +10,6 @@ from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.code import loaded
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.guard import OF_ROUTE, GuardSettings
-from glucoloop.parts.part import Part
 from glucoloop.parts.patients import NOMINAL, PatientPart
 from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, in_words, known_names, value_text
@@ -59,7 +58,7 @@ def _setting(part: Any, setting: Setting) -> dict[str, Any]:
     possible = (in_words(setting.choices) if setting.choices else "") or {bool: "true or false", str: "a text"}.get(
         kind
     )
-    if isinstance(kind, type) and issubclass(kind, Part):
+    if setting.is_part:
         return {
             "name": setting.name,
             "summary": setting.summary,

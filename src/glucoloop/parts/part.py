@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.parts.code import loaded
-from glucoloop.parts.grammar import NAME, NONE, Tree, part_text, place, plain
+from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
 from glucoloop.parts.setting import AMONG_SETTINGS, Default, Setting, described, known_names, usual, with_article
 from glucoloop.refusal import Refusal
 
@@ -182,7 +182,7 @@ class Part:
         return {
             **named,
             **{
-                name: _plain(value, whole)
+                name: NONE if value is None and not whole and self.setting(name).is_part else _plain(value, whole)
                 for name, value in (self.values() if whole else self.given).items()
                 if name not in self.refused
             },
@@ -195,16 +195,16 @@ class Part:
 
 
 def _inherit_annotations(part: type[Part]) -> None:
-    """A default that a class gives without an annotation is one of the setting that it inherits."""
+    """A default that a class gives without a description is one of the setting that it inherits."""
     inherited = [base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)]
     if not inherited:
         return
-    own = part.__dict__.get("__annotations__", {})
     known = {field.name for field in dataclasses.fields(typing.cast(Any, inherited[0]))}
-    overridden = [name for name in vars(part) if name in known and name not in own]
-    if overridden:
-        hints = typing.get_type_hints(inherited[0], include_extras=True)
-        part.__annotations__ = {**own, **{name: hints[name] for name in overridden}}
+    changed = [name for name in vars(part) if name in known]
+    if changed:
+        hints, own = (typing.get_type_hints(of, include_extras=True) for of in (inherited[0], part))
+        undescribed = [name for name in changed if not hasattr(own.get(name), "__metadata__")]
+        part.__annotations__ = {**inspect.get_annotations(part), **{name: hints[name] for name in undescribed}}
 
 
 def _plain(value: Any, whole: bool) -> Any:
@@ -300,27 +300,33 @@ def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: st
             setting = part.setting(key)
         except Refusal as error:
             raise Refusal(f"{at}: {error}" if at else str(error)) from None
-        if isinstance(setting.kind, type) and issubclass(setting.kind, Part):
+        if setting.is_part:
             values[key] = _parts(setting, leaf, ask)
             continue
-        called = at if part.name in ("", at) else f"{at}: {part.name}" if at else part.name
-        # An option that is named after its setting needs no second name.
-        setting = dataclasses.replace(setting, name=at) if at.startswith("--") and called == at else setting
-        value = setting.check(_value(setting, leaf), None if setting.name == called else called or None)
+        value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
+        if _alone(leaf):
+            setting, called = setting.renamed(at), ""
+        values[key] = setting.check(value, called)
         if ask:
-            setting.ask(value, setting.name if setting.name == called else f"{setting.name} of {called or part.kind}")
-        values[key] = value
+            setting.ask(values[key], f"{called}: {setting.name}" if called else setting.name)
     return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
+
+
+def _alone(leaf: Any) -> bool:
+    first = leaf[0] if isinstance(leaf, list) and leaf else leaf
+    return isinstance(first, GivenValue) and first.alone
 
 
 def _value(setting: Setting, leaf: Any) -> Any:
     """The value of a leaf, read from its text where it has no type yet."""
     if isinstance(leaf, list):
-        return tuple(setting.read(item.value) if item.text else item.value for item in leaf)
+        return tuple(_value(setting, item) for item in leaf)
     value = plain(leaf)
-    if isinstance(value, str) and (leaf.text or setting.unit == "min"):  # a file may write "10h" too
-        return setting.read(value)
-    return value
+    if not isinstance(value, str):
+        return value
+    typed = isinstance(leaf, GivenValue) and leaf.text
+    with_unit = setting.unit == "min" and value.rstrip()[-1:].isalpha()  # a file may write "10h" too
+    return setting.read(value) if typed or with_unit else value
 
 
 def _parts(setting: Setting, leaf: Any, ask: bool) -> Any:

@@ -256,6 +256,7 @@ PATIENTS: Final = _Patients(
     PatientPart,
     (Parker1999Part, Hovorka2004Part, Wilinska2010Part),
     example="parker-1999, operating_point=nominal-22",
+    unnamed=True,
 )
 USUAL_PATIENT: Final = Parker1999Part
 patient_entry: Final = PATIENTS.find

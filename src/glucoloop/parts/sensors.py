@@ -46,9 +46,12 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
 
     make: ClassVar = "glucoloop.sensors:white_noise"
     variance: Annotated[
-        float, About("Variance of the noise of each reading.", at_least=0.0, quantity=NOISE_VARIANCE)
+        float,
+        About("Variance of the noise of each reading.", at_least=0.0, at_most=10_000.0, quantity=NOISE_VARIANCE),
     ] = 1.45
-    bound_mg_dl: Annotated[float, About("Largest deviation of a reading.", above=0.0, quantity=NOISE_BOUND)] = 5.0
+    bound_mg_dl: Annotated[
+        float, About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
+    ] = 5.0
 
 
 class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):

@@ -11,7 +11,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -76,6 +76,8 @@ class About:
     """Quantity with its plausible range, or None if all values within the bounds are plausible."""
     finite: bool = True
     """Whether a number has to be finite."""
+    reads: Callable[[Any], Any] | None = None
+    """Function that reads a value where any type may be possible; it raises a Refusal that says what to give."""
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""
@@ -164,6 +166,15 @@ class Setting:
         own = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")
         return own or next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
 
+    @property
+    def is_part(self) -> bool:
+        """Whether its values are parts, which have a catalogue."""
+        return isinstance(self.kind, type) and hasattr(self.kind, "catalogue")
+
+    def renamed(self, name: str) -> Setting:
+        """The same setting under the name of its option, in the same unit."""
+        return dataclasses.replace(self, name=name, about=dataclasses.replace(self.about, unit=self.unit))
+
     def read(self, text: str) -> object:
         """Value of a text in the type of the setting; the text itself where it is none, which `check` refuses."""
         text = text.strip()
@@ -226,6 +237,11 @@ class Setting:
             the part or the option.
         """
         wrong = self.wrong(value)
+        if wrong is None and self.about.reads is not None:
+            try:
+                return self.about.reads(value)
+            except Refusal as error:
+                wrong = f"{self.name} is {shown(value)}; {error}"
         if wrong is not None:
             raise Refusal(f"{called}: {wrong}" if called else wrong)
         if self.many and value is not None:
@@ -336,22 +352,3 @@ def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
         return f"none of the {len(names)} known ones is like it; {where}"
     meant = f"did you mean {close[0]!r}? " if close else ""
     return f"{meant}the known ones are: {', '.join(names)}"
-
-
-def expanded(text: str, kind: Any) -> Iterator[str]:
-    """Values of ``1:5``, ``.3:.8:.05`` and ``0|.1|1``; what is no number is parted at ``|`` alone.
-
-    Raises
-    ------
-    Refusal
-        For a range that is empty or endless.
-    """
-    for piece in text.split("|"):
-        ends = piece.split(":")
-        if kind not in (int, float) or len(ends) not in (2, 3) or not all(_NUMBER.fullmatch(end) for end in ends):
-            yield piece.strip()
-            continue
-        low, high, step = float(ends[0]), float(ends[1]), float(ends[2]) if len(ends) == 3 else 1.0
-        if not (math.isfinite(low) and math.isfinite(high) and math.isfinite(step) and step > 0.0 and low <= high):
-            raise Refusal(f"{piece!r} is no range; write it like 1:5 or .3:.8:.05")
-        yield from (f"{low + i * step:.12g}" for i in range(math.floor((high - low) / step + 1e-9) + 1))

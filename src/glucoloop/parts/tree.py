@@ -22,7 +22,7 @@ def over(lower: Any, upper: Any) -> Any:
 
 
 def put(tree: Tree, path: str, value: str, where: str) -> Tree:
-    """A tree with one setting by its path: ``controller.move_weight``, ``sensor.white-noise.variance``, ``faults.2.key``.
+    """A tree with one setting by its path: ``controller.move_weight``, ``sensor.lag.lag_min``, ``faults.2.start_min``.
 
     In a list a part is found by its label, its name, or its place from 1; where there is only one, it needs none.
 

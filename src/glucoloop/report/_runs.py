@@ -81,19 +81,7 @@ class PlottedRun:
 
 
 def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -> list[PlottedRun]:
-    """Runs of a trace, or of several by label.
-
-    Parameters
-    ----------
-    traces : Trace or mapping of str to Trace
-    label : str
-        Label of a single trace.
-
-    Raises
-    ------
-    ValueError
-        If there is no trace, one is of many people, or the meals differ.
-    """
+    """Runs of a trace, or of several by label; Refusal for none, one of many people, or different meals."""
     named = {label: traces} if isinstance(traces, Trace) else dict(traces)
     if not named:
         raise Refusal("there is no trace to show; give at least one")

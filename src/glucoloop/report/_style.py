@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_H
@@ -100,9 +101,38 @@ def add_axis(axes: Axes, factor: float, name: str) -> None:
         ),
     )
     right.set_ylabel(name)
-    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
-    right.spines["right"].set_linewidth(0.6)
-    right.yaxis.label.set_fontsize(FONT_PT)
+    dress_right(right)
+
+
+def dress_right(axes: Any) -> None:
+    """Style an axis on the right."""
+    axes.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+    axes.spines[["top"]].set_visible(False)
+    axes.spines["right"].set_linewidth(0.6)
+    axes.yaxis.label.set_fontsize(FONT_PT)
+
+
+def write_above(axes: Axes, text: str, place: tuple[float, float], points: float, **how: Any) -> None:
+    """Write a text above a place, some points apart from it."""
+    style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": FONT_PT}
+    axes.annotate(text, place, xytext=(0, points), **style, **how)
+
+
+def draw_bands(
+    axes: Axes,
+    t: npt.ArrayLike,
+    bands: Sequence[tuple[npt.ArrayLike, npt.ArrayLike, float]],
+    median: npt.ArrayLike,
+    style: Mapping[str, Any],
+    *,
+    step: Literal["post"] | None = None,
+) -> list[Artist]:
+    """Bands, each from a lower to an upper edge with its opacity, and the median over them."""
+    drawn: list[Artist] = [
+        axes.fill_between(t, low, high, step=step, color=style["color"], alpha=opacity, linewidth=0.0, zorder=2)
+        for low, high, opacity in bands
+    ]
+    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if step else "default", zorder=3)]
 
 
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:

@@ -1,9 +1,9 @@
-"""Figure of the closed loop, ready for print: glucose above, insulin below."""
+"""Figure of the closed loop, ready for print: glucose above, insulin below, of one person or as bands of many."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -11,10 +11,11 @@ from glucoloop.arguments import ArgumentTypeError
 from glucoloop.cohorts.people_run import PeopleRun
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import FONT_PT, GREY, Width
-from glucoloop.report.people_figure import plot_people
+from glucoloop.report.charts import extent
 from glucoloop.simulation import Trace
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
 _HEIGHTS_MM: Final = {"single": 95.0, "double": 115.0}
 _PANEL_SHARE: Final = 0.8  # of the figure's width; the rest holds labels
 _MOST_NAMED: Final = 12
@@ -84,27 +86,31 @@ def plot(
             if strangers
             else "traces holds runs of one person and of many; draw them in two figures"
         )
-    if of_people:
-        return plot_people(
-            of_people,
-            title=title,
-            width=width,
-            mmol=mmol,
-            units_per_hour=units_per_hour,
-            lowest_glucose_mg_dl=lowest_glucose_mg_dl,
-        )
-    runs = labelled_runs(of_one)
+    runs = [] if of_people else labelled_runs(of_one)
+    horizon_min = max([float(run.t_min[-1]) for run in of_people.values()] or [run.horizon_min for run in runs])
     figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    divisor, unit, tick = _style.time_axis(max(run.horizon_min for run in runs), width)
+    divisor, unit, tick = _style.time_axis(horizon_min, width)
+    above.set_ylabel("Glucose (mg/dl)")
+    below.set_ylabel("Insulin (mU/min)")
+    below.set_xlabel(f"Time ({unit})")
+    below.set_xlim(0.0, horizon_min / divisor)
+    below.xaxis.set_major_locator(_style.every(tick))
     entries: dict[str, Artist] = {}
-    _draw_glucose(above, runs, divisor, lowest_glucose_mg_dl, entries)
-    _mark_meals(above, runs[0].meals, divisor, panel_mm=_PANEL_SHARE * _style.WIDTHS_MM[width])
-    _draw_insulin(below, runs, divisor, limits, entries)
+    if of_people:
+        _draw_people(above, below, of_people, divisor, entries)
+        first = next(iter(of_people.values()))
+        meals = [(meal.t_min, meal.carbs_g) for meal in first.scenario.meals]
+        _draw_levels(above, [first.setpoint_mg_dl], lowest_glucose_mg_dl, entries)
+    else:
+        _draw_glucose(above, runs, divisor, entries)
+        meals = list(runs[0].meals)
+        _draw_levels(above, [run.setpoint_mg_dl for run in runs], lowest_glucose_mg_dl, entries)
+        _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
+        _draw_insulin(below, runs, divisor, limits, entries)
+    _mark_meals(above, meals, divisor, mm_per_min=_PANEL_SHARE * _style.WIDTHS_MM[width] / horizon_min)
     for axes in (above, below):
         _style.dress(axes)
-    below.set_xlabel(f"Time ({unit})")
-    below.xaxis.set_major_locator(_style.every(tick))
     figure.align_ylabels([above, below])
     if mmol:
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
@@ -116,39 +122,63 @@ def plot(
     return figure
 
 
-def _dot() -> Artist:
-    """Legend entry for the readings of any run."""
+def bands(values: Floats) -> Floats:
+    """Percentiles ``(5, samples)`` of values ``(samples, people)``; people without a finite course are left out."""
+    finite = values[:, np.isfinite(values).all(axis=0)]
+    if finite.shape[1] == 0:
+        raise Refusal("no person has a finite course to show; draw people who have a basal rate")
+    percentiles: Floats = np.percentile(finite, PERCENTILES, axis=1)
+    return percentiles
+
+
+def _draw_people(
+    above: Axes, below: Axes, runs: Mapping[str, PeopleRun], divisor: float, entries: dict[str, Artist]
+) -> None:
+    """Medians in bands of half of the people and of nine in ten."""
+    for index, (label, run) in enumerate(runs.items()):
+        insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
+        held: Literal["post"] = "post"
+        for axes, values, step in ((above, run.glucose_mg_dl, None), (below, insulin, held)):
+            low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
+            drawn = _style.draw_bands(
+                axes,
+                np.asarray(run.t_min, float) / divisor,
+                [(low, high, 0.15), (quarter, three_quarters, 0.3)],
+                median,
+                _style.line_style(index),
+                step=step,
+            )
+            names = [f"{label}: {name}" for name in ("90 % of people", "50 % of people", "median")]
+            entries |= dict(zip(names, drawn, strict=True))
+
+
+def _draw_levels(axes: Axes, setpoints: Sequence[float], lowest_mg_dl: float, entries: dict[str, Artist]) -> None:
+    """Setpoints and the bound on glucose."""
+    for setpoint in dict.fromkeys(setpoints):
+        line = axes.axhline(setpoint, color=GREY, linewidth=0.7, zorder=1)
+    entries[f"setpoint {values_in_words(list(setpoints), 'mg/dl')}"] = line
+    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = axes.axhline(
+        lowest_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1
+    )
+
+
+def _draw_glucose(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], linestyle="none", marker=".", markersize=4, markeredgewidth=0, color=GREY)
-
-
-def _draw_glucose(
-    axes: Axes, runs: Sequence[PlottedRun], divisor: float, lowest_mg_dl: float, entries: dict[str, Artist]
-) -> None:
-    setpoints = list(dict.fromkeys(run.setpoint_mg_dl for run in runs))
-    for setpoint in setpoints:
-        line = axes.axhline(setpoint, color=GREY, linewidth=0.7, zorder=1)
-    bound = axes.axhline(lowest_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+    dot: dict[str, Any] = {"linestyle": "none", "marker": ".", "markeredgewidth": 0}
     for index, run in enumerate(runs):
         style = _style.line_style(index)
-        axes.plot(
-            run.reading_t_min / divisor,
-            run.reading_mg_dl,
-            linestyle="none",
-            marker=".",
-            markersize=2.5,
-            markeredgewidth=0,
-            color=style["color"],
-            alpha=0.55,
-            zorder=2,
-        )
-        glucose = axes.plot(run.fine_t_min / divisor, run.shown_glucose_mg_dl, **style, zorder=3)[0]
-        entries[run.label] = glucose
+        t, readings = run.reading_t_min / divisor, run.reading_mg_dl
+        axes.plot(t, readings, **dot, markersize=2.5, color=style["color"], alpha=0.55, zorder=2)
+        entries[run.label] = axes.plot(run.fine_t_min / divisor, run.shown_glucose_mg_dl, **style, zorder=3)[0]
     if any(run.reading_t_min.size for run in runs):
-        entries["sensor readings"] = _dot()
-    entries[f"setpoint {values_in_words(setpoints, 'mg/dl')}"] = line
-    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = bound
+        entries["sensor readings"] = Line2D([], [], **dot, markersize=4, color=GREY)
+
+
+def _draw_glucose_limits(
+    axes: Axes, runs: Sequence[PlottedRun], lowest_mg_dl: float, entries: dict[str, Artist]
+) -> None:
+    """Words at the bound on glucose, and where a model is not valid; the axis has room for both."""
     axes.annotate(
         f"{lowest_mg_dl:g} mg/dl",
         (0.01, lowest_mg_dl),
@@ -161,47 +191,26 @@ def _draw_glucose(
     for limit in limits_passed(runs):
         area = axes.axhspan(-1e6, limit, facecolor=GREY, alpha=0.18, linewidth=0, zorder=0)
         entries[f"model not valid, below {limit:.1f} mg/dl"] = area
-    axes.set_ylabel("Glucose (mg/dl)")
-    shown = [np.array([*setpoints, lowest_mg_dl])]
-    shown += [values for run in runs for values in (run.shown_glucose_mg_dl, run.reading_mg_dl)]
-    low, high = _extent(shown)
+    levels = [lowest_mg_dl, *(run.setpoint_mg_dl for run in runs)]
+    low, high = extent(levels, *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)))
     axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
 
 
-def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float, panel_mm: float) -> None:
+def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float, mm_per_min: float) -> None:
     """Mark each meal at the upper edge with its carbohydrate above, rotated where meals are close."""
     if not meals:
         return
     t_min = np.array([t for t, _ in meals])
     upper_edge = axes.get_xaxis_transform()
-    axes.plot(
-        t_min / divisor,
-        np.ones_like(t_min),
-        linestyle="none",
-        marker="v",
-        markersize=4,
-        color="black",
-        transform=upper_edge,
-        clip_on=False,
-    )
-    horizon_min = axes.dataLim.x1 * divisor
-    apart_mm = np.diff(t_min).min(initial=np.inf) / horizon_min * panel_mm
+    mark: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": "black", "clip_on": False}
+    axes.plot(t_min / divisor, np.ones_like(t_min), **mark, transform=upper_edge)
+    apart_mm = mm_per_min * np.diff(t_min).min(initial=np.inf)
     if apart_mm < _LINE_MM:
         return
     texts = [f"{carbs_g:.4g} g" for _, carbs_g in meals]
     upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
     for t, text in zip(t_min, texts, strict=True):
-        axes.annotate(
-            text,
-            (t / divisor, 1.0),
-            xycoords=upper_edge,
-            xytext=(0, 4),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            rotation=90 if upright else 0,
-            fontsize=FONT_PT,
-        )
+        _style.write_above(axes, text, (t / divisor, 1.0), 4, xycoords=upper_edge, rotation=90 if upright else 0)
 
 
 def _draw_insulin(
@@ -213,7 +222,7 @@ def _draw_insulin(
     entries[f"basal {values_in_words(basal, 'mU/min')}"] = line
     for index, run in enumerate(runs):
         axes.step(run.t_min / divisor, run.insulin_mU_min, where="post", **_style.line_style(index), zorder=3)
-    low, high = _extent([np.array([0.0, *basal]), *(run.insulin_mU_min for run in runs)])
+    low, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs))
     low, high = low - 0.05 * (high - low), high + 0.08 * (high - low)
     in_view = [bound for bound in (float(limits.min_mU_min), float(limits.max_mU_min)) if low <= bound <= high]
     for bound in in_view:
@@ -221,9 +230,7 @@ def _draw_insulin(
     if in_view:
         noun = "pump limit" if len(in_view) == 1 else "pump limits"
         entries[f"{noun} {values_in_words(in_view, 'mU/min')}"] = at_limit
-    axes.set_ylabel("Insulin (mU/min)")
     axes.set_ylim(low, high)
-    axes.set_xlim(0.0, max(run.horizon_min for run in runs) / divisor)
 
 
 def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
@@ -239,28 +246,11 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
         right.plot(t, size, linestyle="none", marker="o", markersize=3.5, color=colour, zorder=4)
         if len(runs) == 1 and t.size <= _MOST_NAMED:
             for place, units in zip(t, size, strict=True):
-                right.annotate(
-                    f"{units:.3g} U",
-                    (place, units),
-                    xytext=(0, 3),
-                    textcoords="offset points",
-                    ha="center",
-                    va="bottom",
-                    fontsize=FONT_PT,
-                )
+                _style.write_above(right, f"{units:.3g} U", (place, units), 3)
     largest = max(size for run in runs for _, size in run.boluses)
     low, high = axes.get_ylim()
     # zero of both axes at one height
     right.set_ylim(1.35 * largest * low / high, 1.35 * largest)
-    right.set_ylabel("Bolus (U)", fontsize=FONT_PT)
-    right.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
-    right.spines["top"].set_visible(False)
-    right.spines["right"].set_linewidth(0.6)
+    right.set_ylabel("Bolus (U)")
+    _style.dress_right(right)
     entries["bolus"] = Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=3.5)
-
-
-def _extent(shown: Sequence[Floats]) -> tuple[float, float]:
-    values = np.concatenate(shown)
-    values = values[np.isfinite(values)]
-    low, high = float(values.min()), float(values.max())
-    return low, max(high, low + 1.0)

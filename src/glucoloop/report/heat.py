@@ -97,32 +97,6 @@ def legend_shades(maps: Iterable[HeatMap], shades: Sequence[Shade] = SHADES_PCT)
     return [*shades, *([UNKNOWN] if unknown else [])]
 
 
-@dataclass(frozen=True)
-class _Sheet:
-    """Sizes of all parts of a figure."""
-
-    stacked: bool
-    """Whether the maps stand below each other."""
-    two_lines: bool
-    """Whether text and mark of a cell stand below each other."""
-    rows: list[str]
-    heads: list[str]
-    upright: bool
-    """Whether the names of the columns are rotated."""
-
-    @property
-    def row_mm(self) -> float:
-        """Height of a row of cells."""
-        return _LINE_MM * max(2 if self.two_lines else 1, *(name.count("\n") + 1 for name in self.rows)) + 1.2
-
-    @property
-    def head_mm(self) -> float:
-        """Height above the cells, with the title."""
-        if self.upright:
-            return _CHARACTER_MM * max(map(len, self.heads)) + _LINE_MM
-        return _LINE_MM * (2 + max(head.count("\n") for head in self.heads))
-
-
 def plot_heat_maps(
     maps: Sequence[HeatMap],
     *,
@@ -134,67 +108,46 @@ def plot_heat_maps(
 ) -> Figure:
     """Draw maps of the same rows and columns.
 
-    Parameters
-    ----------
-    maps : sequence of HeatMap
-    what : str
-        Quantity of the colours, in the legend: ``"of the run below 60 mg/dl"``.
-    mark : str
-        Meaning of the mark of a cell, a triangle and a number; empty for no such marks.
-    shades : sequence of Shade
-        Classes of the legend.
-    title : str, optional
-        Title; no title by default.
-    width : {"single", "double"}
-        Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
-
-    Raises
-    ------
-    ValueError
-        For an unknown width.
+    The legend tells `what` the colours are, and what the `mark` of a cell means, a triangle and a number; it is empty
+    for no such marks.
     """
-    sheet = _sheet(maps, width)
-    down = len(maps) if sheet.stacked else 1
-    height_mm = down * (len(sheet.rows) * sheet.row_mm + sheet.head_mm + _GAP_MM) + _AROUND_MM
-    figure = _style.new_figure(width, height_mm, title)
+    # sizes: maps below each other, upright headings, and marks below the text are for want of room
+    columns = maps[0].columns
+    names = [textwrap.fill(name, _MOST_NAME if width == "double" else _MOST_NAME * 2 // 3) for name in maps[0].rows]
+    names_mm = _CHARACTER_MM * max(len(line) for name in names for line in name.split("\n"))
+    room_mm = _style.WIDTHS_MM.get(width, 0.0) - names_mm - _GAP_MM * len(maps)
+    stacked = len(maps) > 1 and room_mm < _LEAST_MM * len(columns) * len(maps)
+    column_mm = room_mm / len(columns) / (1 if stacked else len(maps))
+    characters = max(1, int(column_mm / _CHARACTER_MM))
+    upright = any(len(word) > characters for head in columns for word in head.split())
+    heads = [textwrap.fill(head, _MOST_NAME if upright else characters) for head in columns]
+    longest = max(len(f"{cell.text} {cell.mark}".strip()) for of in maps for cell in of.cells())
+    two_lines = column_mm < _CHARACTER_MM * longest
+    row_mm = _LINE_MM * max(2 if two_lines else 1, *(name.count("\n") + 1 for name in names)) + 1.2
+    head_mm = _LINE_MM * (2 + max(head.count("\n") for head in heads))
+    if upright:
+        head_mm = _CHARACTER_MM * max(map(len, heads)) + _LINE_MM
+
+    down = len(maps) if stacked else 1
+    figure = _style.new_figure(width, down * (len(names) * row_mm + head_mm + _GAP_MM) + _AROUND_MM, title)
     panels = figure.subplots(down, len(maps) // down, squeeze=False).ravel()
     for place, (axes, of) in enumerate(zip(panels, maps, strict=True)):
-        _draw(axes, of, sheet)
-        if place and not sheet.stacked:
+        places = _draw(axes, of, apart="\n" if two_lines else " ")
+        axes.set_xticks(range(len(columns)), map(_style.literal, heads), rotation=90 if upright else 0)
+        axes.set_yticks(places, map(_style.literal, names))
+        _style.dress(axes)
+        axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
+        axes.spines[:].set_visible(False)
+        axes.set_title(of.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+        if place and not stacked:
             axes.tick_params(labelleft=False)
     entries = _legend(legend_shades(maps, shades), what, mark)
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
 
 
-def _sheet(maps: Sequence[HeatMap], width: Width) -> _Sheet:
-    most = _MOST_NAME if width == "double" else _MOST_NAME * 2 // 3
-    columns = maps[0].columns
-    rows = [textwrap.fill(name, most) for name in maps[0].rows]
-    rows_mm = _CHARACTER_MM * max(len(line) for name in rows for line in name.split("\n"))
-    room_mm = _style.WIDTHS_MM.get(width, 0.0) - rows_mm - _GAP_MM * len(maps)
-    beside_mm = room_mm / (len(columns) * len(maps))
-    stacked = len(maps) > 1 and beside_mm < _LEAST_MM
-    column_mm = room_mm / len(columns) if stacked else beside_mm
-    characters = max(1, int(column_mm / _CHARACTER_MM))
-    upright = any(len(word) > characters for head in columns for word in head.split())
-    heads = [textwrap.fill(head, _MOST_NAME if upright else characters) for head in columns]
-    longest = max(len(f"{cell.text} {cell.mark}".strip()) for of in maps for cell in of.cells())
-    return _Sheet(
-        stacked=stacked,
-        two_lines=column_mm < _CHARACTER_MM * longest,
-        rows=[_style.literal(name) for name in rows],
-        heads=[_style.literal(head) for head in heads],
-        upright=upright,
-    )
-
-
-def _draw(axes: Axes, of: HeatMap, sheet: _Sheet) -> None:
+def _draw(axes: Axes, of: HeatMap, apart: str) -> list[float]:
+    """Draw the cells of a map, and tell the places of its rows."""
     from matplotlib.patches import Rectangle
 
     places = [place + (_APART if place else 0.0) for place in range(len(of.rows))]
@@ -203,7 +156,7 @@ def _draw(axes: Axes, of: HeatMap, sheet: _Sheet) -> None:
             cell = of.cell(row, column)
             axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
             axes.annotate(
-                ("\n" if sheet.two_lines else " ").join(filter(None, (cell.text, cell.mark))),
+                apart.join(filter(None, (cell.text, cell.mark))),
                 (across, place),
                 ha="center",
                 va="center",
@@ -213,12 +166,7 @@ def _draw(axes: Axes, of: HeatMap, sheet: _Sheet) -> None:
             )
     axes.set_xlim(-0.5, len(of.columns) - 0.5)
     axes.set_ylim(places[-1] + 0.5, -0.5)
-    axes.set_xticks(range(len(of.columns)), sheet.heads, rotation=90 if sheet.upright else 0)
-    axes.set_yticks(places, sheet.rows)
-    _style.dress(axes)
-    axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
-    axes.spines[:].set_visible(False)
-    axes.set_title(of.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+    return places
 
 
 def _patch(shade: Shade) -> dict[str, Any]:

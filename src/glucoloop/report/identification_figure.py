@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_HEIGHTS: Final = [1.3, 1.0, 1.0]
+"""Heights of the panels of a validation."""
 
 
 def plot_identification(
@@ -53,19 +56,17 @@ def plot_identification(
     """
     names = [] if validation is None else _panels(insulin_deviation_mU_min)
     side_by_side = bool(names) and width == "double"
-    heights = [2.0, *([1.3, 1.0, 1.0][: len(names)])]
+    heights = [2.0, *_HEIGHTS[: len(names)]]
     figure = _style.new_figure(width, 90.0 if side_by_side or not names else 40.0 + 32.0 * len(heights), title)
     if side_by_side:
         panels = figure.subplot_mosaic([["response", name] for name in names], height_ratios=heights[1:])
     else:
         panels = figure.subplot_mosaic([[name] for name in ["response", *names]], height_ratios=heights)
-    entries: dict[str, Artist] = {}
-    _draw_response(panels["response"], identification, truth, entries)
+    entries = _draw_response(panels["response"], identification, truth)
     if validation is not None:
         sample_time_min = identification.model.sample_time_min
-        _draw_validation(panels, validation, sample_time_min, insulin_deviation_mU_min, entries)
-    _finish(figure, panels, entries, width)
-    return figure
+        entries |= _draw_validation(panels, validation, sample_time_min, insulin_deviation_mU_min)
+    return _finished(figure, panels, entries, width)
 
 
 def plot_validation(
@@ -99,64 +100,52 @@ def plot_validation(
     """
     names = _panels(insulin_deviation_mU_min)
     figure = _style.new_figure(width, 25.0 + 30.0 * len(names), title)
-    panels = figure.subplot_mosaic([[name] for name in names], height_ratios=[1.3, 1.0, 1.0][: len(names)])
-    entries: dict[str, Artist] = {}
-    _draw_validation(panels, validation, sample_time_min, insulin_deviation_mU_min, entries)
-    _finish(figure, panels, entries, width)
-    return figure
+    panels = figure.subplot_mosaic([[name] for name in names], height_ratios=_HEIGHTS[: len(names)])
+    entries = _draw_validation(panels, validation, sample_time_min, insulin_deviation_mU_min)
+    return _finished(figure, panels, entries, width)
 
 
 def _panels(insulin: ArrayLike | None) -> list[str]:
     return ["fit", "residuals"] if insulin is None else ["fit", "residuals", "input"]
 
 
-def _draw_response(
-    axes: Axes, identification: Identification, truth: ArrayLike | None, entries: dict[str, Artist]
-) -> None:
+def _draw_response(axes: Axes, identification: Identification, truth: ArrayLike | None) -> dict[str, Artist]:
+    """Curves of the impulse response, and their entries in the legend."""
     estimate = np.asarray(identification.impulse_response)
     lag_min = identification.model.sample_time_min * np.arange(1, estimate.size + 1)
     axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=1)
+    curves: dict[str, tuple[ArrayLike, dict[str, Any]]] = {}
     if truth is not None:
-        known = np.asarray(truth, float)
-        if known.shape != estimate.shape:
+        if np.shape(truth) != estimate.shape:
             raise Refusal(
-                f"a true impulse response of shape {known.shape} cannot stand beside {estimate.size} coefficients; "
-                "give as many"
+                f"a true impulse response of shape {np.shape(truth)} cannot stand beside {estimate.size} "
+                "coefficients; give as many"
             )
-        entries["free of noise"] = axes.plot(lag_min, known, color="black", linewidth=0.9, linestyle=(0, (4, 2)))[0]
-    entries["estimated coefficients"] = axes.plot(
-        lag_min,
-        estimate,
-        linestyle="none",
-        marker="o",
-        markersize=3,
-        markerfacecolor="none",
-        markeredgewidth=0.7,
-        color=OKABE_ITO[1],
-    )[0]
+        curves["free of noise"] = truth, {"color": "black", "linewidth": 0.9, "linestyle": (0, (4, 2))}
+    rings = {"linestyle": "none", "marker": "o", "markersize": 3, "markerfacecolor": "none", "markeredgewidth": 0.7}
+    curves["estimated coefficients"] = estimate, {**rings, "color": OKABE_ITO[1]}
     if identification.laguerre_coefficients.size:
         smoothed = np.asarray(identification.smoothed_impulse_response)
-        entries["Laguerre projection"] = axes.plot(lag_min, smoothed, color=OKABE_ITO[0], linewidth=1.2)[0]
+        curves["Laguerre projection"] = smoothed, {"color": OKABE_ITO[0], "linewidth": 1.2}
     axes.set_xlabel("Time since the dose (min)")
     axes.set_ylabel("Impulse response (mg/dl per mU/min)")
     axes.set_xlim(0.0, lag_min[-1] + lag_min[0])  # room for the last marker
     axes.xaxis.set_major_locator(_style.every(_style.time_axis(lag_min[-1], "single")[2]))
+    return {name: axes.plot(lag_min, np.asarray(values, float), **look)[0] for name, (values, look) in curves.items()}
 
 
 def _draw_validation(
-    panels: dict[str, Axes],
-    validation: Validation,
-    sample_time_min: float,
-    insulin: ArrayLike | None,
-    entries: dict[str, Artist],
-) -> None:
+    panels: dict[str, Axes], validation: Validation, sample_time_min: float, insulin: ArrayLike | None
+) -> dict[str, Artist]:
+    """Curves of the validation, and their entries in the legend."""
     predicted, residuals = np.asarray(validation.predicted_mg_dl), np.asarray(validation.residuals_mg_dl)
     t_min = sample_time_min * np.arange(predicted.size)
     fit, below = panels["fit"], panels["residuals"]
-    entries["measured glucose"] = fit.plot(t_min, predicted + residuals, color=GREY, linewidth=1.8, alpha=0.7)[0]
-    entries["predicted glucose"] = fit.plot(
-        t_min, predicted, color=OKABE_ITO[0], linewidth=1.0, linestyle=(0, (4, 1.5))
-    )[0]
+    look: dict[str, Any] = {"color": OKABE_ITO[0], "linewidth": 1.0, "linestyle": (0, (4, 1.5))}
+    entries: dict[str, Artist] = {
+        "measured glucose": fit.plot(t_min, predicted + residuals, color=GREY, linewidth=1.8, alpha=0.7)[0],
+        "predicted glucose": fit.plot(t_min, predicted, **look)[0],
+    }
     fit.set_ylabel("Glucose\ndeviation\n(mg/dl)")
     below.axhline(0.0, color=GREY, linewidth=0.6, zorder=1)
     below.plot(t_min, residuals, color=OKABE_ITO[1], linewidth=0.9)
@@ -176,12 +165,14 @@ def _draw_validation(
         axes.sharex(fit) if axes is not fit else axes.set_xlim(0.0, t_min[-1])
         axes.tick_params(labelbottom=axes is last)
     last.set_xlabel("Time (min)")
+    return entries
 
 
-def _finish(figure: Figure, panels: dict[str, Axes], entries: dict[str, Artist], width: Width) -> None:
+def _finished(figure: Figure, panels: dict[str, Axes], entries: dict[str, Artist], width: Width) -> Figure:
     for axes in panels.values():
         _style.dress(axes)
-        axes.xaxis.get_offset_text().set_fontsize(FONT_PT)
-        axes.yaxis.get_offset_text().set_fontsize(FONT_PT)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.get_offset_text().set_fontsize(FONT_PT)
     figure.align_ylabels([axes for name, axes in panels.items() if name != "response"])
     _style.add_legend(figure, list(entries.values()), list(entries), width)
+    return figure

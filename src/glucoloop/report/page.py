@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,27 +13,12 @@ from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.report import _page
-from glucoloop.report._page import FOOTER as FOOTER
-from glucoloop.report._page import Repeat, either, in_both_units
-from glucoloop.report._plot import (
-    BOLUS,
-    GLUCOSE,
-    INSULIN,
-    Panel,
-    colour,
-    extent,
-    lane,
-    linked,
-    plot,
-    run_class,
-    swatch,
-    thinned,
-)
 from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
+from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
 from glucoloop.report.facts import fault_in_words
 from glucoloop.report.fault_words import window_of
-from glucoloop.report.rows import metric_rows
+from glucoloop.report.table import metric_rows
+from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import in_words, periods_below
 from glucoloop.simulation import Trace
 
@@ -107,71 +92,70 @@ def interactive_page(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
-    parts = [
-        _page.units(mmol),
-        _page.section("Summary", "", _summary(traces, by_label)),
-        _picture(runs, limits, lowest_glucose_mg_dl, faults),
-        _page.section("What happened", "", _events(runs, faults)),
-        _page.section("Metrics", "", _metrics_table(by_label, ["Value"] if single else labels)),
-        _page.section("Numbers of the picture", "", _numbers(runs)),
-    ]
-    if facts or repeat:
-        parts.append(_page.situation(facts or {}, repeat))
-    return _page.page(title, "\n".join(parts), script=True)
-
-
-def _picture(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
-    end_min = max(run.horizon_min for run in runs)
-    most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
-    panels = [_glucose_panel(runs, lowest_mg_dl, end_min, most), _insulin_panel(runs, limits, end_min)]
+    time = TimeAxis(max(run.horizon_min for run in runs))
+    panels = [_glucose_panel(runs, lowest_glucose_mg_dl, time), _insulin_panel(runs, limits, time)]
     if any(run.boluses or run.command_boluses for run in runs):
-        panels.append(_bolus_panel(runs))
-    mark_faults(panels, faults, end_min)
-    drawn = plot(panels, end_min, name="Glucose and insulin", lanes=_lanes(runs, faults, end_min))
-    return _legend(runs, limits, lowest_mg_dl, faults) + linked(drawn, end_min, "runs")
-
-
-def _style(index: int) -> str:
-    return f'class="{run_class(index)}" style="stroke: {colour(index)}"'
-
-
-def _named(runs: Sequence[PlottedRun], run: PlottedRun, what: str) -> str:
-    name = f"{run.label}, {what}" if len(runs) > 1 else what
-    return f'data-name="{html.escape(name)}"'
-
-
-def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, end_min: float, most: int) -> Panel:
-    setpoints = [run.setpoint_mg_dl for run in runs]
-    low, high = extent(
-        [*setpoints, lowest_mg_dl], *(part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl))
+        panels.append(_bolus_panel(runs, time))
+    mark_faults(panels, faults)
+    named = dict.fromkeys(by_label, traces) if isinstance(traces, Trace) else traces
+    return render(
+        Path(__file__).with_name("templates") / "run.html",
+        title,
+        facts=facts,
+        repeat=repeat,
+        script=True,
+        mmol=mmol,
+        summaries={label: clinical_summary(named[label], of).sentences() for label, of in by_label.items()},
+        runs=[(looks(index), label) for index, label in enumerate(labels)],
+        levels=[entry for panel in panels for entry in panel.legend],
+        faults=faults,
+        dots=any(run.reading_t_min.size for run in runs),
+        commanded=any(_differs(run, limits) for run in runs),
+        plot=Plot("Glucose and insulin", panels, list(_lanes(runs, faults, time.end_min))),
+        events=list(_events(runs, faults)),
+        metrics=["Value"] if single else labels,
+        rows=metric_rows(by_label),
+        **_numbers(runs),
     )
-    alt = "; ".join(f"{run.label}: {_course(run)}" if len(runs) > 1 else _course(run) for run in runs)
+
+
+def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = ", ") -> str:
+    """What is shown of a run, with the label of the run where there are several."""
+    return f"{run.label}{apart}{what}" if len(runs) > 1 else what
+
+
+def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAxis) -> Panel:
+    setpoints = [run.setpoint_mg_dl for run in runs]
+    shown = [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)]
+    low, high = extent([*setpoints, lowest_mg_dl], *shown)
+    alt = "; ".join(_name(runs, run, _course(run), ": ") for run in runs)
     panel = Panel(
         GLUCOSE,
+        time,
         low - 0.05 * (high - low),
         high + 0.05 * (high - low),
-        18.0,
-        f"Glucose over {end_min:g} min. {alt}",
+        rem=18.0,
+        alt=f"Glucose over {time.end_min:g} min. {alt}",
         marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
     )
-    panel.area("target", (0.0, end_min), TARGET_MG_DL)
-    panel.level(lowest_mg_dl, end_min, "level dash-1")
-    for limit in limits_passed(runs):
-        panel.level(limit, end_min, "level dash-4")
-    for setpoint in dict.fromkeys(setpoints):
-        panel.level(setpoint, end_min)
+    panel.area("target", (0.0, time.end_min), TARGET_MG_DL)
+    panel.level(setpoints, "level", f"setpoint {values_in_words(setpoints, 'mg/dl')}")
+    panel.level([lowest_mg_dl], "level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl")
+    if passed := limits_passed(runs):
+        panel.level(passed, "level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}")
+    most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
     for index, run in enumerate(runs):
         if run.reading_t_min.size:
-            x, y = (
-                np.ravel(np.column_stack([part, np.full(part.size, np.nan)]))
-                for part in (run.reading_t_min, run.reading_mg_dl)
-            )
-            panel.line(x, y, f'class="run-{index} dots" style="stroke: {colour(index)}"')
-        panel.line(
-            *thinned(run.fine_t_min, run.shown_glucose_mg_dl, most),
-            f"{_style(index)} {_named(runs, run, 'glucose')}",
-        )
+            dots = _apart(run.reading_t_min), _apart(run.reading_mg_dl)
+            panel.line(*dots, f"run-{index} dots {colour(index)}")
+        drawn = thinned(run.fine_t_min, run.shown_glucose_mg_dl, most)
+        panel.line(*drawn, f"run-{index} {looks(index)}", name=_name(runs, run, "glucose"))
     return panel
+
+
+def _apart(values: Floats) -> Floats:
+    """Values with a gap after each."""
+    return np.insert(values, np.arange(values.size) + 1, np.nan)
 
 
 def _course(run: PlottedRun) -> str:
@@ -186,9 +170,8 @@ def _course(run: PlottedRun) -> str:
     )
 
 
-def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, end_min: float) -> Panel:
+def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxis) -> Panel:
     basal = [run.basal_insulin_mU_min for run in runs]
-    bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
     commanded = [_within(run.command_mU_min, limits) for run in runs]
     _, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)
     told = "; ".join(
@@ -197,20 +180,17 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, end_min: floa
         for run in runs
         if np.isfinite(run.insulin_mU_min).any()
     )
-    panel = Panel(INSULIN, 0.0, 1.08 * high, 10.0, f"Rate of insulin. {told}")
-    for rate in dict.fromkeys(basal):
-        panel.level(rate, end_min, "level dash-2")
-    for bound in bounds:
-        if 0.0 < bound <= panel.high:
-            panel.level(bound, end_min, "level dash-3")
+    panel = Panel(INSULIN, time, 0.0, 1.08 * high, rem=10.0, alt=f"Rate of insulin. {told}")
+    panel.level(basal, "level dash-2", f"basal {values_in_words(basal, 'mU/min')}")
+    bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
+    seen = [bound for bound in bounds if 0.0 < bound <= panel.high]
+    panel.level(seen, "level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}")
     for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
         if _differs(run, limits):
-            panel.steps(
-                run.t_min,
-                asked,
-                f'class="run-{index} asked dash-2" style="stroke: {colour(index)}" {_named(runs, run, "commanded")}',
-            )
-        panel.steps(run.t_min, run.insulin_mU_min, f"{_style(index)} {_named(runs, run, 'delivered')}")
+            kind = f"run-{index} asked dash-2 {colour(index)}"
+            panel.steps(run.t_min, asked, kind, name=_name(runs, run, "commanded"))
+        kind = f"run-{index} {looks(index)}"
+        panel.steps(run.t_min, run.insulin_mU_min, kind, name=_name(runs, run, "delivered"))
     return panel
 
 
@@ -225,32 +205,31 @@ def _differs(run: PlottedRun, limits: DoseLimits) -> bool:
     return not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True)
 
 
-def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
-    sizes = [size for run in runs for _, size in (*run.boluses, *run.command_boluses)]
-    delivered = [f"{run.label}: {_boluses_told(run.boluses)}" for run in runs]
+def _bolus_panel(runs: Sequence[PlottedRun], time: TimeAxis) -> Panel:
+    delivered = "; ".join(f"{run.label}: {_boluses_told(run.boluses)}" for run in runs)
     few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
     panel = Panel(
         BOLUS,
+        time,
         0.0,
-        1.1 * max(sizes),
-        5.0,
-        f"Boluses delivered. {'; '.join(delivered)}",
+        1.1 * max(size for run in runs for _, size in (*run.boluses, *run.command_boluses)),
+        rem=5.0,
+        alt=f"Boluses delivered. {delivered}",
         marks=[(t_min, f"{size:.3g} U") for t_min, size in runs[0].boluses] if few else (),
     )
     for index, run in enumerate(runs):
         for stems, kind in ((run.command_boluses, "asked"), (run.boluses, "stems")):
             t = np.repeat([t_min for t_min, _ in stems], 3)
             y = np.ravel([(0.0, size, np.nan) for _, size in stems])
-            panel.line(t, y, f'class="run-{index} {kind}" style="stroke: {colour(index)}"')
+            panel.line(t, y, f"run-{index} {kind} {colour(index)}")
     return panel
 
 
-def mark_faults(panels: Sequence[Panel], faults: Sequence[str], end_min: float) -> None:
+def mark_faults(panels: Sequence[Panel], faults: Sequence[str]) -> None:
     """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
-    for fault, window in _windows(faults, end_min):
+    for fault, window in _windows(faults, panels[0].time.end_min):
         panel = panels[0] if FAULTS.choose(fault).part == "sensor" else panels[1]
         panel.area("fault", window, (panel.low, panel.high))
-        panel.shapes.insert(0, panel.shapes.pop())
 
 
 def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple[float, float]]]:
@@ -260,47 +239,14 @@ def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple
             yield fault, window
 
 
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> list[str]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> Iterator[Lane]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
-    lanes = [
-        lane(f"Fault: {fault_in_words(fault)}", [([window], "var(--run-1)")], end_min)
-        for fault, window in _windows(faults, end_min)
-    ]
+    for fault, window in _windows(faults, end_min):
+        yield Lane(f"Fault: {fault_in_words(FAULTS.choose(fault))}", [([window], colour(1))])
     for name in STATUS_WORDS.values():
         rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
         if any(periods for periods, _ in rows):
-            lanes.append(lane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]], end_min))
-    return lanes
-
-
-def _legend(runs: Sequence[PlottedRun], limits: DoseLimits, lowest_mg_dl: float, faults: Sequence[str]) -> str:
-    entries = []
-    for index, run in enumerate(runs):
-        sample = f"{swatch(_style(index).replace(f'run-{index} ', ''))}{html.escape(run.label)}"
-        box = f'<label><input type="checkbox" data-run="run-{index}" checked> {sample}</label>'
-        entries.append(box if len(runs) > 1 else sample)
-    grey = [
-        ("level", f"setpoint {values_in_words([run.setpoint_mg_dl for run in runs], 'mg/dl')}"),
-        ("level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl"),
-        ("level dash-2", f"basal {values_in_words([run.basal_insulin_mU_min for run in runs], 'mU/min')}"),
-        (
-            "level dash-3",
-            f"pump limits {values_in_words([float(limits.min_mU_min), float(limits.max_mU_min)], 'mU/min')}",
-        ),
-    ]
-    passed = limits_passed(runs)
-    if passed:
-        grey.append(("level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}"))
-    entries += [f'{swatch(f"""class="{kind}" """)}{in_both_units(html.escape(text))}' for kind, text in grey]
-    areas = [("--target", "70 to 180 mg/dl"), *([("--fault", "time of a fault")] if faults else [])]
-    entries += [
-        f'<span class="swatch" style="background: var({shade})"></span>{in_both_units(text)}' for shade, text in areas
-    ]
-    if any(run.reading_t_min.size for run in runs):
-        entries.append("dots: readings of the sensor")
-    if any(_differs(run, limits) for run in runs):
-        entries.append("thin dotted: insulin commanded, within the pump's limits, where another amount was delivered")
-    return f'<ul class="legend">{"".join(f"<li>{entry}</li>" for entry in entries)}</ul>\n'
+            yield Lane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]])
 
 
 def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
@@ -312,72 +258,38 @@ def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
 
 
-def _summary(traces: Trace | Mapping[str, Trace], metrics: Mapping[str, Metrics]) -> str:
-    """Times in ranges, extremes of glucose and insulin of each run, in words."""
-    named = dict.fromkeys(metrics, traces) if isinstance(traces, Trace) else traces
-    told = {label: clinical_summary(named[label], of_run).sentences() for label, of_run in metrics.items()}
-    lists = {
-        html.escape(label): f"<ul>{''.join(f'<li>{in_both_units(html.escape(text))}</li>' for text in texts)}</ul>"
-        for label, texts in told.items()
-    }
-    return next(iter(lists.values())) if len(lists) == 1 else _page.cards(lists, min(3, len(lists)))
-
-
-def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> str:
+def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
-    meals = runs[0].meals
-    told = [f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in meals) or 'none'}."]
-    told += [f"Fault: {fault_in_words(fault)}." for fault in faults]
+    yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
+    yield from (f"Fault: {fault_in_words(FAULTS.choose(fault))}." for fault in faults)
     for run in runs:
-        before = f"{run.label}: " if len(runs) > 1 else ""
-        for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
-            for limit in limits:
-                beyond = periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit)
-                if beyond:
-                    told.append(f"{before}Glucose {where} {limit:g} mg/dl {in_words(beyond)}.")
-        if run.boluses or run.command_boluses:
-            told.append(f"{before}Boluses delivered: {_boluses_told(run.boluses)}.")
-        told += [f"{before}{name} {in_words(periods)}." for name, periods in run.periods.items()]
-        if run.validity_note is not None:
-            told.append(f"{before}{run.validity_note}")
-    return f"<ul>{''.join(f'<li>{in_both_units(html.escape(text))}</li>' for text in told)}</ul>"
+        yield from (_name(runs, run, event, ": ") for event in _events_of(run))
 
 
-def _metrics_table(metrics: Mapping[str, Metrics], heads: Sequence[str]) -> str:
-    lines = ["<table>", "<thead><tr><th scope='col'>Metric</th>"]
-    lines += [f"<th scope='col' class='value'>{html.escape(head)}</th>" for head in heads]
-    lines.append("<th scope='col'>Unit</th></tr></thead>")
-    section = None
-    for row in metric_rows(metrics):
-        if row.section != section:
-            body = "" if section is None else "</tbody>"
-            lines.append(f"{body}<tbody><tr><th scope='rowgroup' colspan='{len(heads) + 2}'>{row.section}</th></tr>")
-            section = row.section
-        values = row.values if row.mmol_l is None else map(either, row.values, row.mmol_l)
-        cells = "".join(f"<td class='value'>{value}</td>" for value in values)
-        unit = html.escape(row.unit) if row.mmol_l is None else either(row.unit, "mmol/l")
-        lines.append(f"<tr><th scope='row'>{in_both_units(html.escape(row.name))}</th>{cells}<td>{unit}</td></tr>")
-    lines.append("</tbody></table>")
-    return _page.scrolling("\n".join(lines), "Metrics")
+def _events_of(run: PlottedRun) -> Iterator[str]:
+    for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
+        for limit in limits:
+            if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
+                yield f"Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
+    if run.boluses or run.command_boluses:
+        yield f"Boluses delivered: {_boluses_told(run.boluses)}."
+    yield from (f"{name} {in_words(periods)}." for name, periods in run.periods.items())
+    if run.validity_note is not None:
+        yield run.validity_note
 
 
-def _numbers(runs: Sequence[PlottedRun]) -> str:
+def _numbers(runs: Sequence[PlottedRun]) -> dict[str, Any]:
     """Some of the samples as a table, in place of the picture."""
     t_min = runs[0].t_min
     every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
-    heads = ["Time (min)"]
+    heads, numbers = ["Time (min)"], []
     for run in runs:
-        before = f"{run.label}: " if len(runs) > 1 else ""
-        heads += [html.escape(f"{before}{what}") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
-    rows = []
+        heads += [_name(runs, run, what, ": ") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
     for place in range(0, t_min.size, every):
         row = [f"{t_min[place]:g}"]
         for run in runs:
             if place < run.t_min.size:
                 glucose = np.interp(run.t_min[place], run.fine_t_min, run.fine_glucose_mg_dl)
                 row += [glucose_text(float(glucose)), f"{run.insulin_mU_min[place]:.2f}"]
-        rows.append(row)
-    body = _page.scrolling(_page.table(heads, rows), "Numbers of the picture")
-    return (
-        f"<details><summary>Glucose and insulin every {every * (t_min[1] - t_min[0]):g} min</summary>{body}</details>"
-    )
+        numbers.append(row)
+    return {"every": f"{every * (t_min[1] - t_min[0]):g}", "heads": heads, "numbers": numbers}

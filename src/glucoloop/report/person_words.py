@@ -14,14 +14,7 @@ _REMARKABLE: Final = 3
 
 
 def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
-    """Basal rate of a person, and the parameters that are farthest from the middle of the population.
-
-    Parameters
-    ----------
-    population : Population
-    person : mapping
-        Row of a summary: ``basal_insulin_mU_min`` and the drawn ``parameters`` by name.
-    """
+    """Basal rate of a person, who is a row of a summary, and the parameters that are farthest from the middle."""
     distributions, meanings = population.distributions(), patient_model(population.patient).meanings
     drawn: Mapping[str, float] = person["parameters"]
 

@@ -37,14 +37,7 @@ def print_figure(size_inch: tuple[float, float], dpi: float) -> Figure:
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """File of a figure, without a date.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    kind : str
-        File format, one of `KINDS`.
-    """
+    """File of a figure in one of `KINDS`, without a date."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind))
     return buffer.getvalue()

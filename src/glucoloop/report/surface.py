@@ -1,18 +1,21 @@
-"""Figure of the sum of squared errors over a grid of tunings."""
+"""Sum of squared errors over a grid of tunings: its places, and its figure.
+
+Two parameters span the axes, and each combination of the others has a panel.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control.settings import MPCTuning
+from glucoloop.control.settings import MPCTuning, StateTuning
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width
-from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 if TYPE_CHECKING:
@@ -20,19 +23,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_NAMES: Final = {
-    "prediction_horizon": "Prediction horizon p (samples)",
-    "reference_filter": "Reference filter $\\varphi_r$",
-    "move_horizon": "Move horizon m",
-    "move_weight": "Move weight $\\Gamma_u$",
-    "output_weight": "Output weight $\\Gamma_y$",
-}
+MOST_PANELS: Final = 12
+# The first of these that vary become the axes; the others, panels.
+PARAMETERS: Final = ("prediction_horizon", "reference_filter", "move_horizon", "move_weight", "output_weight")
 _SYMBOLS: Final = {
     "prediction_horizon": "p",
     "reference_filter": "$\\varphi_r$",
     "move_horizon": "m",
     "move_weight": "$\\Gamma_u$",
     "output_weight": "$\\Gamma_y$",
+}
+_NAMES: Final = {
+    name: f"{name.replace('_', ' ').capitalize()} {symbol}{' (samples)' if name == 'prediction_horizon' else ''}"
+    for name, symbol in _SYMBOLS.items()
 }
 _PANELS_PER_ROW: Final = {"single": 2, "double": 4}
 _ROW_MM: Final = 42.0
@@ -51,6 +54,77 @@ _HATCHES: Final[dict[str, tuple[str, str, str | None]]] = {
 }
 
 
+@dataclass(frozen=True)
+class Cell:
+    """One place of the grid."""
+
+    kind: Literal["tried", "impossible", "refused", "not tried"]
+    """Kind of the cell: "impossible" if the prediction horizon is shorter than the move horizon; "refused" if the
+    design failed.
+    """
+    point: int | None = None
+    """Index into the surface's arrays, if the tuning was tried."""
+    reason: str = ""
+    """Reason why the design failed."""
+
+
+@dataclass(frozen=True)
+class SurfaceLayout:
+    """Axes and panels of the parameters, and the content of every cell."""
+
+    x: str
+    y: str
+    panels: tuple[str, ...]
+    levels: dict[str, list[float]]
+    """The values of each parameter, in rising order."""
+    cells: dict[tuple[float, ...], Cell]
+    """Cells by the values of the parameters, in the order of `levels`."""
+
+    def combinations(self) -> list[tuple[float, ...]]:
+        """Parameter values that distinguish the panels; one empty combination for a single panel."""
+        place = [list(self.levels).index(name) for name in self.panels]
+        return sorted({tuple(values[at] for at in place) for values in self.cells})
+
+    def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
+        """Cells of a panel, `[row][column]`; every place holds a cell."""
+        fixed = {name: values[0] for name, values in self.levels.items()}
+        fixed |= dict(zip(self.panels, combination, strict=True))
+
+        def cell(x: float, y: float) -> Cell:
+            values = fixed | {self.x: x, self.y: y}
+            known = self.cells.get(tuple(values[name] for name in self.levels))
+            if known is not None:
+                return known
+            return Cell("impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried")
+
+        return [[cell(x, y) for x in self.levels[self.x]] for y in self.levels[self.y]]
+
+
+def layout(surface: TuningSurface) -> SurfaceLayout:
+    """Lay out a surface; Refusal for more panels than can be read."""
+    cells = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
+    cells |= {tuning: Cell("tried", point) for point, tuning in enumerate(surface.tunings)}
+    filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
+    names = [name for name in PARAMETERS if filtered or name != "reference_filter"]
+    levels = {name: sorted({float(getattr(tuning, name)) for tuning in cells}) for name in names}
+    varying = [name for name in names if len(levels[name]) > 1]
+    x, y, *_ = [*varying, *(name for name in names if name not in varying)]
+    by_values = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
+    found = SurfaceLayout(x, y, tuple(varying[2:]), levels, by_values)
+    needed = len(found.combinations())
+    if needed > MOST_PANELS:
+        raise Refusal(
+            f"the surface would need {needed} panels, at most {MOST_PANELS} can be seen; "
+            f"give fewer values of {' and '.join(found.panels)}"
+        )
+    return found
+
+
+def texts(names: Sequence[str], symbols: dict[str, str], values: Sequence[float]) -> str:
+    """Title of a panel: the parameters and their values."""
+    return ", ".join(f"{symbols[name]} = {value:g}" for name, value in zip(names, values, strict=True))
+
+
 def plot_surface(
     surface: TuningSurface,
     *,
@@ -61,24 +135,9 @@ def plot_surface(
 ) -> Figure:
     """Draw the sum of squared errors of each tuning, its colour on a logarithmic scale.
 
-    Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one a
-    diamond. Two of the parameters that vary span the axes, and each combination of the others has a panel. Cells
-    without a number are grey, and the legend gives the reason.
-
-    Parameters
-    ----------
-    surface : TuningSurface
-    printed : MPCTuning, optional
-        The paper's tuning; if it is not a point of the surface, only the legend mentions it.
-    called : str
-        Name of that tuning in the legend, such as "usual" for a patient that is not the paper's.
-    title : str, optional
-    width : {"single", "double"}
-        Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one,
+    or what it is `called` in the legend, a diamond; if it is not a point of the surface, only the legend mentions it.
+    Cells without a number are grey, and the legend gives the reason.
 
     Raises
     ------
@@ -99,11 +158,17 @@ def plot_surface(
         if number >= len(combinations):
             axes.set_visible(False)
             continue
-        rows_of_cells = places.rows(combinations[number])
-        image = _draw_cells(axes, surface, rows_of_cells)
-        _draw_marks(axes, surface, rows_of_cells, printed, called, entries)
+        cells = places.rows(combinations[number])
+        image = _draw_cells(axes, surface, cells, entries)
+        _draw_marks(axes, surface, cells, {"best": _best(surface), called: printed}, entries)
         _style.dress(axes)
-        _label(axes, places, combinations[number])
+        for levels, set_ticks in (
+            (places.levels[places.x], axes.set_xticks),
+            (places.levels[places.y], axes.set_yticks),
+        ):
+            at = np.arange(0, len(levels), -(-len(levels) // _MOST_TICKS))
+            set_ticks(at + 0.5, [f"{levels[place]:g}" for place in at])
+        axes.set_title(texts(places.panels, _SYMBOLS, combinations[number]), fontsize=FONT_PT)
         if number + columns >= len(combinations):
             # beside each other there is no room for more than the symbol
             axes.set_xlabel(_NAMES[places.x] if columns == 1 else _SYMBOLS[places.x], fontsize=FONT_PT)
@@ -111,10 +176,14 @@ def plot_surface(
         if number % columns == 0:
             axes.set_ylabel(_NAMES[places.y], fontsize=FONT_PT)
     if printed is not None and printed not in surface.tunings:
-        entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark_of("D", 5.0)
+        entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark("D")
     _add_bar(figure, image, grid)
     _style.add_legend(figure, list(entries.values()), list(entries), width)
     return figure
+
+
+def _best(surface: TuningSurface) -> MPCTuning | None:
+    return surface.best() if surface.acceptable.any() else None
 
 
 def cell_colours(surface: TuningSurface) -> list[tuple[str, str]]:
@@ -145,17 +214,35 @@ def _add_bar(figure: Figure, image: Any, grid: npt.NDArray[Any]) -> None:
     bar.outline.set_linewidth(0.6)
 
 
-def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell]]) -> Any:
+def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell]], entries: dict[str, Artist]) -> Any:
+    """Colours of the cells, and hatching where there is more to say than a number."""
     from matplotlib.colors import LogNorm
+    from matplotlib.patches import Patch, PathPatch
+    from matplotlib.path import Path
+    from matplotlib.transforms import Affine2D
 
     sums = [[np.nan if cell.point is None else surface.sse[cell.point] for cell in row] for row in rows]
     finite = surface.sse[np.isfinite(surface.sse)]
     low, high = max(float(finite.min()), _LEAST), max(float(finite.max()), _LEAST)
     cells = np.ma.masked_invalid(np.maximum(np.array(sums, float), _LEAST))
-    return axes.pcolormesh(cells, cmap="viridis_r", norm=LogNorm(low, max(high, 1.01 * low)), rasterized=False)
+    image = axes.pcolormesh(cells, cmap="viridis_r", norm=LogNorm(low, max(high, 1.01 * low)), rasterized=False)
+    for state, (label, hatch, face) in _HATCHES.items():
+        chosen = [
+            Path.unit_rectangle().transformed(Affine2D().translate(x, y))
+            for y, row in enumerate(rows)
+            for x, cell in enumerate(row)
+            if _state(surface, cell) == state
+        ]
+        if chosen:
+            look: dict[str, Any] = {"edgecolor": "black", "hatch": hatch, "linewidth": 0.0}
+            # one shape, so that the hatching of neighbours is one
+            shape = Path.make_compound_path(*chosen)
+            axes.add_patch(PathPatch(shape, facecolor=face or "none", **look, zorder=3))
+            entries.setdefault(label, Patch(facecolor=face or "0.75", **look))
+    return image
 
 
-def _states(surface: TuningSurface, cell: Cell) -> str:
+def _state(surface: TuningSurface, cell: Cell) -> str:
     """Text of a cell in addition to its number; empty where the number is enough."""
     if cell.point is None:
         return cell.kind
@@ -170,79 +257,33 @@ def _draw_marks(
     axes: Axes,
     surface: TuningSurface,
     rows: Sequence[Sequence[Cell]],
-    printed: MPCTuning | None,
-    called: str,
+    tunings: dict[str, MPCTuning | None],
     entries: dict[str, Artist],
 ) -> None:
-    from matplotlib.patches import Patch
-
-    placed = [(x, y, cell) for y, row in enumerate(rows) for x, cell in enumerate(row)]
-    for state, (label, hatch, face) in _HATCHES.items():
-        chosen = [(x, y) for x, y, cell in placed if _states(surface, cell) == state]
-        if chosen:
-            _fill(axes, chosen, hatch, face)
-            shown = Patch(facecolor=face or "0.75", edgecolor="black", hatch=hatch, linewidth=0.0)
-            entries.setdefault(label, shown)
-    marks: list[tuple[str, int, str, float]] = []
-    if surface.acceptable.any():
-        best = surface.best_index()
-        marks.append((f"best {tuning_text(surface.tunings[best])}", best, "*", 9.0))
-    if printed is not None and printed in surface.tunings:
-        marks.append((f"{called} {tuning_text(printed)}", surface.index(printed), "D", 5.0))
-    for label, point, marker, size in marks:
-        mark = _mark_of(marker, size)
-        for x, y, cell in placed:
-            if cell.point == point:
-                axes.plot(x + 0.5, y + 0.5, **_mark_style(marker, size), zorder=4)
-        entries.setdefault(label, mark)
+    """A star and a diamond on two tunings, by what they are called."""
+    for marker, (called, tuning) in zip("*D", tunings.items(), strict=True):
+        if tuning is None or tuning not in surface.tunings:
+            continue
+        point = surface.index(tuning)
+        for y, row in enumerate(rows):
+            for x, cell in enumerate(row):
+                if cell.point == point:
+                    axes.add_line(_mark(marker, x + 0.5, y + 0.5))
+        entries.setdefault(f"{called} {tuning_text(tuning)}", _mark(marker))
 
 
-def _mark_style(marker: str, size: float) -> dict[str, Any]:
-    return {
-        "linestyle": "none",
-        "marker": marker,
-        "markersize": size,
-        "markerfacecolor": "white",
-        "markeredgecolor": "black",
-        "markeredgewidth": 0.8,
-    }
-
-
-def _mark_of(marker: str, size: float) -> Artist:
-    """Marker as it appears in the legend."""
+def _mark(marker: str, *place: float) -> Any:
+    """A marker at a place, or as it appears in the legend."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **_mark_style(marker, size))
-
-
-def _fill(axes: Axes, places: Sequence[tuple[int, int]], hatch: str, face: str | None) -> None:
-    """Hatch cells as one shape; cells without a number of their own get a background."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-    from matplotlib.transforms import Bbox, BboxTransformTo
-
-    cells = [
-        Path.unit_rectangle().transformed(BboxTransformTo(Bbox.from_bounds(column, row, 1.0, 1.0)))
-        for column, row in places
-    ]
-    axes.add_patch(
-        PathPatch(
-            Path.make_compound_path(*cells),
-            facecolor=face or "none",
-            edgecolor="black",
-            hatch=hatch,
-            linewidth=0.0,
-            zorder=3,
-        )
+    return Line2D(
+        place[:1],
+        place[1:],
+        linestyle="none",
+        marker=marker,
+        markersize={"*": 9.0, "D": 5.0}[marker],
+        markerfacecolor="white",
+        markeredgecolor="black",
+        markeredgewidth=0.8,
+        zorder=4,
     )
-
-
-def _label(axes: Axes, places: SurfaceLayout, panel: Sequence[float]) -> None:
-    for levels, set_ticks in (
-        (places.levels[places.x], axes.set_xticks),
-        (places.levels[places.y], axes.set_yticks),
-    ):
-        at = np.arange(0, len(levels), -(-len(levels) // _MOST_TICKS))
-        set_ticks(at + 0.5, [f"{levels[place]:g}" for place in at])
-    if panel:
-        axes.set_title(texts(places.panels, _SYMBOLS, panel), fontsize=FONT_PT)

@@ -1,17 +1,71 @@
-"""Tables of metrics for the terminal; piped, they are plain text."""
+"""Tables of metrics: a line for each number and a column for each run, for the terminal and for pages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
+from glucoloop.parts.metrics import Result, metrics_with
 from glucoloop.printable import NOT_AVAILABLE
-from glucoloop.report.rows import metric_rows
+from glucoloop.refusal import Refusal
+from glucoloop.units import MG_DL_PER_MMOL_L
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+_OF_A_BOUND: Final = {
+    "Largest deviation": "deviation_mg_dl",
+    "Bound": "bound_mg_dl",
+    "Distance to the bound": "distance_mg_dl",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One metric of one run or of several."""
+
+    section: str
+    name: str
+    unit: str
+    values: tuple[str, ...]
+    mmol_l: tuple[str, ...] | None = None
+    """The values in mmol/l, of a metric in mg/dl."""
+
+
+def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
+    """Rows for runs by label, one value per run; a time that is only a lower bound ends in "+"."""
+    if not metrics:
+        raise Refusal("there are no metrics to show; give those of at least one run")
+    plain = [of_run.as_dict() for of_run in metrics.values()]
+    return [
+        _row(metric.section, result, plain)
+        for metric in metrics_with(next(iter(metrics.values())).further)
+        for result in metric.results
+        if result.title and (not result.seldom or any(values[result.name] for values in plain))
+    ]
+
+
+def _row(section: str, result: Result, metrics: Sequence[Mapping[str, float | int | bool | None]]) -> Row:
+    values = tuple(_cell(result, of_run) for of_run in metrics)
+    if result.unit != "mg/dl":
+        return Row(section, result.title, result.unit, values)
+    other = dataclasses.replace(result, digits=2, divisor=MG_DL_PER_MMOL_L)
+    return Row(section, result.title, result.unit, values, tuple(_cell(other, of_run) for of_run in metrics))
+
+
+def _cell(result: Result, metrics: Mapping[str, float | int | bool | None]) -> str:
+    """A value of one run as text."""
+    value = metrics[result.name]
+    if value is None or isinstance(value, bool):
+        return NOT_AVAILABLE if value is None else "yes" if value else "no"
+    least, fall = metrics["minimum_mg_dl"], metrics["undershoot_mg_dl"]
+    setpoint = math.inf if least is None or fall is None else least + fall
+    return result.text(value, setpoint) + ("+" if result.settled and not metrics[result.settled] else "")
 
 
 def metrics_table(metrics: Metrics) -> Table:
@@ -31,7 +85,7 @@ def metrics_table(metrics: Metrics) -> Table:
     ValueError
         For metrics of many people.
     """
-    return _table({"Value": metrics})
+    return lines_table("Metric", ["Value"], metric_rows({"Value": metrics}))
 
 
 def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Distance] | None = None) -> Table:
@@ -54,45 +108,32 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     ValueError
         If there are none, or some are of many people.
     """
-    table = _table(metrics)
-    if distances is not None:
-        from rich.text import Text
-
-        rows = {
-            "Largest deviation": "deviation_mg_dl",
-            "Bound": "bound_mg_dl",
-            "Distance to the bound": "distance_mg_dl",
-        }
-        table.add_section()
-        table.add_row(Text("Bound", "bold"))
-        for name, field in rows.items():
-            values = [
-                f"{getattr(distances[label], field):z.2f}" if label in distances else NOT_AVAILABLE for label in metrics
-            ]
-            table.add_row(*_cells(name, values, "mg/dl"))
-    return table
+    rows = metric_rows(metrics)
+    for name, field in _OF_A_BOUND.items() if distances is not None else ():
+        known = distances or {}
+        values = (f"{getattr(known[label], field):z.2f}" if label in known else NOT_AVAILABLE for label in metrics)
+        rows.append(Row("Bound", name, "mg/dl", tuple(values)))
+    return lines_table("Metric", metrics, rows)
 
 
-def _table(metrics: Mapping[str, Metrics]) -> Table:
+def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
+    """A table for the terminal; piped, it is plain text."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    rows = metric_rows(metrics)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("Metric", no_wrap=True)
-    for label in metrics:
+    table.add_column(head, no_wrap=True)
+    for label in labels:
         # Text, since square brackets in a label would be taken for markup
         table.add_column(Text(label), justify="right")
     table.add_column("Unit", no_wrap=True)
-    for before, row in zip([None, *rows], rows, strict=False):
-        if before is None or before.section != row.section:
-            if before is not None:
+    section = ""
+    for row in rows:
+        if row.section != section:
+            if section:
                 table.add_section()
-            table.add_row(Text(row.section, "bold"))
-        table.add_row(*_cells(row.name, row.values, row.unit))
+            section = row.section
+            table.add_row(Text(section, "bold"))
+        table.add_row(f"  {row.name}", *row.values, row.unit)
     return table
-
-
-def _cells(name: str, values: Sequence[str], unit: str) -> list[str]:
-    return [f"  {name}", *values, unit]

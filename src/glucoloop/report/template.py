@@ -10,8 +10,10 @@ import base64
 import functools
 import hashlib
 import importlib.resources
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -20,14 +22,35 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
-from glucoloop.report._page import FOOTER, Repeat, count
+from glucoloop.printable import glucose_text, percent
+from glucoloop.report.charts import colour
 from glucoloop.report.columns import headings
 from glucoloop.report.fault_words import settings_in_words, when_in_words
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.units import MG_DL_PER_MMOL_L
 
+FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
 _GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Command and configuration that repeat the results of a page."""
+
+    command: str
+    """Command without the name of the program: ``run --config run.toml``."""
+    keys: Mapping[str, Any]
+    """Configuration of the command."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Files beside the page, each with what it holds."""
+    given: Mapping[str, Any] | None = None
+    """Keys from which the configuration follows, if it was read from fewer."""
+
+    @property
+    def text(self) -> str:
+        """Text of the configuration file."""
+        return toml_text(self.keys, self.command, self.given)
 
 
 def render(
@@ -88,11 +111,15 @@ def _environment(folder: Path) -> jinja2.Environment:
     )
     environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER}
     environment.filters |= {
+        "colour": colour,
         "glucose_parts": _glucose_parts,
+        "glucose_text": glucose_text,
         "headings": headings,
+        "mmol_text": mmol_text,
+        "percent": percent,
         "quoted": lambda text: quote(text, safe=""),
         "settings_in_words": settings_in_words,
-        "thousands": count,
+        "thousands": thousands,
         "toml": toml_text,
         "when_in_words": when_in_words,
         "with_code": with_code,
@@ -103,6 +130,16 @@ def _environment(folder: Path) -> jinja2.Environment:
 @functools.cache
 def _asset(name: str) -> Markup:
     return Markup(importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8"))
+
+
+def thousands(count: int) -> str:
+    """Text of a number with its thousands separated."""
+    return f"{count:,}".replace(",", "\u202f")
+
+
+def mmol_text(mg_dl: float) -> str:
+    """Text of a glucose in mmol/l; empty where it is no concentration."""
+    return f"{mg_dl / MG_DL_PER_MMOL_L:.2f}" if 0.0 <= mg_dl < math.inf else ""
 
 
 def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from glucoloop.metrics.control_variability import (
 )
 from glucoloop.printable import percent
 from glucoloop.report import _style
-from glucoloop.report._plot import extent
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
-from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
+from glucoloop.report.charts import extent
+from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport
 from glucoloop.units import u_h_from_mu_min
 
 if TYPE_CHECKING:
@@ -41,52 +41,8 @@ BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
 """Lower and upper quantile of each band, and its opacity."""
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Axes that all controllers share, so that they can be compared."""
-
-    divisor: float
-    unit: str
-    tick: float
-    end: float
-    glucose: tuple[float, float]
-    insulin: tuple[float, float]
-
-
-def _frame(report: TrialReport) -> _Frame:
-    """Axes that the bands of all controllers fit into."""
-    cases = report.cases.values()
-    divisor, unit, tick = _style.time_axis(report.horizon_min, "single")
-    low, high = extent(
-        [report.setpoint_mg_dl, report.lowest_glucose_mg_dl],
-        *(case.glucose_quantiles[quantile] for case in cases for quantile in (0.01, 0.99)),
-    )
-    return _Frame(
-        divisor=divisor,
-        unit=unit,
-        tick=tick,
-        end=report.horizon_min / divisor,
-        glucose=(low - 0.05 * (high - low), high + 0.05 * (high - low)),
-        insulin=(0.0, 1.05 * extent([0.0], *(case.insulin_quantiles[0.99] for case in cases))[1]),
-    )
-
-
 def _colour(index: int) -> str:
     return OKABE_ITO[index % len(OKABE_ITO)]
-
-
-@dataclass(frozen=True)
-class _Sheet:
-    """Figure with its panels in place."""
-
-    figure: Figure
-    glucose: list[Axes]
-    insulin: list[Axes]
-    grids: list[Axes]
-    bars: Axes
-    columns: int
-    characters: int
-    """Number of characters that fit above a panel."""
 
 
 def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = "double") -> Figure:
@@ -113,95 +69,84 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     ValueError
         For an unknown width.
     """
-    sheet = _sheet(report, report.title if title is None else title, width)
-    frame = _frame(report)
-    entries: dict[str, Artist] = {}
+    people = len(report.cases)
+    figure, panels, columns = _sheet(people, report.title if title is None else title, width)
+    characters = max(12, int(_PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM))
+    divisor, unit, tick = _style.time_axis(report.horizon_min, "single")
+    least = [report.setpoint_mg_dl, report.lowest_glucose_mg_dl]
+    cases = report.cases.values()
+    low, high = extent(least, *(case.glucose_quantiles[of] for case in cases for of in (0.01, 0.99)))
+    _, most = extent([0.0], *(case.insulin_quantiles[0.99] for case in cases))
     for index, (label, case) in enumerate(report.cases.items()):
-        glucose, insulin, grid = sheet.glucose[index], sheet.insulin[index], sheet.grids[index]
-        _draw_bands(glucose, case.bands_t_min / frame.divisor, case.glucose_quantiles, _colour(index))
+        glucose, insulin, grid = (panels[f"{kind} {index}"] for kind in ("glucose", "insulin", "grid"))
+        _draw_bands(glucose, case.bands_t_min / divisor, case.glucose_quantiles, index)
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
-        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / frame.divisor
-        _draw_bands(insulin, held_t, held, _colour(index), step="post")
+        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / divisor
+        _draw_bands(insulin, held_t, held, index, step="post")
         setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
         bound = glucose.axhline(
             report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
         )
-        _draw_grid(grid, case, _colour(index), sheet.characters)
-        heading = _style.literal(textwrap.fill(label, sheet.characters))
-        glucose.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
-        grid.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
-        glucose.set_ylim(*frame.glucose)
-        insulin.set_ylim(*frame.insulin)
+        _draw_grid(grid, case, _colour(index), characters)
+        for axes in (glucose, grid):
+            heading = _style.literal(textwrap.fill(label, characters))
+            axes.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
+        glucose.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+        insulin.set_ylim(0.0, 1.05 * most)
         for axes in (glucose, insulin):
             _style.dress(axes)
-            axes.set_xlim(0.0, frame.end)
-            axes.xaxis.set_major_locator(_style.every(frame.tick))
+            axes.set_xlim(0.0, report.horizon_min / divisor)
+            axes.xaxis.set_major_locator(_style.every(tick))
         glucose.tick_params(labelbottom=False)
-        insulin.set_xlabel(f"Time ({frame.unit})")
-        first = index % sheet.columns == 0
+        insulin.set_xlabel(f"Time ({unit})")
         for axes, name in ((glucose, "Glucose (mg/dl)"), (insulin, "Insulin (mU/min)"), (grid, "Maximum (mg/dl)")):
-            if first:
+            if index % columns == 0:
                 axes.set_ylabel(name)
             else:
                 axes.tick_params(labelleft=False)
-        last = (index + 1) % sheet.columns == 0 or index + 1 == len(report.cases)
-        if report.units_per_hour and last:
+        if report.units_per_hour and ((index + 1) % columns == 0 or index + 1 == people):
             _style.add_axis(insulin, u_h_from_mu_min(1.0), "Insulin (U/h)")
-    sheet.figure.align_ylabels([*sheet.glucose, *sheet.insulin, *sheet.grids])
-    _legend_of_bands(entries)
+    figure.align_ylabels([axes for name, axes in panels.items() if name != "bars"])
+    entries = _legend_of_bands()
     entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint
     entries[f"lowest allowed {report.lowest_glucose_mg_dl:g} mg/dl"] = bound
-    _draw_ranges(sheet.bars, report, entries, width)
-    _style.add_legend(sheet.figure, list(entries.values()), list(entries), width)
-    return sheet.figure
+    _draw_ranges(panels["bars"], report, entries, width)
+    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    return figure
 
 
-def _sheet(report: TrialReport, title: str, width: Width) -> _Sheet:
-    """Empty figure with as many rows of panels as the controllers need, and the bars below."""
-    people = len(report.cases)
-    most = _COLUMNS.get(width, 1)
-    rows = -(-people // most)
+def _sheet(people: int, title: str, width: Width) -> tuple[Figure, dict[str, Axes], int]:
+    """Empty figure with as many rows of panels as the controllers need, and the bars below; its number of columns."""
+    rows = -(-people // _COLUMNS.get(width, 1))
     columns = -(-people // rows)
     grid_mm = min(48.0, _PANEL_SHARE * _style.WIDTHS_MM.get(width, 0.0) / columns)
     heights = [_GLUCOSE_MM, _INSULIN_MM] * rows + [grid_mm] * rows + [_BAR_MM * people]
     figure = _style.new_figure(width, sum(heights) + 6.0 * len(heights) + _AROUND_MM, title)
-    spec = figure.add_gridspec(len(heights), columns, height_ratios=heights)
-
-    def of_all(first: int, step: int) -> list[Any]:
-        return [figure.add_subplot(spec[first + step * (i // columns), i % columns]) for i in range(people)]
-
-    return _Sheet(
-        figure=figure,
-        glucose=of_all(0, 2),
-        insulin=of_all(1, 2),
-        grids=of_all(2 * rows, 1),
-        bars=figure.add_subplot(spec[-1, :]),
-        columns=columns,
-        characters=max(12, int(_PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM)),
-    )
+    places = [range(columns * row, columns * (row + 1)) for row in range(rows)]
+    kinds = [(kind, row) for row in places for kind in ("glucose", "insulin")] + [("grid", row) for row in places]
+    lines = [[f"{kind} {index}" if index < people else "." for index in row] for kind, row in kinds]
+    mosaic: Any = [*lines, ["bars"] * columns]
+    return figure, figure.subplot_mosaic(mosaic, height_ratios=heights), columns
 
 
-def _draw_bands(axes: Axes, t: Any, quantiles: Any, of_case: str, step: Any = None) -> None:
-    for low, high, opacity in BANDS:
-        axes.fill_between(
-            t, quantiles[low], quantiles[high], color=of_case, alpha=opacity, linewidth=0.0, step=step, zorder=2
-        )
-    if step:
-        axes.step(t, quantiles[0.5], where=step, color=of_case, linewidth=1.1, zorder=3)
-    else:
-        axes.plot(t, quantiles[0.5], color=of_case, linewidth=1.1, zorder=3)
+def _draw_bands(
+    axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, step: Literal["post"] | None = None
+) -> None:
+    bands = [(quantiles[low], quantiles[high], opacity) for low, high, opacity in BANDS]
+    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, step=step)
 
 
-def _legend_of_bands(entries: dict[str, Artist]) -> None:
+def _legend_of_bands() -> dict[str, Artist]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    entries["median"] = Line2D([], [], color=GREY, linewidth=1.1)
+    entries: dict[str, Artist] = {"median": Line2D([], [], color=GREY, linewidth=1.1)}
     # a band lies over the wider ones
     transparency = 1.0
     for low, high, opacity in BANDS:
         transparency *= 1.0 - opacity
         entries[f"middle {100 * (high - low):.0f} %"] = Patch(facecolor="0.2", alpha=1.0 - transparency, linewidth=0.0)
+    return entries
 
 
 def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> None:

@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
-from glucoloop.parts.metrics import described
-from glucoloop.refusal import Refusal
-from glucoloop.report._page import Repeat
+from glucoloop.report.template import Repeat
 
 Floats = npt.NDArray[np.float64]
 
@@ -87,13 +85,7 @@ class CaseReport:
 
 @dataclass(frozen=True)
 class TrialReport:
-    """A trial of one or several controllers over one population.
-
-    Raises
-    ------
-    ValueError
-        If there is no controller, or controllers differ in their parts, or something is missing.
-    """
+    """A trial of one or several controllers over one population; each has the same quantiles, metrics and bins."""
 
     title: str
     setpoint_mg_dl: float
@@ -115,61 +107,10 @@ class TrialReport:
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 
-    def __post_init__(self) -> None:
-        """Refuse a report that cannot be shown."""
-        if not self.cases:
-            raise Refusal("the trial has no controller to show; give at least one")
-        first_label, first = next(iter(self.cases.items()))
-        for label, case in self.cases.items():
-            _check(label, case)
-            for name, of_case, of_first in (
-                ("headline numbers", list(case.table), list(first.table)),
-                ("distributions", list(case.metric_counts), list(first.metric_counts)),
-            ):
-                if of_case != of_first:
-                    raise Refusal(
-                        f"{label!r} has the {name} {of_case} but {first_label!r} has {of_first}; give the same for "
-                        "all, in the same order"
-                    )
-            for metric, distribution in case.metric_counts.items():
-                if not np.array_equal(distribution.edges, first.metric_counts[metric].edges):
-                    raise Refusal(
-                        f"{metric} of {label!r} and of {first_label!r} are counted between different edges; "
-                        "use the same for all"
-                    )
-
     @property
     def horizon_min(self) -> float:
         """Length of the longest run."""
         return max(float(case.bands_t_min[-1]) for case in self.cases.values())
-
-
-def _check(label: str, case: CaseReport) -> None:
-    for kind, quantiles, t_min in (
-        ("glucose", case.glucose_quantiles, case.bands_t_min),
-        ("insulin", case.insulin_quantiles, case.insulin_t_min),
-    ):
-        for quantile in QUANTILES:
-            if quantile not in quantiles:
-                raise Refusal(f"{label!r} lacks the quantile {quantile:g} of {kind}; give {_listed(QUANTILES)}")
-            if np.shape(quantiles[quantile]) != np.shape(t_min):
-                raise Refusal(
-                    f"{label!r} has {np.size(quantiles[quantile])} values of the quantile {quantile:g} of {kind} at "
-                    f"{np.size(t_min)} times; give one at each"
-                )
-    for metric, distribution in case.metric_counts.items():
-        described(metric)
-        if np.size(distribution.edges) != np.size(distribution.counts) + 1:
-            raise Refusal(
-                f"{metric} of {label!r} has {np.size(distribution.counts)} bins between "
-                f"{np.size(distribution.edges)} edges; give one edge more than bins"
-            )
-    if set(case.time_in_range_pct) != set(RANGES):
-        raise Refusal(f"{label!r} has times in {_listed(case.time_in_range_pct)}; give {_listed(RANGES)}")
-
-
-def _listed(values: Any) -> str:
-    return ", ".join(map(str, values))
 
 
 def ranges_pct(

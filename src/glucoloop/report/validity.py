@@ -16,19 +16,7 @@ _MOST_PERIODS: Final = 3
 def periods_below(
     t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: npt.ArrayLike
 ) -> list[tuple[float, float]]:
-    """First and last moment of each period in which glucose is below a limit.
-
-    Parameters
-    ----------
-    t_min, glucose_mg_dl : array_like, shape (points,)
-        Times and glucose of one person; NaN is not below the limit.
-    limit_mg_dl : array_like, shape ()
-
-    Returns
-    -------
-    list of (float, float)
-        Times in min; both are the same for a single point.
-    """
+    """First and last moment of each period in which the glucose of one person is below a limit; NaN is not."""
     t, below = np.asarray(t_min, float), np.asarray(glucose_mg_dl, float) < np.asarray(limit_mg_dl, float)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], below, [False]]).astype(int)))
     return [(float(t[first]), float(t[after - 1])) for first, after in edges.reshape(-1, 2)]

@@ -145,3 +145,8 @@ def usual_case(controller: str, situation: Situation) -> Case:
         For an unknown controller.
     """
     return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)
+
+
+def cases_of(*names: str) -> tuple[Case, ...]:
+    """A case for each of some controllers, as a default of what a study asks for."""
+    return tuple(Case.partial({"controller": CONTROLLERS[name].partial({})}) for name in names)

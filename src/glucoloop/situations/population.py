@@ -70,10 +70,11 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
 
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
     try:
+        told = Vary.partial(dict(table))
         for key in ("parameter", "distribution"):
             if key not in table:
                 raise Refusal(f"{key} is missing; add it")
-        return Variation(**Vary.partial(dict(table)).values())
+        return Variation(**told.values())
     except Refusal as error:
         raise Refusal(f"[[{VARY_KEY}]] number {number}: {error}") from None
 

@@ -1,7 +1,7 @@
 """Reading of what is asked for from a tree of given values, in two steps: bounds and types at once, then the rest.
 
-The first step needs no numerical library, so that a refusal comes at once; the second completes what was given by what is
-usual, which imports the patient.
+The first step needs no numerical library, so that a refusal comes at once; the second completes what was given by what
+is usual, which imports the patient.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ def read_root(root: type[P], tree: Mapping[str, Any]) -> P:
     Refusal
         For an unknown part or setting, or a value that is not possible.
     """
-    return read(root, tree, ask=plain(tree.get("allow_unusual")) is not True, where="")
+    prepared = getattr(root, "prepared", dict)(tree)
+    return read(root, prepared, ask=plain(tree.get("allow_unusual")) is not True, where="")
 
 
 def complete(asked: P) -> P:

@@ -38,8 +38,8 @@ class Loops(Situation):
     guard: Annotated[
         GuardSettings | None,
         _controller(
-            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without readings, "
-            "suspends insulin on predicted low glucose, and bounds the dose.",
+            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without "
+            "readings, suspends insulin on predicted low glucose, and bounds the dose.",
             alone="usual",
         ),
     ] = None
@@ -83,12 +83,30 @@ class Loops(Situation):
                 raise Refusal(told if len(self.controller) < 2 else f"case {case.label!r}: {told}") from None
         return tuple(found)
 
+    @property
+    def case(self) -> Case:
+        """The only controller.
+
+        Raises
+        ------
+        Refusal
+            If there are several.
+        """
+        if len(self.cases) > 1:
+            raise Refusal(
+                f"there are {len(self.cases)} controllers ({', '.join(case.label for case in self.cases)}); give one, "
+                "or use glucoloop compare or glucoloop trial"
+            )
+        return self.cases[0]
+
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
         found = super().tree(whole=whole)
         if whole:
-            found["controller"] = [case.tree(whole=True) for case in self.cases]
-            del found["guard"], found["model"]
+            if "controller" in found:
+                found["controller"] = [case.tree(whole=True) for case in self.cases]
+            for key in ("guard", "model"):
+                found.pop(key, None)
         return found
 
     def ask(self) -> None:
@@ -120,8 +138,8 @@ class Run(Loops):
     meals: Annotated[
         tuple[str, ...],
         Option(
-            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it for "
-            "more; none for no meal.",
+            "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
+            "for more; none for no meal.",
             panel=PATIENT_PANEL,
             flag="--meal",
             metavar="G@TIME",
@@ -142,28 +160,6 @@ class Run(Loops):
         object.__setattr__(self, "meals", tuple(meal_text(parse_meal(text)) for text in self.meals))
         refuse_parts_of_samples(self.duration_min, self.sample_time_min)
         self.refuse_late_faults(self.duration_min)
-
-    @property
-    def case(self) -> Case:
-        """The only controller.
-
-        Raises
-        ------
-        Refusal
-            If there are several.
-        """
-        if len(self.cases) > 1:
-            raise Refusal(
-                f"there are {len(self.cases)} controllers ({', '.join(case.label for case in self.cases)}); give one, "
-                "or use glucoloop compare or glucoloop trial"
-            )
-        return self.cases[0]
-
-    def alone(self, case: Case) -> Run:
-        """The same run with one of its cases; what was given of it stays known."""
-        found = type(self)(**{**self.values(), "controller": (case,), "guard": None, "model": None})
-        of_case = {key: value for key, value in self.given.items() if key != "controller"}
-        return found._noted({**of_case, "controller": (case,)}, self.where, self.called)
 
     def eaten(self) -> tuple[Meal, ...]:
         """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""

@@ -1,8 +1,8 @@
 """Situation of a controller: the patient, the sensor and the pump with their faults.
 
-It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it. Where
-it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the patient;
-what was given stays apart, see `parts.part.Part`.
+It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
+Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
+patient; what was given stays apart, see `parts.part.Part`.
 """
 
 from __future__ import annotations
@@ -70,6 +70,12 @@ SensorSetting = Annotated[
 ]
 
 
+def _named_or_made(meal_model: Any) -> Any:
+    if isinstance(meal_model, int | float | list | tuple | Mapping):
+        raise Refusal("give the name of a meal model, lehmann-deutsch or hovorka")
+    return meal_model
+
+
 class Situation(Part):
     """Everything about a loop but its meals and its controllers.
 
@@ -97,6 +103,7 @@ class Situation(Part):
             default="the patient's own",
             metavar="NAME",
             rare=True,
+            reads=_named_or_made,
         ),
     ] = None
     announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
@@ -196,21 +203,26 @@ class Situation(Part):
         Refusal
             With the unit that a limit looks like, or the rate that the patient needs.
         """
-        pump, person = self.pump, self.nominal
+        limits, person = self.limits, self.nominal
+        rates = {
+            "max_insulin_mU_min": float(limits.max_mU_min),
+            "min_insulin_mU_min": float(limits.min_mU_min),
+            "max_change_mU_min": float(limits.max_change_mU_min),
+        }
         basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
         largest, least = LARGEST_RATE_UNDER_THE_SKIN if self.patient.under_the_skin else LARGEST_RATE, LEAST_RATE
         rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
         if self.setpoint_mg_dl is None or self.setpoint_mg_dl <= resting:
-            if pump.max_insulin_mU_min < basal:
+            if rates["max_insulin_mU_min"] < basal:
                 largest = largest.within(least=basal, reason=f"the patient needs {rest}")
-            if basal < pump.min_insulin_mU_min < pump.max_insulin_mU_min:
+            if basal < rates["min_insulin_mU_min"] < rates["max_insulin_mU_min"]:
                 least = least.within(most=basal, reason=f"the patient needs only {rest}")
         for name, quantity in (
             ("max_insulin_mU_min", largest),
             ("min_insulin_mU_min", least),
             ("max_change_mU_min", RATE_CHANGE),
         ):
-            ask(getattr(pump, name), quantity, f"{name} of the pump", CONFIRM_OPTION)
+            ask(rates[name], quantity, f"{name} of the pump", CONFIRM_OPTION)
 
     def refuse_late_faults(self, duration_min: float) -> None:
         """Refuse a fault that begins after the end of a run."""
@@ -339,10 +351,11 @@ class Situation(Part):
         """
         from glucoloop.pumps import dose_limits
 
+        pump = self.pump.values()
         return dose_limits(
-            max_change_mU_min=self.pump.max_change_mU_min,
-            min_mU_min=self.pump.min_insulin_mU_min,
-            max_mU_min=self.pump.max_insulin_mU_min,
+            max_change_mU_min=pump["max_change_mU_min"],
+            min_mU_min=pump["min_insulin_mU_min"],
+            max_mU_min=pump["max_insulin_mU_min"],
         )
 
     @property

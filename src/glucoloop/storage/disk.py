@@ -4,8 +4,8 @@ A folder may come from another person. A symbolic link, pipe, device or socket u
 error; it is never read, waited for, or written through.
 
 A file being made has a name that begins with a dot and ends in ``.part``; it is on the disk before it is renamed, and a
-file is renamed before it is removed. So a process may die between any two operations, and `is_part` recognises what it
-left.
+folder is renamed before it is removed. So a process may die between any two operations, and `is_part` recognises what
+it left. Each folder that this program writes holds the list of its files with their digests, `SUMS`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
-import functools
 import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from glucoloop.refusal import Refusal
 
@@ -54,6 +53,8 @@ _SAFE: Final = (
 )
 """Flags for opening a file without following a link or waiting for a pipe."""
 _CHUNK: Final = 1 << 20
+_DIGITS: Final = 20
+"""Most digits of the number of a process."""
 _AT_CWD: Final = -100
 _EXCHANGE: Final = 2
 _FILE, _FOLDER = "a file", "a folder"
@@ -79,28 +80,16 @@ def kind(path: Path) -> str:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    return _kind_of(mode)
+    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file.
-
-    Raises
-    ------
-    ValueError
-        If something else stands there.
-    """
+    """Whether there is a regular file; ValueError if something else stands there."""
     return _is(path, _FILE)
 
 
 def is_folder(path: Path) -> bool:
-    """Whether there is a real folder.
-
-    Raises
-    ------
-    ValueError
-        If something else stands there.
-    """
+    """Whether there is a real folder; ValueError if something else stands there."""
     return _is(path, _FOLDER)
 
 
@@ -122,30 +111,16 @@ def part_of(path: Path) -> Path:
 
 
 def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
-    """Contents of a regular file.
-
-    Raises
-    ------
-    ValueError
-        If it is no regular file, or larger than `most` bytes.
-    OSError
-        If it is absent or cannot be read.
-    """
+    """Contents of a regular file; ValueError for something else, or for more than `most` bytes."""
     with _opened(path) as descriptor:
         size = os.fstat(descriptor).st_size
         if size > most:
             raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
-        return b"".join(_chunks(descriptor, most))
+        return b"".join(_chunks(descriptor))
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a regular file in hexadecimal; the empty text if there is none.
-
-    Raises
-    ------
-    ValueError
-        If something else stands there.
-    """
+    """SHA-256 of a regular file in hexadecimal; the empty text if there is none, ValueError for something else."""
     if not is_file(path):
         return ""
     found = hashlib.sha256()
@@ -155,29 +130,12 @@ def digest(path: Path) -> str:
     return found.hexdigest()
 
 
-def write_new(place: Path, data: bytes) -> None:
-    """Write a file that does not exist yet, and flush it to the disk."""
-    descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
-    try:
-        try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(place)
-        raise
-
-
 def put_file(place: Path, data: bytes) -> None:
     """Put a file in its place, replacing an earlier one."""
     is_file(place)
     part = part_of(place)
     remove(part)
-    write_new(part, data)
+    _write_new(part, data)
     try:
         os.replace(part, place)
     except BaseException:
@@ -188,52 +146,55 @@ def put_file(place: Path, data: bytes) -> None:
 
 
 def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
-    """Put a folder in its place, which must be free, with its files and the list of their digests."""
+    """Put a folder in its place, with its files and the list of their digests.
+
+    An earlier folder gives way to it, in one step where the system can exchange two names.
+    """
     part = part_of(place)
     remove(part)
     try:
         os.mkdir(part)
         for name, data in files.items():
-            write_new(part / name, data)
-        write_new(part / SUMS, sums_text({name: hashlib.sha256(data).hexdigest() for name, data in files.items()}))
+            _write_new(part / name, data)
+        _write_new(part / SUMS, sums_text({name: hashlib.sha256(data).hexdigest() for name, data in files.items()}))
         sync(part)
-        os.rename(part, place)
+        if not kind(place):
+            os.rename(part, place)
+        elif not exchange(part, place):
+            _replace(place, part)
     except BaseException:
         with contextlib.suppress(OSError):
             remove(part)
         raise
     sync(place.parent)
+    with contextlib.suppress(OSError):  # an earlier folder, now that the new one is in its place
+        remove(part)
 
 
-def make_folders(path: Path) -> list[Path]:
-    """Make a folder and its parents; returns the new ones, the deepest first."""
-    missing: list[Path] = []
-    while not path.is_dir():
-        missing.insert(0, path)
-        path = path.parent
-        if path in missing:
-            break
-    made: list[Path] = []
+def exchange(one: Path, other: Path) -> bool:
+    """Exchange two folders of the same disk in one step; False where the system cannot.
+
+    Only Linux has such a call, and Python has none: between two renames there would be no folder under the name.
+    """
     try:
-        for folder in missing:
-            try:
-                os.mkdir(folder)
-            except FileExistsError:
-                if not folder.is_dir():  # and not made by another process just now
-                    raise
-            else:
-                made.insert(0, folder)
-    except BaseException:
-        remove_empty(made)
-        raise
-    return made
+        call = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError, TypeError):
+        return False
+    if call(_AT_CWD, os.fsencode(one), _AT_CWD, os.fsencode(other), _EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP):
+        return False
+    raise OSError(code, os.strerror(code), str(one))
 
 
-def remove_empty(folders: list[Path]) -> None:
-    """Remove folders that were made but not used, if they are empty."""
-    with contextlib.suppress(OSError):
-        for folder in folders:
-            os.rmdir(folder)
+def recover(place: Path) -> None:
+    """Remove what a dead process left beside the place of a folder; one that gave way to nothing is put back."""
+    old = _old(place)
+    if kind(old) and not kind(place):
+        os.rename(old, place)
+    for left in (old, part_of(place)):
+        remove(left)
 
 
 def remove(path: Path) -> None:
@@ -257,22 +218,31 @@ def remove(path: Path) -> None:
     _remove_tree(path)
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Exchange two folders of the same disk in one step; False where the system cannot."""
-    call = _renameat2()
-    if call is None:
-        return False
-    if call(_AT_CWD, os.fsencode(one), _AT_CWD, os.fsencode(other), _EXCHANGE) == 0:
-        return True
-    code = ctypes.get_errno()
-    if code in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP):
-        return False
-    raise OSError(code, os.strerror(code), str(one))
+@contextlib.contextmanager
+def made_folders(path: Path) -> Iterator[None]:
+    """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
+    made: list[Path] = []
+    try:
+        for folder in reversed([folder for folder in (path, *path.parents) if not folder.is_dir()]):
+            try:
+                os.mkdir(folder)
+            except FileExistsError:
+                if not folder.is_dir():  # and not made by another process just now
+                    raise
+            else:
+                made.insert(0, folder)
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError):
+            for folder in made:
+                os.rmdir(folder)
+        raise
 
 
-def rename(one: Path, other: Path) -> None:
-    """Give a file or folder another name on the same disk."""
-    os.rename(one, other)
+def make_folder(path: Path) -> None:
+    """Make a folder unless there is one; ValueError if something else stands there."""
+    if not is_folder(path):
+        os.mkdir(path)
 
 
 def sync(folder: Path) -> None:
@@ -292,13 +262,7 @@ def sums_text(digests: Mapping[str, str]) -> bytes:
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Digest of each name from the list in a folder; empty if there is no list.
-
-    Raises
-    ------
-    ValueError
-        If it is not as `sums_text` writes it.
-    """
+    """Digest of each name in the list of a folder, if it has one; ValueError if it is not as `sums_text` writes it."""
     place = folder / SUMS
     if not is_file(place):
         return {}
@@ -314,113 +278,42 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def flocked(path: Path, *, create: bool) -> Iterator[int | None]:
-    """Hold the lock of a file or folder during the block; the lock of a dead process is free.
+def locked(lock: Path, what: Path) -> Iterator[None]:
+    """Hold a lock during the block, a file with the number of this process; the lock of a dead process is free.
 
-    Returns
-    -------
-    int or None
-        Descriptor; None if another process holds the lock, or if there is nothing to lock and none is to be made.
-
-    Raises
-    ------
-    ValueError
-        If it is neither a regular file of one name, nor a folder.
+    A ValueError names who else is at work on `what`. Where the system locks nothing, nothing is locked.
     """
-    while True:
-        descriptor = _open_to_lock(path, create=create)
-        if descriptor is None:
-            yield None
-            return
-        try:
+    if fcntl is None:
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        while True:
+            descriptor = _open_lock(lock)
+            stack.callback(os.close, descriptor)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
-                if error.errno not in (errno.EAGAIN, errno.EACCES):
-                    raise
-                yield None
-                return
-            if not _is_still(path, descriptor):
-                continue  # the one who held it has removed it
-            yield descriptor
-            return
+                if error.errno in (errno.EAGAIN, errno.EACCES):
+                    raise Refusal(
+                        f"another run writes to {what}{_whose(lock)}; wait for it, or choose another folder with --out"
+                    ) from None
+            if _is_still(lock, descriptor):
+                break  # and the one who held it has not removed it
+        try:
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"{os.getpid()}\n".encode())
+            yield
         finally:
-            os.close(descriptor)
+            with contextlib.suppress(OSError):  # while the lock is held, so that nobody else's is removed
+                remove(lock)
 
 
-def overwrite(descriptor: int, data: bytes) -> None:
-    """Replace the contents of a file that is open for writing, in place."""
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, data)
-
-
-def can_lock() -> bool:
-    """Whether this system locks files."""
-    return fcntl is not None
-
-
-def _kind_of(mode: int) -> str:
-    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
-
-
-def _is(path: Path, wanted: str) -> bool:
-    there = kind(path)
-    if there in ("", wanted):
-        return bool(there)
-    raise _refused(path, there, wanted)
-
-
-def _refused(path: Path, there: str, wanted: str) -> Refusal:
-    return Refusal(f"{path} is {there}, not {wanted}; move it away and run the same command again")
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
-    there = kind(path)
-    if there not in ("", _FILE):
-        raise _refused(path, there, _FILE)
-    descriptor = os.open(path, os.O_RDONLY | _SAFE)
-    try:
-        there = _kind_of(os.fstat(descriptor).st_mode)
-        if there != _FILE:
-            raise _refused(path, there, _FILE)
-        yield descriptor
-    finally:
+def _open_lock(lock: Path) -> int:
+    is_file(lock)
+    descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | _SAFE, 0o666)
+    if os.fstat(descriptor).st_nlink > 1:
         os.close(descriptor)
-
-
-def _chunks(descriptor: int, most: int | None = None) -> Iterator[bytes]:
-    """Contents of a file in chunks, also of one that grows while it is read."""
-    read = 0
-    while chunk := os.read(descriptor, _CHUNK):
-        read += len(chunk)
-        if most is not None and read > most:
-            raise Refusal(f"a file grew beyond {most} bytes while it was read; run the same command again")
-        yield chunk
-
-
-def _remove_tree(folder: Path) -> None:
-    for name in os.listdir(folder):
-        if kind(folder / name) == _FOLDER:
-            _remove_tree(folder / name)
-        else:
-            os.unlink(folder / name)
-    os.rmdir(folder)
-
-
-def _open_to_lock(path: Path, *, create: bool) -> int | None:
-    there = kind(path)
-    if there == _FOLDER and not create:
-        return os.open(path, os.O_RDONLY | _SAFE)
-    if there not in ("", _FILE):
-        raise _refused(path, there, _FILE)
-    if not there and not create:
-        return None
-    descriptor = os.open(path, os.O_RDWR | (os.O_CREAT if create else 0) | _SAFE, 0o666)
-    found = os.fstat(descriptor)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
-        os.close(descriptor)
-        raise _refused(path, "a file that has other names too", "a file of its own")
+        raise _refused(lock, "a file that has other names too", "a file of its own")
     return descriptor
 
 
@@ -431,12 +324,78 @@ def _is_still(path: Path, descriptor: int) -> bool:
         return False
 
 
-@functools.cache
-def _renameat2() -> Any:
-    """Linux's call to exchange two names; None elsewhere."""
+def _whose(lock: Path) -> str:
     try:
-        call = ctypes.CDLL(None, use_errno=True).renameat2
-    except (OSError, AttributeError, TypeError):
-        return None
-    call.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint]
-    return call
+        by = read_bytes(lock, _DIGITS).decode().strip()
+    except (OSError, ValueError):
+        return ""
+    return f" (process {by})" if by.isdecimal() else ""
+
+
+def _is(path: Path, wanted: str) -> bool:
+    there = kind(path)
+    if there not in ("", wanted):
+        raise _refused(path, there, wanted)
+    return bool(there)
+
+
+def _refused(path: Path, there: str, wanted: str) -> Refusal:
+    return Refusal(f"{path} is {there}, not {wanted}; move it away and run the same command again")
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    _is(path, _FILE)
+    descriptor = os.open(path, os.O_RDONLY | _SAFE)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _chunks(descriptor: int) -> Iterator[bytes]:
+    while chunk := os.read(descriptor, _CHUNK):
+        yield chunk
+
+
+def _write_new(place: Path, data: bytes) -> None:
+    """Write a file that does not exist yet, and flush it to the disk."""
+    descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
+    try:
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(place)
+        raise
+
+
+def _replace(place: Path, part: Path) -> None:
+    """Put a folder in the place of an earlier one, which has another name for a moment; see `recover`."""
+    old = _old(place)
+    os.rename(place, old)
+    try:
+        os.rename(part, place)
+    except BaseException:
+        os.rename(old, place)
+        raise
+    with contextlib.suppress(OSError):
+        remove(old)
+
+
+def _old(place: Path) -> Path:
+    return part_of(place.with_name(f"{place.name}.old"))
+
+
+def _remove_tree(folder: Path) -> None:
+    for name in os.listdir(folder):
+        if kind(folder / name) == _FOLDER:
+            _remove_tree(folder / name)
+        else:
+            os.unlink(folder / name)
+    os.rmdir(folder)

@@ -14,16 +14,7 @@ LARGEST_TEXT_BYTES: Final = 200_000_000
 def read_text(path: Path, what: str) -> str:
     """Text of a file that the user named, which may also be a link or a pipe.
 
-    Parameters
-    ----------
-    path : Path
-    what : str
-        Expected content, for messages: ``"a model"``.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, is empty, far too large, or not text.
+    A ValueError tells that it cannot be read as `what`, ``"a model"``: it is empty, far too large, or not text.
     """
     if "\0" in str(path):
         raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")

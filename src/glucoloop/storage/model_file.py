@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import json
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -21,7 +20,6 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.sentences import one_sentence
 from glucoloop.storage.strict_json import json_text
 
-STRICT: Final = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _MOST_STATES: Final = 100
@@ -31,10 +29,14 @@ _LARGEST_RESPONSE: Final = 1e6
 Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
 
 
-class RestingPoint(BaseModel):
-    """Steady state around which the model holds."""
+class Strict(BaseModel):
+    """Part of a file that holds exactly these keys, of exactly these types."""
 
-    model_config = STRICT
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class RestingPoint(Strict):
+    """Steady state around which the model holds."""
 
     name: str | None
     """Name of the simulated patient's operating point; None for a record."""
@@ -42,10 +44,8 @@ class RestingPoint(BaseModel):
     glucose_mg_dl: float
 
 
-class Provenance(BaseModel):
+class Provenance(Strict):
     """Origin of the model."""
-
-    model_config = STRICT
 
     glucoloop: str
     """Version of glucoloop."""
@@ -59,10 +59,8 @@ class Provenance(BaseModel):
     """Sentences on the processing of the record."""
 
 
-class Quality(BaseModel):
+class Quality(Strict):
     """Quality of the model according to the record; see `identification.Reliability`."""
-
-    model_config = STRICT
 
     gain_margin: Annotated[float, Field(ge=0.0)]
     """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
@@ -70,10 +68,8 @@ class Quality(BaseModel):
     """Share of the variance of readings left out of the fit that is predicted."""
 
 
-class Recursion(BaseModel):
+class Recursion(Strict):
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
-
-    model_config = STRICT
 
     transition: Annotated[list[Response], Field(min_length=1, max_length=_MOST_STATES)]
     start: Response
@@ -89,24 +85,17 @@ class Recursion(BaseModel):
 
     def value(self) -> Realisation:
         """Realisation for a model."""
-        numbers = (jnp.asarray(part) for part in (self.transition, self.start, self.output))
-        return Realisation(**dict(zip(("transition", "start", "output"), numbers, strict=True)), after=self.after)
+        transition, start, output = map(jnp.asarray, (self.transition, self.start, self.output))
+        return Realisation(transition=transition, start=start, output=output, after=self.after)
 
     @classmethod
     def of(cls, realisation: Realisation) -> Self:
         """Contents of the file for a realisation."""
-        return cls(
-            **{
-                part: np.asarray(getattr(realisation, part)).tolist()
-                for part in ("transition", "start", "output", "after")
-            }
-        )
+        return cls(**{part: np.asarray(getattr(realisation, part)).tolist() for part in cls.model_fields})
 
 
-class ModelFile(BaseModel):
+class ModelFile(Strict):
     """Contents of a model file."""
-
-    model_config = STRICT
 
     format: Literal["glucoloop-model"] = "glucoloop-model"
     version: Literal[1] = 1
@@ -129,8 +118,10 @@ class ModelFile(BaseModel):
             raise Refusal(f"{step.size} values of the step response and {impulse.size} of the impulse response")
         if deeper_than(self.provenance.settings, _DEEPEST):
             raise Refusal(f"settings in its provenance that are nested more than {_DEEPEST} times")
-        if not _is_finite(self.provenance.settings):
-            raise Refusal("a setting in its provenance that is not finite, which JSON does not have")
+        try:
+            json.dumps(self.provenance.settings, allow_nan=False)
+        except ValueError:
+            raise Refusal("a setting in its provenance that is not finite, which JSON does not have") from None
         largest = np.abs(step).max()
         if largest > _LARGEST_RESPONSE:
             raise Refusal(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
@@ -157,12 +148,10 @@ class ModelFile(BaseModel):
 
     def doubts(self) -> tuple[str, ...]:
         """Reasons why no controller should be designed on the model, one sentence each; empty for a sound model."""
-        quality, resting = self.quality, self.operating_point
+        resting = self.operating_point
         return doubts(
             self.gain,
-            None
-            if quality is None
-            else Reliability(gain_margin=quality.gain_margin, explained_percent=quality.explained_percent),
+            None if self.quality is None else Reliability(**dict(self.quality)),
             basal_insulin_mU_min=resting.basal_insulin_mU_min,
             glucose_mg_dl=resting.glucose_mg_dl,
         )
@@ -193,10 +182,7 @@ def model_file(
             basal_insulin_mU_min=identification.basal_insulin_mU_min,
             glucose_mg_dl=identification.baseline_glucose_mg_dl,
         ),
-        quality=Quality(
-            gain_margin=identification.reliability.gain_margin,
-            explained_percent=identification.reliability.explained_percent,
-        ),
+        quality=Quality(**vars(identification.reliability)),
         provenance=Provenance(
             glucoloop=glucoloop.__version__,
             source=source,
@@ -209,26 +195,12 @@ def model_file(
 
 
 def read_model(path: Path) -> ModelFile:
-    """Model from its file.
-
-    Raises
-    ------
-    ValueError
-        For a file that is not a model, or one whose values are missing, wrong, not finite or at odds with each other.
-    """
+    """Model from its file; ValueError for values that are missing, wrong, not finite or at odds with each other."""
     text = read_text(path, "a model")
     try:
         return ModelFile.model_validate_json(text)
     except ValidationError as error:
         raise Refusal(f"{path} is not a model that can be used: {_sentence(error)}") from None
-
-
-def _is_finite(value: object) -> bool:
-    if isinstance(value, Mapping):
-        return all(map(_is_finite, value.values()))
-    if isinstance(value, list | tuple):
-        return all(map(_is_finite, value))
-    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _sentence(error: ValidationError) -> str:

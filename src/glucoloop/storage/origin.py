@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeGuard
+from typing import Any
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import json_text
-
-ARITHMETIC: Final = "arithmetic.json"
-"""Record of the arithmetic, where the first file of a folder does not hold it."""
 
 
 @dataclass(frozen=True)
@@ -34,73 +31,65 @@ class Origin:
         given = {key: value for key, value in config.items() if value is not None}
         return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
 
-    def without(self, keys: frozenset[str]) -> Origin:
-        """Origin without some keys of the configuration."""
-        left = {key: value for key, value in self.config.items() if key not in keys}
-        return Origin(self.version, left, self.arithmetic)
+    def refuse_another(self, here: Origin, folder: Path, what: str, may_change: frozenset[str]) -> None:
+        """Raise ValueError, with the first difference, unless this is the same version and configuration.
 
+        Keys in `may_change` may differ.
+        """
+        if self.version != here.version:
+            raise Refusal(
+                f"{folder} was begun by glucoloop {self.version}, and this is {here.version}; "
+                f"go on with {self.version}, or choose another folder with --out"
+            )
+        there, now = ({key: value for key, value in of.config.items() if key not in may_change} for of in (self, here))
+        for name, before, after in differences(there, now):
+            raise Refusal(
+                f"{folder} holds another {what}: {name} is {before} there and {after} here; choose another folder with "
+                "--out, or add --overwrite to replace it"
+            )
 
-def refuse_another(there: Origin, here: Origin, folder: Path, what: str) -> None:
-    """Raise ValueError, with the first difference, if a folder holds work of another version or configuration."""
-    if there.version != here.version:
-        raise Refusal(
-            f"{folder} was begun by glucoloop {there.version}, and this is {here.version}; "
-            f"go on with {there.version}, or choose another folder with --out"
-        )
-    found = next(differences(there.config, here.config), None)
-    if found is not None:
+    def other_arithmetic(self, here: Origin, folder: Path, record: Path) -> str | None:
+        """Difference of its arithmetic from that of this process, a sentence without its full stop.
+
+        A ValueError tells that the record is gone or damaged.
+        """
+        if self.arithmetic is None or here.arithmetic is None:
+            raise Refusal(
+                f"{record} is damaged or gone, so it is not known how what is done was computed; "
+                "choose another folder with --out, or add --overwrite to begin again"
+            )
+        found = arithmetic.difference(self.arithmetic, here.arithmetic)
+        if found is None:
+            return None
         name, before, now = found
-        raise Refusal(
-            f"{folder} holds another {what}: {name} is {before} there and {now} here; choose another folder with "
-            "--out, or add --overwrite to replace it"
-        )
-
-
-def other_arithmetic(there: Origin, here: Origin, folder: Path) -> str | None:
-    """Difference between the arithmetic of a folder and that of this process, a sentence without its full stop.
-
-    Raises
-    ------
-    ValueError
-        If it is not known with which arithmetic the folder was computed.
-    """
-    if there.arithmetic is None or here.arithmetic is None:
-        raise Refusal(
-            f"{folder / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
-            "choose another folder with --out, or add --overwrite to begin again"
-        )
-    found = arithmetic.difference(there.arithmetic, here.arithmetic)
-    if found is None:
-        return None
-    name, before, now = found
-    return f"{folder} was computed with {name} {before}, and here it is {now}"
+        return f"{folder} was computed with {name} {before}, and here it is {now}"
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
     """Name, value there and value here of each key of two configurations that differs; cases by their labels."""
-    for key in dict.fromkeys([*here, *there]):
-        before, now = there.get(key), here.get(key)
-        if _text(before) == _text(now):
-            continue
-        if key == "controller" and _are_cases(before) and _are_cases(now):
-            yield from _differing_cases(before, now)
-        elif isinstance(before, Mapping) and isinstance(now, Mapping):
-            yield from ((f"{key}.{name}", one, other) for name, one, other in differences(before, now))
+    before, now = _flat(there), _flat(here)
+    for name in dict.fromkeys([*now, *before]):
+        one, other = before.get(name), now.get(name)
+        if _text(one) != _text(other):
+            yield name, _shown(one), _shown(other)
+
+
+def _flat(config: Mapping[str, Any]) -> dict[str, object]:
+    """Values of a configuration by the names of the keys, also of those in tables and cases."""
+    found: dict[str, object] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping):
+            found |= {f"{key}.{name}": of for name, of in _flat(value).items()}
+        elif key == "controller" and _are_cases(value):
+            found["the list of cases"] = ", ".join(str(case["label"]) for case in value)
+            for case in value:
+                found |= {f"{name} of case {case['label']!r}": of for name, of in _flat(case).items()}
         else:
-            yield key, _shown(before), _shown(now)
+            found[key] = value
+    return found
 
 
-def _differing_cases(there: list[dict[str, Any]], here: list[dict[str, Any]]) -> Iterator[tuple[str, object, object]]:
-    labels = [", ".join(str(case["label"]) for case in cases) for cases in (there, here)]
-    if labels[0] != labels[1]:
-        yield "the list of cases", labels[0], labels[1]
-        return
-    for before, now in zip(there, here, strict=True):
-        of_case = f" of case {now['label']!r}"
-        yield from ((f"{name}{of_case}", one, other) for name, one, other in differences(before, now))
-
-
-def _are_cases(value: object) -> TypeGuard[list[dict[str, Any]]]:
+def _are_cases(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(case, dict) and "label" in case for case in value)
 
 

@@ -1,7 +1,8 @@
 """Uncompressed size of a Parquet file before it is read: a few kilobytes can hold gigabytes.
 
-The footer and the header of each page are Thrift structures in the compact protocol. Only the sizes are read from them.
-A reader allocates memory for a page by the page's own header, so the size in the footer alone is not trusted.
+A reader allocates memory for a page by the page's own header, so the size in the footer alone is not trusted. Polars
+tells neither, so both are read here: they are Thrift structures in the compact protocol, of which those kinds of values
+are read that Polars writes.
 
 References
 ----------
@@ -11,14 +12,11 @@ ColumnChunk, ColumnMetaData, PageHeader. Apache Thrift, "Compact protocol encodi
 
 from __future__ import annotations
 
-import struct
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from glucoloop.refusal import Refusal
 
 _MAGIC: Final = b"PAR1"
-_DEEPEST: Final = 16
 _LONGEST_VARINT: Final = 10
 # Fields of FileMetaData, RowGroup, ColumnChunk, ColumnMetaData and PageHeader.
 _ROWS, _GROUPS = 3, 4
@@ -26,29 +24,21 @@ _COLUMNS, _GROUP_ROWS = 1, 3
 _META = 3
 _UNFOLDED, _FOLDED, _DATA_AT, _DICTIONARY_AT = 6, 7, 9, 11
 _PAGE_UNFOLDED, _PAGE_FOLDED = 2, 3
-_TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
+_TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _BINARY, _LIST, _STRUCT = 1, 2, 3, 4, 5, 6, 8, 9, 12
 
 
-@dataclass(frozen=True)
-class ParquetSize:
-    """Size of a file according to its footer."""
+class ParquetSize(NamedTuple):
+    """Number of rows, and bytes of all pages, uncompressed, by the footer or their own headers: whichever is more."""
 
     rows: int
     bytes: int
-    """Size of all pages, uncompressed, by the footer or by the headers of the pages, whichever is more."""
 
 
 def parquet_size(data: bytes) -> ParquetSize:
-    """Size of a table before it is read.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are no Parquet file.
-    """
+    """Size of a table before it is read; ValueError if the bytes are no Parquet file."""
     if len(data) < 12 or data[:4] != _MAGIC or data[-4:] != _MAGIC:
         raise Refusal("it is not a Parquet file")
-    (length,) = struct.unpack("<I", data[-8:-4])
+    length = int.from_bytes(data[-8:-4], "little")
     if length > len(data) - 12:
         raise Refusal("its footer is longer than the file")
     try:
@@ -60,11 +50,11 @@ def parquet_size(data: bytes) -> ParquetSize:
         if min(folded, default=0) < 0 or sum(folded) > len(data):  # pages in common would be walked again and again
             raise ValueError
         found = [_of_pages(data, column) for column in columns]
-    except (KeyError, IndexError, TypeError, AttributeError, struct.error, ValueError):
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError, RecursionError):
         raise Refusal("its footer or the header of a page is damaged") from None
     if rows != sum(of_groups) or min([*of_groups, *told], default=0) < 0:
         raise Refusal("its footer contradicts itself")
-    return ParquetSize(rows=rows, bytes=sum(map(max, told, found)))
+    return ParquetSize(rows, sum(map(max, told, found)))
 
 
 def _of_pages(data: bytes, column: dict[int, Any]) -> int:
@@ -94,52 +84,39 @@ class _Reader:
         """Bytes that were not read yet."""
         return len(self._data) - self._at
 
-    def struct(self, depth: int = 0) -> dict[int, Any]:
+    def take(self, size: int) -> bytes:
+        """The next bytes, as many as are asked for."""
+        if not 0 <= size <= self.left:
+            raise ValueError
+        self._at += size
+        return self._data[self._at - size : self._at]
+
+    def struct(self) -> dict[int, Any]:
         found: dict[int, Any] = {}
         field = 0
         while head := self._byte():
             step, kind = head >> 4, head & 15
-            field = field + step if step else self._zigzag()
-            found[field] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth)
+            field = field + step if step else self._signed()
+            found[field] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind)
         return found
 
-    def _value(self, kind: int, depth: int) -> Any:
-        if depth > _DEEPEST:
-            raise ValueError
+    def _value(self, kind: int) -> Any:
         if kind in (_TRUE, _FALSE, _BYTE):  # in a list each takes a byte
             return self._byte()
         if kind in (_I16, _I32, _I64):
-            return self._zigzag()
-        if kind == _DOUBLE:
-            return struct.unpack("<d", self.take(8))[0]
+            return self._signed()
         if kind == _BINARY:
             return self.take(self._varint())
-        if kind in (_LIST, _SET):
+        if kind == _LIST:
             head = self._byte()
             size = head >> 4 if head >> 4 < 15 else self._varint()
-            return [self._value(head & 15, depth + 1) for _ in range(self._of_data(size))]
-        if kind == _MAP:
-            size = self._of_data(self._varint())
-            kinds = self._byte() if size else 0
-            return [(self._value(kinds >> 4, depth + 1), self._value(kinds & 15, depth + 1)) for _ in range(size)]
+            return [self._value(head & 15) for _ in range(size)]  # each takes a byte at least, so they end
         if kind == _STRUCT:
-            return self.struct(depth + 1)
+            return self.struct()
         raise ValueError
 
-    def _of_data(self, size: int) -> int:
-        """A number of elements or bytes, refused if it is negative or there are fewer bytes left."""
-        if not 0 <= size <= self.left:
-            raise ValueError
-        return size
-
     def _byte(self) -> int:
-        self._at += 1
-        return self._data[self._at - 1]
-
-    def take(self, size: int) -> bytes:
-        """The next bytes, as many as are asked for."""
-        self._at += self._of_data(size)
-        return self._data[self._at - size : self._at]
+        return self.take(1)[0]
 
     def _varint(self) -> int:
         value = 0
@@ -150,6 +127,6 @@ class _Reader:
                 return value
         raise ValueError
 
-    def _zigzag(self) -> int:
+    def _signed(self) -> int:
         value = self._varint()
         return (value >> 1) ^ -(value & 1)

@@ -28,16 +28,8 @@ _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder that only this user can use, or check that it is one.
-
-    Raises
-    ------
-    ValueError
-        If another user owns it or may write to it.
-    OSError
-        If it cannot be made or written to.
-    """
-    disk.make_folders(folder.parent)
+    """Make a folder that only this user can use; ValueError for one that another user owns or may write to."""
+    os.makedirs(folder.parent, exist_ok=True)
     if not disk.is_folder(folder):
         os.mkdir(folder, 0o700)
     if os.name == "nt":
@@ -58,26 +50,20 @@ def private_folder(folder: Path) -> None:
 def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
     """Remove entries that were changed, and the oldest ones beyond a total size."""
     found: list[tuple[float, int, Path]] = []
-    for name in disk.names(folder):
-        entry = folder / name.removesuffix(_DIGEST)
-        if not entry.name.endswith(_ENTRY):
-            continue
+    entries = {folder / name.removesuffix(_DIGEST) for name in disk.names(folder)}
+    for entry in filter(lambda entry: entry.name.endswith(_ENTRY), entries):
         with contextlib.suppress(OSError):
-            if name != entry.name:
-                if not disk.kind(entry):
-                    disk.remove(folder / name)
-            elif _is_whole(entry):
+            if _is_whole(entry):
                 told = os.lstat(entry)
                 found.append((told.st_mtime, told.st_size, entry))
             else:
                 _remove(entry)
-    total = sum(size for _, size, _ in found)
-    for _, size, entry in sorted(found):
-        if total <= most_bytes:
-            break
-        with contextlib.suppress(OSError):
-            _remove(entry)
-        total -= size
+    total = 0
+    for _, size, entry in sorted(found, reverse=True):
+        total += size
+        if total > most_bytes:
+            with contextlib.suppress(OSError):
+                _remove(entry)
 
 
 def seal_programs(folder: Path) -> None:

@@ -4,7 +4,7 @@ The first file describes the work; the list of digests, written last, marks it a
 any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
 
 The results are either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are put
-in their places whole, see `storage.trials.folder`.
+in their places whole, see `storage.trials.folder`. Each of them says what its results are; the rest is written here.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from glucoloop.situations.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.lock import LOCK, locked
-from glucoloop.storage.origin import Origin, other_arithmetic, refuse_another
+from glucoloop.storage.origin import Origin
 
-_MOVE: Final = "move that away, or choose another folder with --out"
+ARITHMETIC: Final = "arithmetic.json"
+"""Record of the arithmetic, where the first file of a folder does not hold it."""
+LOCK: Final = "lock"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,155 +62,105 @@ class Work:
 class ResumableFolder(ABC):
     """A folder that this process may write to; see `opened`.
 
-    Parameters
-    ----------
-    path : Path
-    work : Work
-    first : str
-        Name of the file that describes the work: written first, removed last.
-    others : tuple of str
-        Names of further files that stand in the folder from the beginning.
-    done : str
-        Name of the results so far: a file that is written anew as it grows, or a folder of parts.
-    done_is_folder : bool
+    `first` are the files that stand in it from the beginning; the very first describes the work. The `results` so far
+    are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked for, called `unit` in
+    messages, ``"shards"``, and `here` is the origin of those that are computed now.
     """
 
     def __init__(
-        self, path: Path, work: Work, *, first: str, others: tuple[str, ...], done: str, done_is_folder: bool
+        self,
+        path: Path,
+        work: Work,
+        *,
+        first: tuple[str, ...],
+        results: str,
+        in_parts: bool,
+        wanted: int,
+        unit: str,
+        here: Origin,
     ) -> None:
-        self.path, self.work = path, work
-        self.first, self.done_name, self.done_is_folder = first, done, done_is_folder
-        self.files = (*work.final, *others)
-        """Further files, in the order of their removal."""
-        self.names = (first, *self.files, done, SUMS, LOCK)
-        """All names that may be in the folder."""
-        self.here = Origin.here(work.keys)
+        self.path, self.work, self.here = path, work, here
+        self.wanted, self.unit = wanted, unit
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
+        self._files = (*first, *work.final, *([] if in_parts else [results]))
+        self._results, self._in_parts = results, in_parts
+
+    @property
+    @abstractmethod
+    def done(self) -> int:
+        """Number of results that are written."""
+
+    @abstractmethod
+    def _first_files(self) -> dict[str, bytes]:
+        """Contents of the files that stand in the folder from the beginning."""
+
+    @abstractmethod
+    def _read_origin(self) -> Origin:
+        """Read the origin of the folder; ValueError if its record is damaged."""
+
+    @abstractmethod
+    def _read_done(self) -> None:
+        """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Begin without any results."""
+
+    def _part_digests(self) -> dict[str, str]:
+        """Digests of the files in the folder of results, by their path in this folder."""
+        return {}
+
+    def _all_done(self) -> bool:
+        """Whether no results are missing."""
+        return self.anything_done
+
+    @property
+    def anything_done(self) -> bool:
+        """Whether there are results that would be lost with the folder."""
+        return self.done > 0
+
+    @property
+    def progress(self) -> str:
+        """Extent of the results, for messages: ``"3 of 5 shards"``."""
+        return f"{self.done} of {self.wanted} {self.unit}"
 
     @property
     def finished(self) -> bool:
         """Whether all results asked for are there."""
         return disk.is_file(self.path / SUMS)
 
-    @property
-    @abstractmethod
-    def anything_done(self) -> bool:
-        """Whether there are results that would be lost with the folder."""
-
-    @property
-    @abstractmethod
-    def progress(self) -> str:
-        """Extent of the results, for messages: ``"3 of 5 shards"``."""
-
-    @abstractmethod
-    def first_files(self) -> dict[str, bytes]:
-        """Contents of the files that stand in the folder from the beginning, that of `first` before the others."""
-
-    @abstractmethod
-    def read_origin(self) -> Origin:
-        """Read the origin of the folder; ValueError if its record is damaged."""
-
-    @abstractmethod
-    def read_done(self) -> None:
-        """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
-
-    @property
-    def all_done(self) -> bool:
-        """Whether no unit of work is missing."""
-        return True
-
-    def parts(self) -> dict[str, str]:
-        """Digests of the files in the folder of results, by their path in this folder."""
-        return {}
-
-    def part_of(self, name: str) -> int | None:
-        """Number of the part to which a file in the list of digests belongs; None for another file."""
-        return None
-
-    @abstractmethod
-    def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if there is a file among the results that this program does not write."""
-
-    @abstractmethod
-    def settle(self) -> None:
-        """Write the results that are not written yet."""
-
-    @abstractmethod
-    def forget(self) -> None:
-        """Begin without any results."""
-
-    def create(self) -> None:
-        """Write the description of the work into an empty folder."""
-        self.forget()
-        self._say()
-
-    def _say(self) -> None:
-        for name, data in self.first_files().items():
-            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
-                disk.put_file(self.path / name, data)
-        if self.done_is_folder and not disk.is_folder(self.path / self.done_name):
-            disk.make_folders(self.path / self.done_name)
-
-    def load(self) -> None:
-        """Read the results in the folder.
-
-        Raises
-        ------
-        ValueError
-            If the folder holds other work, or is damaged. Nothing is changed in that case.
-        """
-        there = self.read_origin()
-        may_change = self.work.may_change
-        refuse_another(there.without(may_change), self.here.without(may_change), self.path, self.work.what)
-        self.read_done()
-        whole = self._is_whole(there)
-        other = None
-        if whole or self.anything_done or there.arithmetic is not None:
-            other = other_arithmetic(there, self.here, self.path)
-        if other is not None and not whole:
-            raise Refusal(
-                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
-                "add --overwrite to begin again"
-            )
-        self.notes = (f"{other}.",) if other else ()
-        if not whole:
-            # something was taken away, or the work goes further: what rests on it is made again
-            disk.remove(self.path / SUMS)
-            self._say()
+    def begin(self, *, overwrite: bool) -> bool:
+        """Read an existing folder or create a new one; returns whether the work is new."""
+        self._refuse_foreign()
+        there = disk.is_file(self.path / self._files[0])
+        if there and overwrite and not self._goes_on():
+            self.clear()
+            there = False
+        elif there and not overwrite:
+            self._load()
+        self._sweep()
+        if not there:
+            self.notes = ()
+            self._forget()
+            self._describe()
+        return not there
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole work, the digests of all files last.
-
-        Raises
-        ------
-        ValueError
-            If one cannot be written; the results so far stay.
-        """
-        self.settle()
+        """Write the files about the whole work, the digests of all files last; see `put_file`."""
         for name, data in files.items():
             self.put_file(name, data)
-        names = [*self.first_files(), *files, *([] if self.done_is_folder else [self.done_name])]
-        sums = {name: disk.digest(self.path / name) for name in names}
-        self.put_file(SUMS, disk.sums_text({**sums, **self.parts()}))
+        self.put_file(SUMS, disk.sums_text(self._digests()))
 
     def summary(self) -> dict[str, Any]:
         """The summary of finished work, as it was written."""
-        return self.read_json(self.work.summary)
-
-    def read_json(self, name: str) -> dict[str, Any]:
-        """A JSON file of finished work, as it was written."""
-        found: dict[str, Any] = json.loads(kept_text(self.path / name, f"the summary of a {self.work.what}"))
+        found: dict[str, Any] = json.loads(
+            kept_text(self.path / self.work.summary, f"the summary of a {self.work.what}")
+        )
         return found
 
     def put_file(self, name: str, data: bytes) -> None:
-        """Put a file in its place.
-
-        Raises
-        ------
-        ValueError
-            If it cannot be written; the results so far stay.
-        """
+        """Put a file in its place; ValueError if it cannot be written, and the results so far stay."""
         with self.unwritten(name):
             disk.put_file(self.path / name, data)
 
@@ -224,52 +175,105 @@ class ResumableFolder(ABC):
                 f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
             ) from None
 
-    def changed(self, sums: Mapping[str, str]) -> str | None:
-        """First file of the folder itself that differs from a list of digests, or None."""
-        for name in self._top:
-            there = disk.digest(self.path / name)
-            if there and name in sums and there != sums[name]:
-                return name
-        return None
+    def clear(self) -> None:
+        """Remove earlier work: the results in one step, then the list of digests, and the description last.
 
-    @property
-    def _top(self) -> tuple[str, ...]:
-        """Names of the files of the folder itself that the list of digests may hold."""
-        return (self.first, *self.files, *(() if self.done_is_folder else (self.done_name,)))
+        A ValueError names a file that somebody added or changed; nothing is removed then.
+        """
+        sums = disk.read_sums(self.path)
+        for name, digest in self._file_digests().items():
+            if sums.get(name, digest) != digest and name != self._files[0]:
+                raise Refusal(
+                    f"{self.path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
+                    "move that away, or choose another folder with --out"
+                )
+        for name in (self._results, SUMS, *reversed(self._files)):
+            disk.remove(self.path / name)
+        disk.sync(self.path)
 
-    def _is_whole(self, there: Origin) -> bool:
-        """Whether all results asked for are there.
+    def _load(self) -> None:
+        """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
+        there = self._read_origin()
+        there.refuse_another(self.here, self.path, self.work.what, self.work.may_change)
+        self._read_done()
+        whole = self._is_whole() and all(
+            there.config.get(key) == self.here.config.get(key) for key in self.work.may_change
+        )
+        other = None
+        if whole or self.anything_done or there.arithmetic is not None:
+            other = there.other_arithmetic(self.here, self.path, self.path / ARITHMETIC)
+        if other is not None and not whole:
+            raise Refusal(
+                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
+                "add --overwrite to begin again"
+            )
+        if other is not None:
+            self.notes = (f"{other}.", *self.notes)
+        if not whole:
+            # something was taken away, or the work goes further: what rests on it is made again
+            disk.remove(self.path / SUMS)
+            self._describe()
 
-        Raises
-        ------
-        ValueError
-            If there is a list of digests, and a file differs from it or is missing in it.
+    def _is_whole(self) -> bool:
+        """Whether there are all files of the list of digests, and no result is missing.
+
+        A ValueError names a file that differs from the list, or is missing in it.
         """
         if not disk.is_file(self.path / SUMS):
             return False
-        sums, parts = disk.read_sums(self.path), self.parts()
-        changed = self.changed(sums)
-        if changed is not None:
-            raise Refusal(
-                f"{self.path / changed} was changed since glucoloop wrote it; move it away and run the same command "
-                "again"
-            )
-        wrong = [name for name in self._top if name not in sums and disk.is_file(self.path / name)]
-        wrong += [name for name in sums if name not in self._top and self.part_of(name) is None]
-        numbers = {self.part_of(name) for name in parts}
-        told = {name: sums[name] for name in sums if name not in self._top and self.part_of(name) in numbers}
-        if wrong or told != parts:
-            raise Refusal(
-                f"{self.path / SUMS} does not list {wrong[0] if wrong else 'what is done'} as it is; "
-                "move it away and run the same command again"
-            )
-        complete = {*self.first_files(), *(() if self.done_is_folder else (self.done_name,))} <= sums.keys()
-        return (
-            complete
-            and self.all_done
-            and all(disk.is_file(self.path / name) for name in sums if name in self._top)
-            and all(there.config.get(key) == self.here.config.get(key) for key in self.work.may_change)
-        )
+        sums, there = disk.read_sums(self.path), self._digests()
+        for name, digest in there.items():
+            if sums.get(name, digest) != digest:
+                raise Refusal(
+                    f"{self.path / name} was changed since glucoloop wrote it; move it away and run the same command "
+                    "again"
+                )
+            if name not in sums:
+                raise Refusal(
+                    f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
+                )
+        return sums.keys() == there.keys() >= self._first_files().keys() and self._all_done()
+
+    def _goes_on(self) -> bool:
+        """Whether the folder holds the same work, undamaged and not finished."""
+        try:
+            self._load()
+        except ValueError:
+            return False
+        return not self.finished
+
+    def _describe(self) -> None:
+        """Write the description of the work, as far as it is not there."""
+        for name, data in self._first_files().items():
+            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
+                disk.put_file(self.path / name, data)
+        if self._in_parts:
+            disk.make_folder(self.path / self._results)
+
+    def _digests(self) -> dict[str, str]:
+        return {**self._file_digests(), **self._part_digests()}
+
+    def _file_digests(self) -> dict[str, str]:
+        there = {name: disk.digest(self.path / name) for name in self._files}
+        return {name: digest for name, digest in there.items() if digest}
+
+    def _refuse_foreign(self) -> None:
+        known = {*self._files, self._results, SUMS, LOCK}
+        holds = [name for name in disk.names(self.path.resolve()) if not disk.is_part(name, *known) and name != LOCK]
+        foreign = [name for name in holds if name not in known]
+        what, other = self.work.what, "choose another folder with --out"
+        if foreign:
+            raise Refusal(f"{self.path} holds {foreign[0]}, which is no part of a {what}; {other}")
+        if holds and self._files[0] not in holds:
+            raise Refusal(f"{self.path} is not empty and holds no {what}; {other}")
+        for name in holds:
+            (disk.is_file if name in (*self._files, SUMS) else disk.is_folder)(self.path / name)
+
+    def _sweep(self) -> None:
+        """Remove unfinished files that a dead process left."""
+        for folder in (self.path.resolve(), *([self.path / self._results] if self._in_parts else [])):
+            for name in filter(disk.is_part, disk.names(folder)):
+                disk.remove(folder / name)
 
 
 F = TypeVar("F", bound=ResumableFolder)
@@ -279,29 +283,21 @@ F = TypeVar("F", bound=ResumableFolder)
 def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
     """Open a folder, new or begun, for writing.
 
-    Parameters
-    ----------
-    folder : ResumableFolder
-    overwrite : bool
-        Begin again, unless the folder holds the same work unfinished: then it is resumed.
+    To overwrite is to begin again, unless the folder holds the same work unfinished: then it is resumed. A new folder
+    is removed if the block fails before there are results.
 
-    Raises
-    ------
-    ValueError
-        If the place is taken by something else, by other work or by another run, if the results in it are damaged, or
-        if the folder cannot be written to. A new folder is removed if the block fails before there are results.
+    A ValueError tells that the place is taken by something else, by other work or by another run, that the results in
+    it are damaged, or that the folder cannot be written to.
     """
-    path, made = folder.path, list[Path]()
+    path = folder.path
     with contextlib.ExitStack() as stack:
         try:
-            made = disk.make_folders(path)
-            stack.enter_context(locked(path))
-            new = _begin(folder, overwrite=overwrite)
+            stack.enter_context(disk.made_folders(path))
+            stack.enter_context(disk.locked(path / LOCK, path))
+            new = folder.begin(overwrite=overwrite)
         except (FileExistsError, NotADirectoryError):
             raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
         except OSError as error:
-            stack.close()
-            disk.remove_empty(made)
             mend = disk.mend(error)
             again = f"{mend} and run the same command again, or " if mend else ""
             raise Refusal(
@@ -309,75 +305,8 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
             ) from None
         try:
             yield folder
-            folder.settle()
         except BaseException:
-            with contextlib.suppress(ValueError):  # the error of the block matters more
-                folder.settle()
             if new and not folder.anything_done:
                 with contextlib.suppress(OSError, ValueError):
-                    _clear(folder)
-                stack.close()
-                disk.remove_empty(made)
+                    folder.clear()
             raise
-
-
-def _begin(folder: ResumableFolder, *, overwrite: bool) -> bool:
-    """Create a new folder or read an existing one; returns whether the work is new."""
-    _refuse_foreign(folder)
-    there = disk.is_file(folder.path / folder.first)
-    if there and overwrite and not _goes_on(folder):
-        _clear(folder)
-        there = False
-    elif there and not overwrite:
-        folder.load()
-    _sweep(folder)
-    if not there:
-        folder.create()
-    return not there
-
-
-def _goes_on(folder: ResumableFolder) -> bool:
-    """Whether the folder holds the same work, undamaged and not finished."""
-    try:
-        folder.load()
-    except ValueError:
-        return False
-    return not folder.finished
-
-
-def _refuse_foreign(folder: ResumableFolder) -> None:
-    path, what = folder.path, folder.work.what
-    holds = [name for name in disk.names(path.resolve()) if name != LOCK and not disk.is_part(name, *folder.names)]
-    foreign = [name for name in holds if name not in folder.names]
-    if foreign:
-        raise Refusal(f"{path} holds {foreign[0]}, which is no part of a {what}; choose another folder with --out")
-    if holds and folder.first not in holds:
-        raise Refusal(f"{path} is not empty and holds no {what}; choose another folder with --out")
-    for name in holds:
-        (disk.is_folder if folder.done_is_folder and name == folder.done_name else disk.is_file)(path / name)
-
-
-def _sweep(folder: ResumableFolder) -> None:
-    """Remove unfinished files that a dead process left."""
-    path = folder.path
-    for name in disk.names(path.resolve()):
-        if disk.is_part(name, *folder.names):
-            disk.remove(path / name)
-    if folder.done_is_folder:
-        for name in disk.names(path / folder.done_name):
-            if disk.is_part(name):
-                disk.remove(path / folder.done_name / name)
-
-
-def _clear(folder: ResumableFolder) -> None:
-    """Remove earlier work: the results in one step, then the list of digests, and the description last."""
-    path = folder.path
-    folder.refuse_foreign_parts()
-    changed = folder.changed(disk.read_sums(path))
-    if changed not in (None, folder.first):
-        raise Refusal(
-            f"{path} holds {changed}, which was changed since glucoloop wrote it, so it is not replaced; {_MOVE}"
-        )
-    for name in (folder.done_name, SUMS, *folder.files, folder.first):
-        disk.remove(path / name)
-    disk.sync(path)

@@ -16,8 +16,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml
 from glucoloop.storage import disk
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import ARITHMETIC, Origin
-from glucoloop.storage.resumable import ResumableFolder, Work, opened
+from glucoloop.storage.origin import Origin
+from glucoloop.storage.resumable import ARITHMETIC, ResumableFolder, Work, opened
 from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
@@ -78,8 +78,9 @@ class RowsFolder(ResumableFolder, Generic[R]):
     """A folder of rows that this process may write to; see `rows_folder`."""
 
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
+        first, here = (work.configuration, ARITHMETIC), Origin.here(work.keys)
         super().__init__(
-            path, work, first=work.configuration, others=(ARITHMETIC,), done=kind.file, done_is_folder=False
+            path, work, first=first, results=kind.file, in_parts=False, wanted=kind.wanted, unit=kind.what, here=here
         )
         self.kind = kind
         self.rows: list[R] = []
@@ -87,23 +88,12 @@ class RowsFolder(ResumableFolder, Generic[R]):
         self._written_s = time.monotonic()
 
     @property
-    def anything_done(self) -> bool:
-        """Whether there is a row."""
-        return bool(self.rows)
-
-    @property
-    def progress(self) -> str:
-        """Number of rows that are written, in words."""
-        return f"{self._written} of {self.kind.wanted} {self.kind.what}"
+    def done(self) -> int:
+        """Number of rows that are written."""
+        return self._written
 
     def add(self, row: R) -> None:
-        """Add a row.
-
-        Raises
-        ------
-        ValueError
-            If the table cannot be written; the rows that are written stay.
-        """
+        """Add a row; ValueError if the table cannot be written, and the rows that are written stay."""
         self.rows.append(row)
         if time.monotonic() - self._written_s >= self.kind.every_s:
             self.settle()
@@ -118,14 +108,12 @@ class RowsFolder(ResumableFolder, Generic[R]):
                 raise
             self._written, self._written_s = len(self.rows), time.monotonic()
 
-    def first_files(self) -> dict[str, bytes]:
-        """Configuration and record of the arithmetic."""
+    def _first_files(self) -> dict[str, bytes]:
         record = (json_text(self.here.arithmetic) + "\n").encode()
-        return {self.first: self.work.text.encode(), ARITHMETIC: record}
+        return {self.work.configuration: self.work.text.encode(), ARITHMETIC: record}
 
-    def read_origin(self) -> Origin:
-        """Read the configuration and the record of the arithmetic."""
-        place = self.path / self.first
+    def _read_origin(self) -> Origin:
+        place = self.path / self.work.configuration
         written = read_toml(kept_text(place, "a configuration"), str(place))
         record: dict[str, str] | None = None
         with contextlib.suppress(ValueError, AttributeError, RecursionError):
@@ -133,21 +121,22 @@ class RowsFolder(ResumableFolder, Generic[R]):
             record = {name: str(of) for name, of in found.items()}
         return Origin(written.version, written.keys if written.used is None else written.used, record)
 
-    def read_done(self) -> None:
-        """Read the rows."""
-        self.rows = self.kind.read(self.path / self.kind.file) if disk.is_file(self.path / self.kind.file) else []
+    def _read_done(self) -> None:
+        place = self.path / self.kind.file
+        self.rows = self.kind.read(place) if disk.is_file(place) else []
         self._written = len(self.rows)
-        if self._written > self.kind.wanted:
+        if self._written > self.wanted:
             raise Refusal(
-                f"{self.path} holds {self._written} {self.kind.what}, and {self.kind.wanted} are asked for, which is "
-                "fewer; ask for more, or choose another folder with --out"
+                f"{self.path} holds {self._written} {self.unit}, and {self.wanted} are asked for, which is fewer; "
+                "ask for more, or choose another folder with --out"
             )
 
-    def refuse_foreign_parts(self) -> None:
-        """Accept any folder, since the results are one file that holds nothing else."""
+    def finish(self, files: Mapping[str, bytes]) -> None:
+        """Write the rows, the files about the whole work, and the digests of all files last."""
+        self.settle()
+        super().finish(files)
 
-    def forget(self) -> None:
-        """Begin without any rows."""
+    def _forget(self) -> None:
         self.rows, self._written = [], 0
 
 
@@ -155,4 +144,10 @@ class RowsFolder(ResumableFolder, Generic[R]):
 def rows_folder(path: Path, work: Work, kind: Rows[R], *, overwrite: bool = False) -> Iterator[RowsFolder[R]]:
     """Open the folder of work whose units are rows, new or begun, for writing; see `opened`."""
     with opened(RowsFolder(path, work, kind), overwrite=overwrite) as folder:
-        yield folder
+        try:
+            yield folder
+        except BaseException:
+            with contextlib.suppress(ValueError):  # the error of the block matters more
+                folder.settle()
+            raise
+        folder.settle()

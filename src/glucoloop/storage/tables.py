@@ -93,15 +93,7 @@ class TableBounds:
 
 
 def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
-    """Read a table that this program wrote, with its size checked before it is decompressed.
-
-    Raises
-    ------
-    ValueError
-        If it is no Parquet file, damaged, or larger than its bounds.
-    OSError
-        If it cannot be read.
-    """
+    """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
     data = disk.read_bytes(place, bounds.most_bytes)
     try:
         bounds.check(data)
@@ -133,12 +125,7 @@ def _ragged(text: str) -> str | None:
 def read_record_columns(path: Path) -> dict[str, list[object]]:
     """Columns of a record from a CSV file, with numbers as floats; meals are last, if there are any.
 
-    Further columns and empty rows are left out.
-
-    Raises
-    ------
-    ValueError
-        For a file that is not a table, or that lacks a column.
+    Further columns and empty rows are left out; a ValueError tells what is no table, or which column is missing.
     """
     text = read_text(path, "a record")
     first = next(iter(text.splitlines()), "")

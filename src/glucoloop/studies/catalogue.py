@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 
-class StudyEntry(NamedTuple):
-    """A study in the help of the program."""
+class CommandEntry(NamedTuple):
+    """A command in the help of the program; nothing of it is imported before it is asked for."""
 
     place: str
     """Place ``module:attribute`` of its declaration."""
@@ -19,13 +19,23 @@ SIMULATE: Final = "Simulate"
 SAFETY: Final = "Safety"
 LIMITS: Final = "Limits of what is possible"
 STUDIES: Final = {
-    "tune": StudyEntry(
+    "tune": CommandEntry(
         "glucoloop.studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."
     ),
-    "stress": StudyEntry(
+    "stress": CommandEntry(
         "glucoloop.studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."
     ),
-    "verify": StudyEntry(
+    "verify": CommandEntry(
         "glucoloop.studies.verification:VERIFY", SAFETY, "Close random loops, and check every promise at every sample."
+    ),
+    "adversary": CommandEntry(
+        "glucoloop.studies.adversary:ADVERSARY", SAFETY, "Search for the sensor errors that do the most harm."
+    ),
+    "detect": CommandEntry(
+        "glucoloop.studies.detection:DETECT", SAFETY, "Say how soon and how well unannounced meals are detected."
+    ),
+    "bound": CommandEntry("glucoloop.studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
+    "robust": CommandEntry(
+        "glucoloop.studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."
     ),
 }

@@ -114,8 +114,8 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
         ),
         dead_time_min=0.0,
         settings={
-            "model_noise_variance": settings.pop("noise_variance"),
-            **settings,
+            "model_noise_variance": variance,
+            **{key: value for key, value in settings.items() if key != "noise_variance"},
             "seed": situation.seed,
             "noise_bound_mg_dl": situation.noise_bound_mg_dl,
         },

@@ -1,41 +1,74 @@
-"""The controller of a configured run in C."""
+"""A controller in C: what an export asks for, and the writing of it."""
 
 from __future__ import annotations
 
+import functools
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
 import glucoloop
-from glucoloop.config.options.export import CodeKeys
-from glucoloop.config.run import Run
-from glucoloop.control import Controller
-from glucoloop.firmware.exported import Exported, export
-from glucoloop.firmware.samples import example
-from glucoloop.simulation import Stepper
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.case import Case
+from glucoloop.situations.option import Option
+from glucoloop.situations.run import Loops
+
+if TYPE_CHECKING:
+    from glucoloop.control import Controller
+    from glucoloop.firmware.exported import Exported
+    from glucoloop.simulation import Stepper
+
+_chip = functools.partial(Option, panel="Chip")
+Precision = Annotated[Literal["float32", "float64"], _chip("Arithmetic on the chip.")]
+Form = Annotated[
+    Literal["auto", "unrolled", "compact"],
+    _chip("unrolled: a statement for each operation, fast; compact: loops and tables, small; auto chooses by size."),
+]
 
 
-def exported_controller(
-    run: Run, code: CodeKeys, situation: Situation, controller: Controller, stepper: Stepper
-) -> Exported:
-    """Write the controller of a run in C, for the observations of a stepper.
+class Export(Loops):
+    """A controller in its situation, and the form of its C."""
+
+    kind: ClassVar = "export"
+    # the recorded samples have meals and faults of their own
+    refused: ClassVar = ("faults", "metrics")
+
+    precision: Precision = "float32"
+    form: Form = "auto"
+    target: Annotated[
+        Literal["c", "cortex-m4f", "cortex-m7", "rv32"], _chip("Target chip, which is emulated; c for none.")
+    ] = "c"
+    samples: Annotated[
+        int,
+        _chip("Number of recorded samples; with --check of those that are checked.", at_least=6, at_most=1_000_000),
+    ] = 120
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.case  # refuses several
+
+
+def exported_controller(asked: Any, case: Case, controller: Controller, stepper: Stepper) -> Exported:
+    """Write the controller of a case in C, for the observations of a stepper.
 
     Raises
     ------
-    ValueError
+    Refusal
         If the controller cannot be written in C.
     """
-    title = [f"{name_of(run)}, by glucoloop {glucoloop.__version__}.", "Research software, not a medical device."]
+    from glucoloop.firmware.exported import export
+    from glucoloop.firmware.samples import example
+
+    name = name_of(asked, case)
+    title = [f"{name}, by glucoloop {glucoloop.__version__}.", "Research software, not a medical device."]
     return export(
         controller,
-        situation.limits,
+        asked.limits,
         example(controller, stepper),
         title,
-        precision=code.precision,
-        form=code.form,
-        bolus=situation.bolus,
+        precision=asked.precision,
+        form=asked.form,
+        bolus=asked.bolus,
     )
 
 
-def name_of(run: Run) -> str:
-    """Name of the controller of a run, for titles."""
-    return (
-        f"The controller {run.case.controller}{' with its guard' if run.case.guard else ''} for {run.situation.place}"
-    )
+def name_of(asked: Loops, case: Case) -> str:
+    """Name of the controller of a case, for titles."""
+    return f"The controller {case.controller.called}{' with its guard' if case.guard else ''} for {asked.place}"

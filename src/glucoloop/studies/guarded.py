@@ -1,72 +1,45 @@
-"""Configuration of a trial whose controllers are tried with a guard, without one, or both, for several studies."""
+"""Trials whose controllers are tried with a guard, without one, or both: what several studies ask for."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Final
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.cases import CASES_KEY, CONTROLLERS_KEY
-from glucoloop.config.trial import overlay_trial, read_trial, trial_keys
-from glucoloop.config.unusual import ask_about_settings
-from glucoloop.parts.guard import GUARD, complete_guard
-from glucoloop.parts.patients import patient_entry
-from glucoloop.parts.setting import Value
-from glucoloop.refusal import Refusal
-from glucoloop.studies.options import Guards
+from glucoloop.parts.guard import GuardSettings, guard_of
+from glucoloop.situations.case import Case
+from glucoloop.situations.option import CONTROLLER_PANEL, Option
 
+PAPER_CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se")
+PAPER_MEAL: Final = ("50g@50min",)
+Guards = Literal["both", "with", "without"]
+GuardsSetting = Annotated[
+    Guards, Option("Whether controllers are tried with a guard, without one, or both.", panel=CONTROLLER_PANEL)
+]
 WITH_GUARD: Final[Mapping[Guards, tuple[bool, ...]]] = {"both": (False, True), "with": (True,), "without": (False,)}
 """Whether there is a guard, for each time that a controller is tried."""
 
 
-def read_guarded_trial(
-    keys: Mapping[str, object],
-    cases: Sequence[Mapping[str, object]],
-    names: Mapping[str, str] | None,
-    *,
-    what: str,
-    usual: Mapping[str, object],
-    own: Collection[str],
-    refused: Collection[str],
-) -> tuple[Trial, Mapping[str, Value]]:
-    """Read a trial with a case for each controller, without a guard, and all limits of the guard.
+class GuardedTrial(Trial):
+    """A trial whose controllers are tried with a guard, without one, or both; `guard` holds the settings of all."""
 
-    Parameters
-    ----------
-    keys, cases, names
-        As for `read_trial`, with the limits of the guard among the keys.
-    what : str
-        The study in messages: ``"a stress test"``.
-    usual : mapping
-        Keys in place of those that are usual for a trial, its controllers among them.
-    own : collection of str
-        Keys of the study itself, which are not read here.
-    refused : collection of str
-        Keys of a trial that the study does not have.
+    kind: ClassVar = "guarded trial"
+    refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
 
-    Raises
-    ------
-    ValueError
-        For a key that is refused, unknown, wrong or at odds with another.
-    """
-    for key in refused:
-        if key in keys:
-            raise Refusal(f"{(names or {}).get(key, key)} is no part of {what}; leave it out")
-    given = {key: value for key, value in keys.items() if key in GUARD}
-    others = {key: value for key, value in keys.items() if key not in GUARD and key not in own}
-    named = {} if others.get(CONTROLLERS_KEY) else {CONTROLLERS_KEY: [] if cases else usual[CONTROLLERS_KEY]}
-    plain = {**overlay_trial(usual, others, names), **named}
-    base = read_trial(plain, cases, names)
-    limits = complete_guard(given, patient_entry(base.patient))
-    if not base.allow_unusual:
-        ask_about_settings(GUARD.values(), given, names)
-    return base, limits
+    guards: GuardsSetting = "both"
 
+    @property
+    def limits_of_guard(self) -> GuardSettings:
+        """All settings of the guard."""
+        return guard_of(self.patient, self.guard)
 
-def guarded_trial_keys(
-    base: Trial, own: Mapping[str, Any], limits: Mapping[str, Value], without: Collection[str]
-) -> dict[str, Any]:
-    """The flat keys from which the same trial is read, with those of the study; tables stand at the end of a file."""
-    trial = {key: value for key, value in trial_keys(base).items() if key not in without}
-    cases = trial.pop(CASES_KEY)
-    return {**trial, **own, **limits, CASES_KEY: cases}
+    @property
+    def bare_cases(self) -> tuple[Case, ...]:
+        """The controllers without a guard."""
+        return tuple(dataclasses.replace(case, guard=None) for case in self.cases)
+
+    @property
+    def base(self) -> Trial:
+        """The trial without a guard and without faults."""
+        return self.with_cases(self.bare_cases, faults=())

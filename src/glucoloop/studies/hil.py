@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.config.hil import Hil
 from glucoloop.control.protocol import gives_boluses
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.build import build, files, portable_files, refuse_missing_tools
@@ -18,8 +18,9 @@ from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.simulation.stepped import scenario_stepper
-from glucoloop.studies.closed_loop import Outcome, controller_for, integrator_of, model_for, outcome_of
+from glucoloop.studies.closed_loop import Outcome, integrator_of, model_arguments, model_for, outcome_of
 from glucoloop.studies.exported import exported_controller
+from glucoloop.studies.hardware import Hil
 from glucoloop.units import S_PER_MIN
 
 
@@ -42,7 +43,7 @@ class HilOutcome:
         on_chip = self.on_chip
         return {
             **self.outcome.report(),
-            "config": self.asked.keys(),
+            "config": self.asked.tree(whole=True),
             "chip": {
                 "design": self.exported.source.design,
                 "form": self.exported.source.form,
@@ -59,7 +60,7 @@ class HilOutcome:
     def firmware(self) -> dict[str, str]:
         """Files of the firmware."""
         if self.asked.emulated:
-            return files(self.exported, self.asked.chip.chip)
+            return files(self.exported, self.asked.chip)
         return portable_files(self.exported)
 
 
@@ -78,32 +79,31 @@ def run_hardware(asked: Hil, progress: Callable[[int], None] = lambda samples: N
         If the controller cannot be designed or exported, a tool is missing, or the chip does not answer.
     """
     if asked.emulated:
-        refuse_missing_tools(asked.chip.chip)
+        refuse_missing_tools(asked.chip)
         return _run(asked, None, progress)
     # opened before a design that takes long, since it may be no port
-    with contextlib.closing(SerialLink(asked.chip.chip, asked.chip.baud)) as board:
+    with contextlib.closing(SerialLink(asked.chip, asked.baud)) as board:
         return _run(asked, board, progress)
 
 
 def _run(asked: Hil, board: Link | None, progress: Callable[[int], None]) -> HilOutcome:
     """Design the controller and run the loop, on a board or on the emulated chip."""
-    run, chip = asked.run, asked.chip
-    situation = run.situation.situation()
-    model = model_for(run, situation)
-    controller = controller_for(run, situation, model)
-    scenario = run.situation.scenario()
-    around = surroundings_of(situation)
+    case = asked.case
+    model = model_for(asked, case)
+    controller = controller_of(asked, case, **model_arguments(model))
+    scenario = asked.scenario()
+    around = surroundings_of(asked)
     stepper = scenario_stepper(
-        situation.nominal,
+        asked.nominal,
         around.sensor,
         around.pump,
         scenario,
-        sample_time_min=situation.sample_time_min,
-        key=situation.seed,
-        integrator=integrator_of(run.situation),
+        sample_time_min=asked.sample_time_min,
+        key=asked.seed,
+        integrator=integrator_of(asked),
     )
-    exported = exported_controller(run, chip, situation, controller, stepper)
-    with contextlib.nullcontext(board) if board is not None else _emulated(chip.chip, exported) as link:
+    exported = exported_controller(asked, case, controller, stepper)
+    with contextlib.nullcontext(board) if board is not None else _emulated(asked.chip, exported) as link:
         on_chip = run_on_chip(
             exported,
             stepper,
@@ -111,12 +111,12 @@ def _run(asked: Hil, board: Link | None, progress: Callable[[int], None]) -> Hil
             link,
             gives_boluses=gives_boluses(controller),
             disturbances=asked.disturbances,
-            seed=situation.seed,
-            fallback=chip.fallback,
-            pace=Pace(situation.sample_time_min, S_PER_MIN if chip.real_time else 0.0),
+            seed=asked.seed,
+            fallback=asked.fallback,
+            pace=Pace(asked.sample_time_min, S_PER_MIN if asked.real_time else 0.0),
             progress=progress,
         )
-    return HilOutcome(asked, outcome_of(run, situation, model, controller, on_chip.trace), exported, on_chip)
+    return HilOutcome(asked, outcome_of(asked, case, model, controller, on_chip.trace), exported, on_chip)
 
 
 @contextlib.contextmanager

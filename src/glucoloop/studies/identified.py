@@ -12,9 +12,6 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.config.identification import identification_keys
-from glucoloop.config.key import plain
-from glucoloop.config.options.identification import IdentificationKeys
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.identification import (
@@ -34,7 +31,6 @@ from glucoloop.identification import (
     validate,
 )
 from glucoloop.identification.record import FROM_ZERO
-from glucoloop.parts.patients import patient_entry
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
 from glucoloop.refusal import Refusal
@@ -43,6 +39,7 @@ from glucoloop.simulation import excite
 from glucoloop.storage.files import read_text
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
+from glucoloop.studies.identification import ModelRequest
 
 VALIDATION_SAMPLES: Final = 100
 VALIDATION_SHARE: Final = 0.1
@@ -53,7 +50,7 @@ VALIDATION_SHARE: Final = 0.1
 class Identified:
     """An identification with its results."""
 
-    config: IdentificationKeys
+    config: ModelRequest
     record: Record
     data: str | None
     """Text of the record's file, or None without one."""
@@ -71,7 +68,7 @@ class Identified:
         """Options of ``glucoloop run`` that go with the model."""
         options = {"--sample-time": (self.config.sample_time_min, 5.0), "--dead-time": (self.config.dead_time_min, 0.0)}
         hint = "".join(f" {option} {value:g}" for option, (value, default) in options.items() if value != default)
-        return f"{hint} --known-dead-time" if self.config.dead_time_min else hint
+        return f"{hint} --controller known_dead_time=true" if self.config.dead_time_min else hint
 
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """Name, value and unit of each property of the model."""
@@ -100,7 +97,7 @@ class Identified:
             if np.ndim(value := getattr(self.validation, field.name)) == 0
         }
         return {
-            "config": plain(self.config),
+            "config": self.config.tree(whole=True),
             "model": self.model.model_dump(mode="json"),
             "fit": {
                 "gain_mg_dl_per_mU_min": float(self.identification.model.gain),
@@ -115,7 +112,7 @@ class Identified:
         }
 
 
-def identify(config: IdentificationKeys) -> Identified:
+def identify(config: ModelRequest) -> Identified:
     """Identify from the patient or from the record.
 
     Raises
@@ -126,28 +123,28 @@ def identify(config: IdentificationKeys) -> Identified:
     return _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
 
 
-def _from_patient(config: IdentificationKeys) -> Identified:
-    situation = config.situation()
-    person = situation.nominal
+def _from_patient(config: ModelRequest) -> Identified:
+    person = config.nominal
     basal = float(person.basal_insulin_mU_min)
-    if config.amplitude_mU_min > basal:
+    amplitude_mU_min = config.amplitude_mU_min or 0.0
+    if amplitude_mU_min > basal:
         raise Refusal(
-            f"pulses of {config.amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
+            f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
     memory = config.memory or 0
-    pulses = basal + np.asarray(design_csrs(memory, config.amplitude_mU_min, config.samples))
-    quiet_sensor = sensor_of(dataclasses.replace(situation, noise_variance=0.0))
+    pulses = basal + np.asarray(design_csrs(memory, amplitude_mU_min, config.samples))
+    quiet_sensor = sensor_of(config.without_noise())
 
     def experiment(sensor: Sensor) -> Record:
         return excite(person, pulses, sensor, record_key(config.seed), sample_time_min=config.sample_time_min)
 
-    record = experiment(sensor_of(situation))
+    record = experiment(sensor_of(config))
     basis = Basis(
         memory=memory,
         pole=config.laguerre_pole or 0.0,
         functions=config.laguerre_functions or None,
-        under_the_skin=patient_entry(config.patient).under_the_skin,
+        under_the_skin=config.patient.under_the_skin,
     )
     identification = _fit(config, basis, record, "csrs", basal_insulin_mU_min=basal)
     truth = None
@@ -177,7 +174,7 @@ def _from_patient(config: IdentificationKeys) -> Identified:
     )
 
 
-def _from_data(config: IdentificationKeys, path: Path) -> Identified:
+def _from_data(config: ModelRequest, path: Path) -> Identified:
     try:
         record, notes = record_from_samples(
             *read_record_columns(path).values(),
@@ -193,7 +190,7 @@ def _from_data(config: IdentificationKeys, path: Path) -> Identified:
             record,
             method,
             basal_insulin_mU_min=config.basal_insulin_mU_min,
-            starts_at_rest=config.starts_at_rest,
+            starts_at_rest=not config.not_from_rest,
         )
     except Refusal as error:
         raise Refusal(_in_file(_in_options(str(error)), path)) from error
@@ -209,7 +206,7 @@ def _from_data(config: IdentificationKeys, path: Path) -> Identified:
             *notes,
         )
     notes = (why, *notes, *_about_meals(record, identification))
-    if not config.starts_at_rest:
+    if config.not_from_rest:
         notes = (
             *notes,
             "The check shows the first readings worse than they are: insulin before the record is unknown.",
@@ -250,16 +247,16 @@ def _about_meals(record: Record, identification: Identification) -> Iterator[str
     )
 
 
-def _basis(config: IdentificationKeys, record: Record) -> Basis:
+def _basis(config: ModelRequest, record: Record) -> Basis:
     """Basis for a record: what is given, and else what predicts readings left out of the fit best."""
     functions = "usual" if config.laguerre_functions is None else config.laguerre_functions or None
     bases = bases_given(record, "least-squares", config.memory, config.laguerre_pole, functions, None)
     return chosen_basis(
-        record, bases, basal_insulin_mU_min=config.basal_insulin_mU_min, starts_at_rest=config.starts_at_rest
+        record, bases, basal_insulin_mU_min=config.basal_insulin_mU_min, starts_at_rest=not config.not_from_rest
     )
 
 
-def _method(config: IdentificationKeys, basis: Basis, record: Record) -> tuple[str, str]:
+def _method(config: ModelRequest, basis: Basis, record: Record) -> tuple[str, str]:
     """Method for a record, and the reason in a sentence."""
     eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
@@ -267,7 +264,7 @@ def _method(config: IdentificationKeys, basis: Basis, record: Record) -> tuple[s
     if eaten:
         return "least-squares", "Method: least squares, since cross-correlation takes the patient to fast."
     try:
-        if config.starts_at_rest:
+        if not config.not_from_rest:
             identify_record(
                 record,
                 memory=basis.memory,
@@ -284,7 +281,7 @@ def _method(config: IdentificationKeys, basis: Basis, record: Record) -> tuple[s
 
 
 def _fit(
-    config: IdentificationKeys,
+    config: ModelRequest,
     basis: Basis,
     record: Record,
     method: str,
@@ -310,9 +307,7 @@ def _fit(
     return fit(basis)
 
 
-def _model_file(
-    config: IdentificationKeys, identification: Identification, source: str, notes: tuple[str, ...]
-) -> ModelFile:
+def _model_file(config: ModelRequest, identification: Identification, source: str, notes: tuple[str, ...]) -> ModelFile:
     smooth = (
         f"{identification.laguerre_coefficients.size} Laguerre functions with pole {identification.laguerre_pole:.4g}"
         if identification.laguerre_coefficients.size
@@ -323,9 +318,15 @@ def _model_file(
         operating_point=None if config.data is not None else config.place,
         source=f"{source}, {smooth}",
         dead_time_min=config.dead_time_min,
-        settings=identification_keys(config),
+        settings=_settings(config),
         notes=notes,
     )
+
+
+def _settings(config: ModelRequest) -> dict[str, Any]:
+    """Settings that are written with a model: numbers and texts."""
+    plain = {key: value for key, value in config.tree(whole=True).items() if isinstance(value, int | float | str)}
+    return {**plain, "noise_variance": config.noise_variance, "dead_time_min": config.dead_time_min}
 
 
 def _time_constant(identification: Identification) -> str:

@@ -19,7 +19,7 @@ Every module has
 
 and, by its kind:
 
-- `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``asked.trial`` is that trial;
+- `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``trial_of(asked)`` is that trial;
   ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
   ``search(asked)`` prepares a `RowSearch`, which makes the missing rows and sums them up. Example:
@@ -46,6 +46,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from glucoloop.parts.part import Part
 
 if TYPE_CHECKING:
+    from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import Rows
     from glucoloop.storage.trials.folder import TrialFolder
@@ -114,7 +115,11 @@ class Module(Protocol):
 
 
 class TrialModule(Module, Protocol):
-    """Module of a study whose cells are cases of a trial; its request has a ``trial``."""
+    """Module of a study whose cells are cases of a trial."""
+
+    def trial_of(self, asked: Any) -> Trial:
+        """The trial with a case for each cell."""
+        ...
 
     def found(self, asked: Any, folder: TrialFolder) -> Findings:
         """Sum up the people of a folder whose shards are done."""

@@ -23,30 +23,30 @@ Number = TypeVar("Number", int, float)
 
 
 def parse_integers(text: str, name: str = "the range") -> tuple[int, ...]:
-    """Whole numbers from a text: ``1:4`` with both ends, ``2:16:2`` in steps, ``2,5,8``, or ``1:3,8``.
+    """Whole numbers from a text: ``1:4`` with both ends, ``2:16:2`` in steps, ``2|5|8``, or ``1:3|8``.
 
     Raises
     ------
     ValueError
         For a text that is no such range, or one of too many values.
     """
-    return _parse(text, name, int, "1:4, 2:16:2 or 2,5,8")
+    return _parse(text, name, int, "1:4, 2:16:2 or 2|5|8")
 
 
 def parse_numbers(text: str, name: str = "the range") -> tuple[float, ...]:
-    """Numbers from a text: ``.3:.8:.05``, with both ends where the steps meet them, or ``0,1,3``.
+    """Numbers from a text: ``.3:.8:.05``, with both ends where the steps meet them, or ``0|1|3``.
 
     Raises
     ------
     ValueError
         For a text that is no such range, or one of too many values.
     """
-    return _parse(text, name, float, ".3:.8:.05 or 0,1,3")
+    return _parse(text, name, float, ".3:.8:.05 or 0|1|3")
 
 
 def _parse(text: str, name: str, kind: Callable[[Decimal], Number], like: str) -> tuple[Number, ...]:
     values: list[Decimal] = []
-    for part in text.split(","):
+    for part in text.split("|"):
         bounds = [piece.strip() for piece in part.split(":")]
         if len(bounds) > 3 or not all(_NUMBER.fullmatch(piece) for piece in bounds):
             raise Refusal(f"{name} is {text!r}; write it like {like}")

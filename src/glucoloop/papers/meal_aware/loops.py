@@ -14,10 +14,8 @@ import numpy.typing as npt
 from glucoloop.bounds import OptimalDoses, bound_of_situation
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.config.run import Run, read_run
-from glucoloop.config.trial import read_trial
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
-from glucoloop.control.catalogue import controller_entry
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.experiments.surroundings import Surroundings, pump_of
@@ -41,8 +39,9 @@ from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.situations.situation import Situation
-from glucoloop.studies.bounded import bound_of_run
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import Situation, configured
+from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import stack
 
@@ -97,13 +96,13 @@ class _Models:
 
     def controller(self, run: Run) -> Controller:
         """The controller that ``glucoloop run`` designs."""
-        made, case = run.situation.situation(), run.case.case()
-        if not controller_entry(case.controller).uses_model:
-            return controller_of(made, case)
-        key = made.seed, case.model_noise_variance or 0.0
+        case = run.case
+        if not case.controller.uses_model:
+            return controller_of(run, case)
+        key = run.seed, case.identified.noise_variance or 0.0
         if key not in self._found:
-            self._found[key] = identified_model(made, case, made.nominal).model
-        return controller_of(made, case, model=self._found[key])
+            self._found[key] = identified_model(run, case, run.nominal).model
+        return controller_of(run, case, model=self._found[key])
 
 
 def _around(made: Situation, variance: jax.Array) -> Surroundings:
@@ -124,12 +123,12 @@ def _together(extent: Extent) -> int:
 def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Models) -> Runs:
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     seeds = np.asarray(extent.sensor_seeds if situation.runs == "seeds" else [extent.seed])
-    runs = [read_run(situation.of(name, int(seed))) for seed in seeds]
-    made, scenario = runs[0].situation.situation(), runs[0].situation.scenario()
-    own = controller_entry(name).uses_model
+    runs = [configured(Run, situation.of(name, int(seed))) for seed in seeds]
+    made, scenario = runs[0], runs[0].scenario()
+    own = made.case.controller.uses_model
     controllers = [models.controller(run) for run in (runs if own else runs[:1])]
     stacked = stack(controllers)
-    variance, drawn = np.full(seeds.size, runs[0].situation.noise_variance), seeds.astype(np.uint32)
+    variance, drawn = np.full(seeds.size, made.noise_variance), seeds.astype(np.uint32)
     if situation.oscillation:  # one more run, of the first controller without noise
         variance, drawn = np.append(variance, 0.0), np.append(drawn, drawn[0])
 
@@ -157,7 +156,7 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
 
 def _of_people(situation: NamedSituation, name: str, extent: Extent) -> Runs:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
-    trial = read_trial(situation.of_people(name, extent.seed, extent.people))
+    trial = configured(Trial, situation.of_people(name, extent.seed, extent.people))
     prepared = engine.prepare(trial)
     done = engine.run_people(prepared, name, np.arange(extent.people), traces=True)
     found = {key: np.asarray(values, float)[done.feasible] for key, values in done.metrics.items()}
@@ -176,7 +175,7 @@ def bound_of(row: NamedSituation | Mismatch) -> OptimalDoses | None:
     Faults of the sensor, noise and the guard make no plan possible that was not before, so they do not count.
     """
     if isinstance(row, NamedSituation):
-        return bound_of_run(read_run(row.of(OURS, 0)).situation) if row.bounded else None
+        return bound_of_run(configured(Run, row.of(OURS, 0))) if row.bounded else None
     if row.people != "nominal" or row.late or row.blocked or row.flat_battery:
         return None
     return _best_doses(row.setpoint_mg_dl, row.meals, tuple(row.stomach.items()))
@@ -191,5 +190,5 @@ def _best_doses(setpoint_mg_dl: float, meals: Meals, stomach: tuple[tuple[str, f
         initial_glucose_mg_dl=setpoint_mg_dl,
         meal_model=LehmannDeutsch(**dict(stomach)),
     )
-    made = read_run(SITUATIONS[0].of(OURS, 0)).situation.situation()
+    made = configured(Run, SITUATIONS[0].of(OURS, 0))
     return bound_of_situation(made.nominal, scenario, made.limits)

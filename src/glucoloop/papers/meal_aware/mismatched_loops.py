@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.config.trial import read_trial
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
 from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
@@ -23,8 +23,8 @@ from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.papers.meal_aware.measures import Floats, Runs, numbers_at_samples
-from glucoloop.papers.meal_aware.situations import HORIZON_MIN, OPERATING_POINT, Mismatch
-from glucoloop.parts.guard import complete_guard
+from glucoloop.papers.meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
+from glucoloop.parts.guard import GuardSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
@@ -36,6 +36,7 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.people_plant import varying
+from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.stacking import move_slots
 
@@ -92,7 +93,7 @@ class _NoFold:
         return state
 
 
-_trial = functools.cache(lambda: read_trial({"controllers": ["basal"], "operating_point": OPERATING_POINT}))
+_trial = functools.cache(lambda: configured(Trial, controller="basal", patient=PATIENT))
 
 
 def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Design:
@@ -100,9 +101,10 @@ def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Desi
 
     @functools.cache
     def design(setpoint_mg_dl: float, variance: float) -> Controller:
-        keys = {"controllers": [controller], "operating_point": OPERATING_POINT, "noise_variance": variance}
         own = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
-        trial = read_trial({**keys, **(settings or {}), **own})
+        sensor = [{"name": "white-noise", "variance": variance}] if variance else []
+        case = {"name": controller, **(settings or {})}
+        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **own})
         return controller_of(trial, trial.cases[0])
 
     return design
@@ -271,7 +273,7 @@ class MismatchedLoops:
             return jnp.asarray(np.moveaxis(np.stack([np.asarray(leaf) for leaf in leaves])[which], 0, -1))
 
         many = with_individual_basal(jax.tree_util.tree_map_with_path(of_people, *each), self._basal)
-        one, guard, limits = each[0], complete_guard({}) if self.rows[0].guarded else None, _trial().limits
+        one, guard, limits = each[0], GuardSettings() if self.rows[0].guarded else None, _trial().limits
         one, many = (
             with_guard(one, guard, limits, jnp.asarray(self._basal[0])),
             with_guard(many, guard, limits, jnp.asarray(self._basal)),

@@ -17,6 +17,7 @@ NOISE_VARIANCE: Final = 1.45
 """Variance for which controllers are designed wherever there is noise, (mg/dl)^2: nobody tells of other noise."""
 HORIZON_MIN: Final = 600.0
 OPERATING_POINT: Final = "setpoint-81"
+PATIENT: Final = f"operating_point={OPERATING_POINT}"
 
 TUNING_SEEDS: Final = range(900_000, 900_200)
 """Seeds of the sensor on which the tuning of the meal-aware controller was chosen."""
@@ -59,21 +60,23 @@ class NamedSituation:
     runs: Literal["one", "seeds", "people"]
     """One run, one for each seed of the sensor, or one for each of many people."""
     keys: Mapping[str, Any] = field(default_factory=dict)
-    """Flat configuration keys beyond those that all situations share."""
+    """Settings of a run beyond those that all situations share."""
+    known_dead_time: bool = False
+    """Whether controllers know the dead time."""
     oscillation: bool = False
     """Whether the controllers are also tried without noise, to see whether they oscillate."""
     bounded: bool = False
     """Whether the distance to the bound is reported."""
 
     def of(self, controller: str, seed: int) -> dict[str, Any]:
-        """Flat keys of the run of one person."""
-        shared = {"operating_point": OPERATING_POINT, "meals": ["50g@50min"], "duration_min": HORIZON_MIN}
-        return {**shared, **self.keys, "controller": controller, "seed": seed}
+        """The run of one person, as a file has it."""
+        shared = {"patient": PATIENT, "meals": ["50g@50min"], "duration_min": HORIZON_MIN}
+        case = {"name": controller, "label": controller, "known_dead_time": self.known_dead_time}
+        return {**shared, **self.keys, "controller": case, "seed": seed}
 
     def of_people(self, controller: str, seed: int, people: int) -> dict[str, Any]:
-        """Flat keys of the trial of many people."""
-        keys = {key: value for key, value in self.of(controller, seed).items() if key != "controller"}
-        return {**keys, "population": "parker2000", "people": people, "controllers": [controller]}
+        """The trial of many people, as a file has it."""
+        return {**self.of(controller, seed), "population": "parker2000", "people": people}
 
     def runs_told(self, extent: Extent) -> str:
         """The runs of a comparison, in words."""
@@ -85,7 +88,12 @@ class NamedSituation:
         return "one run"
 
 
-_NOISE: Final = {"noise_variance": NOISE_VARIANCE}
+_NOISE: Final = {"sensor": [f"white-noise, variance={NOISE_VARIANCE}"]}
+
+
+def _late(minutes: int) -> dict[str, Any]:
+    return {"sensor": [*_NOISE["sensor"], f"dead-time, minutes={minutes}"]}
+
 
 SITUATIONS: Final = (
     NamedSituation("noise-free", "Without noise", "one", bounded=True),
@@ -94,7 +102,8 @@ SITUATIONS: Final = (
         "dead-time-10",
         "With noise and a known dead time of 10 min",
         "seeds",
-        {**_NOISE, "dead_time_min": 10.0, "known_dead_time": True},
+        _late(10),
+        known_dead_time=True,
         oscillation=True,
         bounded=True,
     ),
@@ -102,7 +111,8 @@ SITUATIONS: Final = (
         "dead-time-15",
         "With noise and a known dead time of 15 min",
         "seeds",
-        {**_NOISE, "dead_time_min": 15.0, "known_dead_time": True},
+        _late(15),
+        known_dead_time=True,
         bounded=True,
     ),
     NamedSituation("announced", "Announced, without noise", "one", {"announce_meals": True}, bounded=True),

@@ -21,6 +21,7 @@ from glucoloop.identification import FirstOrderModel, Identification, Record, Va
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
@@ -125,9 +126,9 @@ class _Keys:
 
 
 def _noisy(situation: Situation, dead_time_min: int) -> Situation:
-    return dataclasses.replace(
-        situation, noise_variance=NOISE_VARIANCE, dead_time_samples=dead_time_min // SAMPLE_TIME_MIN
-    )
+    """The situation with the paper's noise, and a dead time."""
+    late = (DeadTimeSettings(minutes=dead_time_min),) if dead_time_min else ()
+    return dataclasses.replace(situation, sensor=(WhiteNoiseSettings(variance=NOISE_VARIANCE), *late))
 
 
 def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:
@@ -220,7 +221,7 @@ def study(
     """
     wanted = of_paper() if experiments is None else experiments
     noisy_wanted = {run for run in wanted if isinstance(run, tuple)}
-    situation = dataclasses.replace(usual_situation(), operating_point=operating_point)
+    situation = usual_situation(operating_point=operating_point)
     person = situation.nominal
     keys = _Keys.of(seed, seeds)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import glucoloop
@@ -17,8 +17,7 @@ from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.figures import CAPTIONS
 from glucoloop.papers.parker1999.published import PrintedRow
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.report._page import FOOTER, page, scrolling, section
-from glucoloop.report._page import table as page_table
+from glucoloop.report.template import FOOTER, render
 
 TITLE: Final = "Parker, Doyle and Peppas (1999), reproduced"
 _SECTIONS: Final = (
@@ -202,47 +201,15 @@ def html_report(
     figures: Mapping[str, str],
 ) -> str:
     """The report as one page; `figures` are SVG texts by name, ``operating-point/figure``."""
-    parts = [f'<p class="lead">{html.escape(line)}</p>' for line in _summary(rows, studies, seed)]
-    parts += [_html_table(table) for table in tables(rows, studies)]
+    shown = []
     for name, svg in figures.items():
         point, figure = name.split("/")
-        caption = f"{CAPTIONS[figure]} At {point}."
-        image = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
-        alt = html.escape(caption)
-        parts.append(f'<figure><img src="{image}" alt="{alt}"><figcaption>{alt}</figcaption></figure>')
-    parts += [_html_table(table) for table in tables_at_the_end(rows)]
-    return page(TITLE, "\n".join(parts), _STYLE)
-
-
-def _html_table(table: Table) -> str:
-    body = "<p>Nothing.</p>"
-    if table.rows:
-        cells = [[_html_cell(cell) for cell in row] for row in table.rows]
-        body = scrolling(
-            page_table([html.escape(name) for name in table.columns], cells, values_from=99), table.heading
-        )
-    return section(html.escape(table.heading), html.escape(table.note), body)
-
-
-def _html_cell(cell: str) -> str:
-    """HTML of a cell, in which the verdict at its end is coloured."""
-    told, _, verdict = cell.rpartition("; ")
-    if verdict not in ("yes", "no"):
-        return html.escape(cell)
-    return f'{html.escape(told)}; <span class="{verdict}">{verdict}</span>'
-
-
-_STYLE: Final = """
-table { font-size: 0.82rem; }
-th[scope=row] { padding-left: 0; min-width: 11rem; max-width: 18rem; white-space: normal; position: sticky; left: 0;
-                background: var(--paper); }
-th, td { vertical-align: top; min-width: 4.5rem; }
-td:last-child { min-width: 7rem; }
-[aria-label="What does not reproduce"] td:last-child { min-width: 22rem; }
-tbody tr + tr > * { border-top: 1px solid var(--rule); }
-.yes { color: var(--yes); } .no { color: var(--no); font-weight: 600; }
-figure { margin: 2rem 0; background: white; color: black; padding: 1rem; border-radius: 0.4rem; max-width: 46rem; }
-figure img { width: 100%; height: auto; }
-figcaption { font-size: 0.85rem; }
-@media (max-width: 44rem) { th[scope=row] { min-width: 7rem; max-width: 9rem; } figure { padding: 0.3rem; } }
-"""
+        shown.append((f"{CAPTIONS[figure]} At {point}.", base64.b64encode(svg.encode()).decode()))
+    return render(
+        Path(__file__).with_name("page.html"),
+        TITLE,
+        sentences=_summary(rows, studies, seed),
+        tables=tables(rows, studies),
+        figures=shown,
+        tables_at_the_end=tables_at_the_end(rows),
+    )

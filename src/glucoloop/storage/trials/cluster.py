@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import itertools
 import logging
 import signal
 import threading
-import uuid
-from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
-from glucoloop.cohorts.trial import Trial, fingerprint
+from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.run import Progress
@@ -27,7 +26,7 @@ from glucoloop.storage.trials.shard import compute_shard
 
 LOCAL: Final = "local"
 RETRIES: Final = 3
-"""Number of times that a shard is tried again before the trial stops."""
+"""Number of times that Dask tries a shard again before the trial stops."""
 _IN_FLIGHT_PER_THREAD: Final = 2
 _LEAST_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
@@ -37,19 +36,8 @@ _designing = threading.Lock()
 def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
     """The files of a shard, computed by a worker.
 
-    Parameters
-    ----------
-    trial : Trial
-    index : int
-    version : str
-        Version of glucoloop in the process that owns the folder.
-    identity : mapping
-        Arithmetic of that process, on which the bits depend; see `glucoloop.arithmetic`.
-
-    Raises
-    ------
-    ValueError
-        If the worker has another version of glucoloop, or would compute other bits.
+    `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
+    ValueError tells that the worker has others, and would compute other bits.
     """
     from glucoloop.cohorts import engine
 
@@ -79,37 +67,24 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
 def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     """A client of the scheduler at an address, or of one of this machine's own.
 
-    Parameters
-    ----------
-    address : str
-        Address such as ``tcp://10.0.0.1:8786``, or ``"local"`` to start worker processes on this machine.
-    workers : int, optional
-        Number of worker processes; one for each core by default.
-
-    Raises
-    ------
-    ValueError
-        If Dask is not installed, or no scheduler answers at the address.
+    The address is like ``tcp://10.0.0.1:8786``, or ``"local"`` to start `workers` processes on this machine, one for
+    each core by default. A ValueError tells that Dask is not installed, or that no scheduler answers.
     """
     distributed = library()
+    options: dict[str, Any] = {"address": address}
+    starting: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
+    if address == LOCAL:
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+        options["silence_logs"] = logging.ERROR
+        starting = _workers_deaf_to_interrupts()
+    elif workers is not None:
+        raise Refusal("the number of workers is the cluster's own; leave it out")
     with contextlib.ExitStack() as stack:
-        if address == LOCAL:
-            with _workers_deaf_to_interrupts():
-                cluster: Any = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=workers,
-                        threads_per_worker=1,
-                        dashboard_address="127.0.0.1:0",
-                        silence_logs=logging.ERROR,
-                    )
-                )
-        elif workers is not None:
-            raise Refusal("the number of workers is the cluster's own; leave it out")
-        else:
-            cluster = address
         try:
             stack.enter_context(_silent("distributed.client"))
-            client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_S, set_as_default=False))
+            with starting:
+                client = distributed.Client(**options, timeout=_CONNECT_S, set_as_default=False)
+            stack.enter_context(client)
         except (OSError, ValueError) as error:
             raise Refusal(
                 f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "
@@ -119,13 +94,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
 
 
 def library() -> Any:
-    """The library of clusters, asked for before a trial designs its controllers.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The library of clusters; a `MissingExtraError` tells that it is not installed, before a trial is designed."""
     with needed_for("a cluster"):
         return importlib.import_module("distributed")  # untyped
 
@@ -158,31 +127,19 @@ def _workers_deaf_to_interrupts() -> Iterator[None]:
 def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None:
     """Compute the missing shards on the workers of a cluster, and put them into the folder as they arrive.
 
-    Raises
-    ------
-    ValueError
-        If a shard fails repeatedly, or cannot be written; finished shards stay.
+    A ValueError tells that a shard fails repeatedly, or cannot be written; finished shards stay.
     """
     trial, identity = folder.trial, arithmetic.identity()
-    waiting = deque(folder.missing())
-    tried: Counter[int] = Counter()
+    waiting = iter(folder.missing())
     running: dict[Any, int] = {}
     """Number of the shard of each future."""
     completed = library().as_completed(loop=client.loop)
 
     def fill() -> None:
-        while waiting and len(running) < max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values())):
-            index = waiting.popleft()
-            tried[index] += 1
-            future = client.submit(
-                shard_on_worker,
-                trial,
-                index,
-                glucoloop.__version__,
-                identity,
-                key=f"glucoloop-{fingerprint(trial)[:16]}-{index:05d}-{uuid.uuid4().hex}",
-                pure=False,
-            )
+        most = max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
+        for index in itertools.islice(waiting, max(0, most - len(running))):
+            work = shard_on_worker, trial, index, glucoloop.__version__, identity
+            future = client.submit(*work, pure=False, retries=RETRIES)
             running[future] = index
             completed.add(future)
 
@@ -190,15 +147,12 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
     for future in completed:
         index = running.pop(future)
         error = future.exception()
-        if error is None:
-            folder.put(index, future.result())
-            progress(trial.shard(index).size * len(trial.cases))
-        elif tried[index] <= RETRIES and not isinstance(error, Refusal):
-            waiting.appendleft(index)
-        else:
+        if error is not None:
             raise Refusal(
                 f"shard {index} failed on the cluster: {' '.join(str(error).split()).rstrip('.')}; "
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )
+        folder.put(index, future.result())
+        progress(trial.shard(index).size * len(trial.cases))
         future.release()
         fill()

@@ -1,61 +1,61 @@
 """Folder of a trial: its shards appear complete, one after the other, and an interrupted run resumes.
 
-Existing shards are never computed again, and never changed. Each shard names its trial, its people and its arithmetic;
-other files are refused. At the end the list of digests appears, which marks a trial as finished.
+Existing shards are never computed again, and never changed. The record of each, ``shard.json``, names its trial, its
+people and its arithmetic, so that no shard is taken for another; other files are refused. At the end the list of
+digests appears, which marks a trial as finished.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
-from glucoloop.cohorts.trial import Trial
+from glucoloop.cohorts.trial import FORMAT, Trial
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
+from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.trials.binding import SHARD, bound, whole_shard
-from glucoloop.storage.trials.header import (
-    HEADER,
-    Header,
-    arithmetic_of,
-    header_of,
-    origin_of,
-    other_tables,
-    read_header,
-)
+from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.trials.header import HEADER, TABLES, Header, header_of, read_header
+from glucoloop.storage.trials.shard import FILES, bounds, read_people
 
 SHARDS: Final = "shards"
+SHARD: Final = "shard.json"
 CONFIGURATION: Final = "trial.toml"
 SUMMARY: Final = "summary.json"
 BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
 FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, SUMMARY)
 """Files that are written when all shards are done."""
-_DIGITS: Final = 20
-"""Number of digits from which a name is never taken for the number of a shard."""
-
-
-def plain_trial(trial: Trial) -> Work:
-    """Work of ``glucoloop trial``."""
-    return Work(
-        command="trial", what="trial", keys=trial.tree(whole=True), given=trial.tree(), final=FINAL, summary=SUMMARY
-    )
+_NUMBER: Final = re.compile("[0-9]{5}|[1-9][0-9]{5,18}")
+"""Name of the folder of a shard."""
 
 
 class TrialFolder(ResumableFolder):
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
     def __init__(self, path: Path, trial: Trial, work: Work) -> None:
-        super().__init__(path, work, first=HEADER, others=(work.configuration,), done=SHARDS, done_is_folder=True)
         self.trial = trial
         self._header = self._there = header_of(trial)
-        self.here = origin_of(self._header)
+        super().__init__(
+            path,
+            work,
+            first=(HEADER, work.configuration),
+            results=SHARDS,
+            in_parts=True,
+            wanted=trial.shards,
+            unit="shards",
+            here=self._header.origin,
+        )
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
 
@@ -63,21 +63,6 @@ class TrialFolder(ResumableFolder):
     def done(self) -> int:
         """Number of shards that are done."""
         return len(self._sums)
-
-    @property
-    def anything_done(self) -> bool:
-        """Whether a shard is done."""
-        return bool(self._sums)
-
-    @property
-    def all_done(self) -> bool:
-        """Whether every shard is done."""
-        return self.done == self.trial.shards
-
-    @property
-    def progress(self) -> str:
-        """Number of finished shards, in words."""
-        return f"{self.done} of {self.trial.shards} shards"
 
     def missing(self) -> list[int]:
         """Numbers of the shards that are not done."""
@@ -89,113 +74,80 @@ class TrialFolder(ResumableFolder):
 
     def shard(self, index: int) -> Path:
         """Path of a shard."""
-        return shard_path(self.path, index)
+        return _shard_path(self.path, index)
 
     def put(self, index: int, files: Mapping[str, bytes]) -> None:
-        """Put a shard in its place.
-
-        Raises
-        ------
-        ValueError
-            If its files are not those of the shard, or cannot be written; finished shards stay.
-        """
-        binding = bound(self.trial, index, files, **_binding(self._header))
+        """Put a shard in its place; ValueError if these are not its files, or they cannot be written."""
+        record = _record(self.trial, self._header, index, files)
         with self.unwritten(f"shard {index}"):
-            disk.put_folder(self.shard(index), {**files, SHARD: binding})
+            disk.put_folder(self.shard(index), {**files, SHARD: record})
         self._sums[index] = disk.read_sums(self.shard(index))
 
     def people(self) -> Iterator[Shard]:
         """People of the finished shards, in order, one shard at a time."""
-        from glucoloop.storage.trials.shard import read_people
-
         for index in sorted(self._sums):
             yield read_people(self.shard(index), self.trial, index)
 
-    def forget(self) -> None:
-        """Begin without any shards."""
+    def _all_done(self) -> bool:
+        return not self.missing()
+
+    def _forget(self) -> None:
         self._sums, self._there = {}, self._header
 
-    def settle(self) -> None:
-        """Do nothing, since each shard is written as soon as it is done."""
-
-    def first_files(self) -> dict[str, bytes]:
-        """Header and configuration."""
+    def _first_files(self) -> dict[str, bytes]:
         return {HEADER: self._there.text().encode(), self.work.configuration: self.work.text.encode()}
 
-    def read_origin(self) -> Origin:
-        """Read the header."""
+    def _read_origin(self) -> Origin:
         self._there = read_header(self.path)
-        return origin_of(self._there)
+        before, now = (of.libraries.get(TABLES) for of in (self._there, self._header))
+        if before != now:
+            told = f"{self.path} was begun with {TABLES} {before}, and this is {now}"
+            self.notes = (f"{told}; tables hold the same, in other bytes.",)
+        return self._there.origin
 
-    def read_done(self) -> None:
-        """Read the finished shards, and refuse damaged or foreign ones."""
-        same = [(of.fingerprint, of.people, of.shards) for of in (self._there, self._header)]
-        if same[0] != same[1]:
+    def _read_done(self) -> None:
+        there, here = ((of.fingerprint, of.people, of.shards) for of in (self._there, self._header))
+        if there != here:
             raise Refusal(
                 f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
-        configuration = self.path / self.work.configuration
-        if disk.is_file(configuration) and disk.read_bytes(configuration) != self.work.text.encode():
-            raise Refusal(
-                f"{configuration} was changed since glucoloop wrote it; move it away and run the same command again"
-            )
-        _refuse_foreign(self.path, self.trial.shards)
-        self._sums = {
-            index: whole_shard(self.shard(index), self.path, index, **_binding(self._there))
-            for index in _numbers(self.path, self.trial.shards)
-        }
+        self._sums = _whole_shards(self.path, self._there)
 
-    def load(self) -> None:
-        """Read the results that the folder holds; see `ResumableFolder.load`."""
-        super().load()
-        self.notes = (*self.notes, *other_tables(self._there, self._header, self.path))
-
-    def parts(self) -> dict[str, str]:
-        """Digests of the files of all shards."""
+    def _part_digests(self) -> dict[str, str]:
         return {
             f"{SHARDS}/{self.shard(index).name}/{name}": value
             for index, sums in self._sums.items()
             for name, value in sums.items()
         }
 
-    def part_of(self, name: str) -> int | None:
-        """Number of the shard to which a file belongs; None for another file."""
-        parts = name.split("/")
-        return _number(parts[1], self.trial.shards) if len(parts) == 3 and parts[0] == SHARDS else None
-
-    def refuse_foreign_parts(self) -> None:
-        """Raise ValueError if there are foreign files beside the shards of a trial, or in one of them."""
-        _refuse_foreign(self.path, None)
+    def clear(self) -> None:
+        """Remove earlier work, unless there is a foreign file beside the shards of a trial, or in one of them."""
+        _refuse_foreign(self.path)
+        super().clear()
 
 
-def shard_path(folder: Path, index: int) -> Path:
-    """Path of a shard of a trial."""
-    return folder / SHARDS / f"{index:05d}"
+@contextlib.contextmanager
+def trial_folder(
+    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
+) -> Iterator[TrialFolder]:
+    """Open the folder of a trial, new or begun, for writing; see `opened`.
+
+    The shards are computed for a work, that of ``glucoloop trial`` by default.
+    """
+    if work is None:
+        keys = trial.tree(whole=True)
+        work = Work(command="trial", what="trial", keys=keys, given=trial.tree(), final=FINAL, summary=SUMMARY)
+    with opened(TrialFolder(path, trial, work), overwrite=overwrite) as folder:
+        yield folder
 
 
 def done_shards(folder: Path, header: Header) -> list[Path]:
-    """Paths of the finished shards of a trial, in order.
-
-    Raises
-    ------
-    ValueError
-        If one is damaged, or belongs to another trial.
-    """
-    _refuse_foreign(folder, header.shards)
-    numbers = _numbers(folder, header.shards)
-    for index in numbers:
-        whole_shard(shard_path(folder, index), folder, index, **_binding(header))
-    return [shard_path(folder, index) for index in numbers]
+    """Paths of the finished shards of a trial, in order; ValueError if one is damaged, or belongs to another trial."""
+    return [_shard_path(folder, index) for index in _whole_shards(folder, header)]
 
 
 def final_files(folder: Path) -> list[str]:
-    """Names of the bands and the summary of a finished trial, as far as they exist.
-
-    Raises
-    ------
-    ValueError
-        If one differs from the list of digests.
-    """
+    """Names of the existing bands and summary of a trial; ValueError if one differs from the list of digests."""
     sums = disk.read_sums(folder)
     listed: list[str] = [name for name in (BANDS, SUMMARY) if name in sums]
     for name in listed:
@@ -207,59 +159,85 @@ def final_files(folder: Path) -> list[str]:
     return listed
 
 
-@contextlib.contextmanager
-def trial_folder(
-    path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
-) -> Iterator[TrialFolder]:
-    """Open the folder of a trial, new or begun, for writing.
-
-    Parameters
-    ----------
-    path : Path
-    trial : Trial
-    overwrite : bool
-        Begin again, whatever trial the folder holds; the very same one that is not finished goes on.
-    work : Work, optional
-        Work for which the shards are computed; a plain trial by default.
-
-    Raises
-    ------
-    ValueError
-        If the place is taken by something else, by another trial or by another run, if a shard is damaged or belongs
-        to something else, or if the folder cannot be written to. A new folder is gone again if the block fails before
-        a shard is done.
-    """
-    with opened(TrialFolder(path, trial, plain_trial(trial) if work is None else work), overwrite=overwrite) as folder:
-        yield folder
+def _shard_path(folder: Path, index: int) -> Path:
+    return folder / SHARDS / f"{index:05d}"
 
 
-def _binding(header: Header) -> dict[str, str]:
-    return {"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(arithmetic_of(header))}
+def _record(trial: Trial, header: Header, index: int, files: Mapping[str, bytes]) -> bytes:
+    """Record that ties the files of a shard to their trial; ValueError if they cannot be those of the shard."""
+    expected, rows = bounds(trial, index), {}
+    if files.keys() != expected.keys():
+        raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
+    for name, of_file in sorted(expected.items()):
+        try:
+            rows[name] = of_file.check(files[name])
+        except ValueError as error:
+            raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
+    person = trial.shard(index)
+    people = {"first_person": int(person[0]), "people": int(person.size)}
+    return (json_text({**_identity(header, index), **people, "rows": rows}) + "\n").encode()
 
 
-def _numbers(folder: Path, shards: int) -> list[int]:
-    """Numbers of the shards in a folder."""
-    there = (_number(name, shards) for name in disk.names(folder / SHARDS))
-    return sorted(number for number in there if number is not None)
+def _identity(header: Header, index: int) -> dict[str, Any]:
+    return {
+        "format": "glucoloop-shard",
+        "format_version": FORMAT,
+        "fingerprint": header.fingerprint,
+        "arithmetic": arithmetic.digest(header.computed_with),
+        "index": index,
+    }
 
 
-def _number(name: str, shards: int | None) -> int | None:
-    """Number of the shard of this name, out of so many or of any; None if it is not the name of a shard."""
-    if not (name.isascii() and name.isdecimal() and len(name) < _DIGITS) or name != f"{int(name):05d}":
-        return None
-    return int(name) if shards is None or int(name) < shards else None
+def _whole_shards(folder: Path, header: Header) -> dict[int, dict[str, str]]:
+    """Digests of the files of each finished shard, in order; ValueError if one is damaged, or of another trial."""
+    _refuse_foreign(folder, header.shards)
+    there = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
+    return {index: _whole_shard(folder, header, index) for index in sorted(there)}
 
 
-def _refuse_foreign(folder: Path, shards: int | None) -> None:
+def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
+    place = _shard_path(folder, index)
+    shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
+    try:
+        disk.is_folder(place)
+        sums = disk.read_sums(place)
+        names = [name for name in disk.names(place) if name != SUMS]
+        changed = [name for name in sums if disk.digest(place / name) != sums[name]]
+        if SHARD not in sums or names != sorted(sums):
+            changed.append(SUMS)
+    except ValueError as error:
+        raise Refusal(f"{shard} is damaged: {str(error).partition(';')[0]}; {mend}") from None
+    if changed:
+        raise Refusal(f"{shard} is damaged: {changed[0]} is not as it was written; {mend}")
+    told = _told(place / SHARD)
+    for name, value in _identity(header, index).items():
+        if told.get(name) != value:
+            raise Refusal(
+                f"{shard} belongs to something else: its {name} is {told.get(name)}, and that of its place is {value}; "
+                f"{mend}"
+            )
+    rows = told.get("rows")
+    if not isinstance(rows, dict) or sorted([SHARD, *rows]) != names:
+        raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
+    return sums
+
+
+def _told(place: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(kept_text(place, "the record of a shard"))
+    except (ValueError, RecursionError):
+        found = None
+    return found if isinstance(found, dict) else {}
+
+
+def _refuse_foreign(folder: Path, shards: float = math.inf) -> None:
     """Refuse any name that is neither a shard, out of so many or of any, nor a file of a shard."""
-    from glucoloop.storage.trials.shard import BANDS, PEOPLE, TRACES
-
-    known = (PEOPLE, BANDS, TRACES, SHARD, SUMS)
+    known = (*FILES, SHARD, SUMS)
     for name in disk.names(folder / SHARDS):
         if disk.is_part(name):
             continue
-        place = folder / SHARDS / name
-        foreign = [""] if _number(name, shards) is None else [f"/{of}" for of in disk.names(place) if of not in known]
+        of_shard = _NUMBER.fullmatch(name) is not None and int(name) < shards
+        foreign = [f"/{of}" for of in disk.names(folder / SHARDS / name) if of not in known] if of_shard else [""]
         if foreign:
             raise Refusal(
                 f"{folder} holds {SHARDS}/{name}{foreign[0]}, which is no part of a trial; "

@@ -24,6 +24,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.storage.files import kept_text
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
 from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.trials.shard import BANDS as COUNTS
+from glucoloop.storage.trials.shard import PEOPLE, TRACES
 from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
 
 with needed_for("a question in SQL"):
@@ -60,27 +62,18 @@ class Answer:
 class TrialTables:
     """The tables of a trial, open for queries; see `trial_tables`."""
 
-    def __init__(self, connection: Any, views: dict[str, list[str]], done: int, shards: int) -> None:
+    def __init__(self, connection: Any, columns: dict[str, list[str]], done: int, shards: int) -> None:
         self._connection = connection
-        self.views = views
+        self.views = {name: columns[name] for name in VIEWS if name in columns}
         """Columns of each existing table."""
         self.done = done
         self.shards = shards
 
     def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
-        """Answer a query.
+        """Answer a query; the time limit is for the answer and all of its rows.
 
-        Parameters
-        ----------
-        sql : str
-        timeout_s : float, optional
-            Time for the answer and all of its rows; no limit by default.
-
-        Raises
-        ------
-        ValueError
-            For a text that is not one query that only reads, a query that DuckDB refuses, or an answer that takes too
-            long.
+        A ValueError tells of a text that is not one query that only reads, of a query that DuckDB refuses, or of an
+        answer that takes too long.
         """
         if timeout_s is not None and not timeout_s > 0.0:
             raise Refusal(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
@@ -97,17 +90,9 @@ class TrialTables:
             raise Refusal(_refusal(error)) from None
         work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
 
-        def fetch() -> _Rows:
-            found: _Rows = self._connection.fetchmany(_ROWS)
-            return found
-
-        def begin() -> _Rows:
-            self._connection.execute(statements[0])
-            return fetch()
-
-        def part(of: Callable[[], _Rows]) -> _Rows:
+        def part(of: Callable[[], Any]) -> _Rows:
             try:
-                return work.run(of)
+                return work.run(lambda: of().fetchmany(_ROWS))
             except TimeLimitError:
                 raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
@@ -116,9 +101,9 @@ class TrialTables:
         def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
             while found:
                 yield from found
-                found = part(fetch)
+                found = part(lambda: self._connection)
 
-        first = part(begin)
+        first = part(lambda: self._connection.execute(statements[0]))
         return Answer([of[0] for of in self._connection.description], rows(first))
 
     def _only_reads(self, statement: Any) -> bool:
@@ -137,13 +122,7 @@ class TrialTables:
 
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
-    """Open the folder of a trial, finished or not, for queries.
-
-    Raises
-    ------
-    ValueError
-        If it holds no trial, or none of its shards is done.
-    """
+    """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
     header = read_header(folder)
     shards, final = done_shards(folder, header), final_files(folder)
     if not shards:
@@ -153,25 +132,27 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
     with _connected() as connection, _scratch() as scratch:
         try:
-            for name, statement in _views(folder, [shard.name for shard in shards], final).items():
+            for name, statement in _views([place / SHARDS / shard.name for shard in shards], place, final).items():
                 connection.execute(f"create view {name} as {statement}")
             if SUMMARY in final:
                 _summary(connection, folder)
-            connection.execute("set memory_limit = ?", [_MEMORY])
-            connection.execute("set temp_directory = ?", [scratch])
-            connection.execute("set max_temp_directory_size = ?", [_SPILL])
-            connection.execute("set allowed_directories = ?", [[str(place)]])
-            connection.execute("set enable_external_access = false")
-            connection.execute("set lock_configuration = true")
+            settings = {
+                "memory_limit": _MEMORY,
+                "temp_directory": scratch,
+                "max_temp_directory_size": _SPILL,
+                "allowed_directories": [str(place)],
+                "enable_external_access": False,
+                "lock_configuration": True,
+            }
+            for name, value in settings.items():
+                connection.execute(f"set {name} = ?", [value])
             columns = connection.execute(
                 "select table_name, list(column_name order by column_index) from duckdb_columns() "
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
             raise Refusal(f"{folder} cannot be read: {_line(str(error))}") from None
-        views = dict(columns)
-        known = {name: views[name] for name in VIEWS if name in views}
-        yield TrialTables(connection, known, len(shards), header.shards)
+        yield TrialTables(connection, dict(columns), len(shards), header.shards)
 
 
 @contextlib.contextmanager
@@ -209,32 +190,21 @@ def _is_running(process: int) -> bool:
     return True
 
 
-def _views(folder: Path, shards: list[str], final: list[str]) -> dict[str, str]:
+def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
     """SQL of the views of the existing tables."""
-    place = folder.resolve()
-
-    def of_shards(name: str) -> str:
-        files = [place / SHARDS / shard / name for shard in shards]
-        return _read([file for file in files if file.exists()])
-
-    views = {
-        "people": f"select * from {of_shards('people.parquet')}",
-        "counts": "select controller, quantity, t_min, low, high, sum(count)::bigint as count "
-        f"from {of_shards('bands.parquet')} group by all",
+    counts = "controller, quantity, t_min, low, high, sum(count)::bigint as count"
+    tables = {
+        "people": ("*", [shard / PEOPLE for shard in shards], ""),
+        "counts": (counts, [shard / COUNTS for shard in shards], "group by all"),
+        "traces": ("*", [shard / TRACES for shard in shards], ""),
+        "bands": ("*", [place / BANDS] if BANDS in final else [], ""),
     }
-    if any((place / SHARDS / shard / "traces.parquet").exists() for shard in shards):
-        views["traces"] = f"select * from {of_shards('traces.parquet')}"
-    if BANDS in final:
-        views["bands"] = f"select * from {_read([place / BANDS])}"
+    views = {}
+    for name, (columns, files, grouped) in tables.items():
+        there = ", ".join("'" + str(file).replace("'", "''") + "'" for file in files if file.exists())
+        if there:
+            views[name] = f"select {columns} from read_parquet([{there}]) {grouped}"
     return views
-
-
-def _read(files: list[Path]) -> str:
-    return f"read_parquet([{', '.join(_quoted(str(file)) for file in files)}])"
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
 
 
 def _summary(connection: Any, folder: Path) -> None:
@@ -251,16 +221,14 @@ def _summary(connection: Any, folder: Path) -> None:
             f"{folder / SUMMARY} is damaged; move it away and run the command that made {folder} again"
         ) from None
     columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
-    kinds = (f"{_name(name)} {'varchar' if name in ('controller', 'metric') else 'double'}" for name in columns)
-    connection.execute(f"create table summary ({', '.join(kinds)})")
+    called = [name.replace('"', '""') for name in columns]
+    kinds = ["varchar"] * 2 + ["double"] * (len(columns) - 2)
+    told = ", ".join(f'"{name}" {kind}' for name, kind in zip(called, kinds, strict=True))
+    connection.execute(f"create table summary ({told})")
     marks = ", ".join("?" * len(columns))
     connection.executemany(
         f"insert into summary values ({marks})", [[row.get(name) for name in columns] for row in rows]
     )
-
-
-def _name(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"'
 
 
 def _refusal(error: Exception) -> str:

@@ -13,13 +13,7 @@ Progress = Callable[[int], None]
 
 
 def run_here(folder: TrialFolder, simulate: Simulate, progress: Progress) -> None:
-    """Compute the shards that are missing and put them into the folder.
-
-    Raises
-    ------
-    ValueError
-        If a shard cannot be written; finished shards stay.
-    """
+    """Compute the shards that are missing and put them into the folder; ValueError if one cannot be written."""
     trial = folder.trial
     with ThreadPoolExecutor(1, thread_name_prefix="writer") as writer:
         writing: Future[None] | None = None

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"
 TRACES: Final = "traces.parquet"
+FILES: Final = (PEOPLE, BANDS, TRACES)
 QUANTITIES: Final = ("glucose", "insulin")
 _MOST_COLUMNS: Final = 256
 _QUANTITY_BYTES: Final = 8
@@ -40,7 +41,7 @@ def column_name(parameter: str) -> str:
 
 def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
     """Edges of the bins in which glucose [mg/dl] and insulin [mU/min] are counted."""
-    return {"glucose": glucose_edges(), "insulin": insulin_edges(trial.pump.max_insulin_mU_min)}
+    return {"glucose": glucose_edges(), "insulin": insulin_edges(float(trial.limits.max_mU_min))}
 
 
 def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
@@ -69,10 +70,7 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
 def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[], None]) -> dict[str, bytes]:
     """Simulate the people of a shard under each controller; `done` is called after each.
 
-    Returns
-    -------
-    dict
-        Contents of the files by name, the same to the bit on every machine.
+    The contents of the files, by name, are the same to the bit on every machine.
     """
     person = trial.shard(index)
     traced = trial.traced(person)
@@ -150,13 +148,7 @@ def _trace_tables(
 
 
 def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]:
-    """The people of a shard, by controller.
-
-    Raises
-    ------
-    ValueError
-        If these are not its people under the controllers of the trial.
-    """
+    """The people of a shard, by controller; ValueError if these are not its people under those of the trial."""
     place = folder / PEOPLE
     table = read_parquet(place, bounds(trial, index)[PEOPLE])
     person = trial.shard(index)
@@ -212,13 +204,7 @@ def no_counts(trial: Trial) -> dict[str, Counts]:
 
 
 def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts]) -> None:
-    """Add the counts of a shard to those of others.
-
-    Raises
-    ------
-    ValueError
-        If they are not counts of its people.
-    """
+    """Add the counts of a shard to those of others; ValueError if they are not counts of its people."""
     place = folder / BANDS
     table = read_parquet(place, bounds(trial, index)[BANDS])
     try:

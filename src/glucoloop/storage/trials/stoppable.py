@@ -1,8 +1,8 @@
 """Work that Ctrl-C and a time limit end at once, even if the library that does it checks for neither.
 
-DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value does not notice
-it. Therefore the work is done in a thread of its own, which is left behind if it does not stop; `program` in the
-command line then ends the process without waiting for it.
+DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value notices neither
+a timer nor Ctrl-C. Therefore the work is done in a thread of its own, which is left behind if it does not stop;
+`program` in the command line then ends the process without waiting for it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from typing import Final, Generic, TypeVar
 
 T = TypeVar("T")
@@ -27,14 +28,9 @@ class TimeLimitError(Exception):
 
 
 class Stoppable(Generic[T]):
-    """Runs pieces of work, one at a time, until a time limit for all of them.
+    """Runs pieces of work, one at a time, until a time limit for all of them, if there is one.
 
-    Parameters
-    ----------
-    stop : callable
-        Function that asks the work to stop; it may be called when there is none.
-    timeout_s : float, optional
-        Time for all pieces together; no limit by default.
+    `stop` asks the work to stop; it may be called when there is none.
     """
 
     def __init__(self, stop: Callable[[], None], timeout_s: float | None = None) -> None:
@@ -42,54 +38,36 @@ class Stoppable(Generic[T]):
         self._deadline = None if timeout_s is None else time.monotonic() + timeout_s
 
     def run(self, work: Callable[[], T]) -> T:
-        """Do a piece of work and return what it returns, or raise what it raises.
+        """Return what a piece of work returns, or raise what it raises, `TimeLimitError`, or KeyboardInterrupt."""
+        answer: Future[T] = Future()
 
-        Raises
-        ------
-        TimeLimitError
-            If the time limit is reached first.
-        KeyboardInterrupt
-            As soon as Ctrl-C is pressed.
-        """
-        self._check_time()
-        answers: list[T] = []
-        errors: list[BaseException] = []
-        # Not `join`: interrupted, it takes the thread for ended.
-        ended = threading.Event()
-
-        def tell() -> None:
+        def carry_out() -> None:
             try:
-                answers.append(work())
+                answer.set_result(work())
             except BaseException as error:
-                errors.append(error)
-            finally:
-                ended.set()
+                answer.set_exception(error)
 
-        thread = threading.Thread(target=tell, daemon=True)
+        thread = threading.Thread(target=carry_out, daemon=True)
         try:
+            self._check_time()
             thread.start()
             # Where a signal reaches another thread, a wait without end would not be woken.
-            while not ended.wait(_LOOK_S):
+            while not wait([answer], _LOOK_S).done:
                 self._check_time()
         except BaseException:
-            self._end(thread, ended)
+            # Repeatedly, since the work may not have begun at the first request.
+            until = time.monotonic() + GRACE_S
+            while thread.is_alive() and not answer.done() and time.monotonic() < until:
+                self._stop()
+                wait([answer], _AGAIN_S)
+            if thread.is_alive() and not answer.done():
+                thread.name = LEFT_BEHIND
             raise
-        if errors:
-            raise errors[0]
-        return answers[0]
+        return answer.result()
 
     def _check_time(self) -> None:
         if self._deadline is not None and time.monotonic() >= self._deadline:
             raise TimeLimitError
-
-    def _end(self, thread: threading.Thread, ended: threading.Event) -> None:
-        """Ask the work to stop, repeatedly, since it may not have begun at the first request."""
-        until = time.monotonic() + GRACE_S
-        while not ended.is_set() and time.monotonic() < until:
-            self._stop()
-            ended.wait(_AGAIN_S)
-        if not ended.is_set():
-            thread.name = LEFT_BEHIND
 
 
 def left_behind() -> bool:

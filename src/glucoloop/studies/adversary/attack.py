@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.engine import announced_to
 from glucoloop.cohorts.trial import Trial
-from glucoloop.control import Controller
+from glucoloop.control import Controller, Status
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
@@ -39,43 +39,13 @@ _LOWEST_PER_MIN: Final = 0.1
 
 
 @pytree
-class _Kept:
-    lowest_mg_dl: jax.Array
-    below_54_min: jax.Array
-    peak_mg_dl: jax.Array
-
-
-@pytree
-class _Fold:
-    """Lowest and highest glucose, and time below 54 mg/dl, on the fine grid."""
-
-    point_min: float = static()
-
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Kept:
-        """Values at the start of the run."""
-        del insulin_mU_min
-        zero = jnp.zeros_like(glucose_mg_dl)
-        return _Kept(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
-
-    def step(self, kept: _Kept, happened: Sampled, t_min: jax.Array) -> _Kept:
-        """Include the time until the next sample."""
-        del t_min
-        inside = happened.inside_mg_dl
-        below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
-        return _Kept(
-            lowest_mg_dl=jnp.minimum(kept.lowest_mg_dl, jnp.min(inside, axis=0)),
-            below_54_min=kept.below_54_min + below,
-            peak_mg_dl=jnp.maximum(kept.peak_mg_dl, jnp.max(inside, axis=0)),
-        )
-
-
-@dataclass(frozen=True)
 class Harm:
-    """Harm done by errors, ``(n,)`` each."""
+    """Harm done by errors, ``(n,)`` each: lowest and highest glucose, and time below 54 mg/dl, on the fine grid."""
 
-    below_54_min: Array
-    lowest_mg_dl: Array
-    peak_mg_dl: Array
+    # arrays of NumPy, and of JAX while the loop is traced
+    lowest_mg_dl: Any
+    below_54_min: Any
+    peak_mg_dl: Any
 
     @property
     def score(self) -> Array:
@@ -88,40 +58,36 @@ class Harm:
         return np.where(np.isfinite(score), score, -np.inf)
 
 
-@dataclass(frozen=True)
-class Lane:
-    """Course of one loop, sample by sample."""
+@pytree
+class _Fold:
+    """Harm of a run, kept along its samples."""
 
-    t_min: Array
-    """(samples + 1,) times of the samples and of the horizon."""
-    glucose_mg_dl: Array
-    """(samples + 1,) glucose of the person."""
-    reading_mg_dl: Array
-    """(samples,) readings of the sensor."""
-    insulin_mU_min: Array
-    """(samples,) rates delivered from each sample to the next."""
-    status: Array
-    """(samples,) `control.Status` of each decision."""
+    point_min: float = static()
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Harm:
+        """Values at the start of the run."""
+        del insulin_mU_min
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return Harm(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
+
+    def step(self, kept: Harm, happened: Sampled, t_min: jax.Array) -> Harm:
+        """Include the time until the next sample."""
+        del t_min
+        inside = happened.inside_mg_dl
+        below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
+        return Harm(
+            lowest_mg_dl=jnp.minimum(kept.lowest_mg_dl, jnp.min(inside, axis=0)),
+            below_54_min=kept.below_54_min + below,
+            peak_mg_dl=jnp.maximum(kept.peak_mg_dl, jnp.max(inside, axis=0)),
+        )
 
 
 class Attack:
-    """A controller of a trial in a loop whose sensor has given errors.
+    """A controller of a trial, guarded or not, in a loop whose sensor has given errors, around the trial's own faults.
 
-    Parameters
-    ----------
-    trial : Trial
-        The situation: people, meals, pump, and other faults of the sensor, around which the errors are put.
-    controller : Controller
-        Controller, guarded or not.
-    space : ErrorSpace
-        Space that fixes the length and the number of stuck stretches of sequences; the size of the errors is free.
-    lanes : int
-        Number of loops that are simulated side by side.
-
-    Raises
-    ------
-    ValueError
-        For meals that differ from person to person, or a length that is not the trial's.
+    The space fixes the length and the number of stuck stretches of sequences; the size of the errors is free. `lanes`
+    loops are simulated side by side. Refusal for meals that differ from person to person, or a length that is not the
+    trial's.
     """
 
     def __init__(self, trial: Trial, controller: Controller, space: ErrorSpace, *, lanes: int = 256) -> None:
@@ -129,14 +95,13 @@ class Attack:
             raise Refusal("meals that differ between people cannot be searched over; leave their spreads at 0")
         if space.samples != trial.samples:
             raise Refusal(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
-        self.lanes, self._trial, self._space = lanes, trial, space
+        self.lanes, self._trial = lanes, trial
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-        self._setpoint = trial.target_mg_dl
         around = surroundings_of(trial, trial.cases[0].faults)
-        example = self._drawn(np.array([trial.first_person]))
-        nowhere = np.full(space.stretches, float(space.samples))
-        self._sensor = erring(np.zeros(space.samples), nowhere, space.stretch_samples, around.sensor)
-        self._pump = around.pump
+        example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=trial.target_mg_dl)
+        none, nowhere = np.zeros(space.samples), np.full(space.stretches, float(space.samples))
+        sensor = erring(none, nowhere, space.stretch_samples, around.sensor)
+        self._around = Surroundings(sensor=sensor, pump=around.pump)
         self._loop = PeopleLoop(
             trial,
             controller,
@@ -146,8 +111,8 @@ class Attack:
             meals=eaten(trial.plan.nominal()),
             own_announcements=trial.miscounts,
             own=with_basal_of_each(controller),
-            around=Surroundings(sensor=self._sensor, pump=around.pump),
-            varied=self._erring(np.zeros((space.samples, 1)), nowhere[:, None]),
+            around=self._around,
+            varied=self._erring(none[:, None], nowhere[:, None]),
             precision=trial.precision,
             products=trial.products,
             tell_decisions=True,
@@ -158,102 +123,70 @@ class Attack:
         """Engine of the loops, native or xla."""
         return self._loop.engine
 
-    def one(self, person: int | None) -> VirtualPeople:
-        """A person of the population by number, or the nominal patient.
-
-        Raises
-        ------
-        ValueError
-            If no basal rate holds the person at the setpoint.
-        """
-        if person is None:
-            drawn = virtual_people(
-                population("nominal", patient=self._trial.patient), self._trial.seed, [0], setpoint_mg_dl=self._setpoint
-            )
-        else:
-            drawn = self._drawn(np.array([person]))
+    def person(self, number: int | None) -> VirtualPeople:
+        """A person of the population by number, or the nominal patient; Refusal for one without a basal rate."""
+        trial = self._trial
+        of = trial.population if number is not None else population("nominal", patient=trial.patient.called)
+        drawn = virtual_people(of, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
         if not drawn.feasible.all():
-            who = "the nominal patient" if person is None else f"person {person} of seed {self._trial.seed}"
-            raise Refusal(f"no basal rate holds {who} at {self._setpoint:g} mg/dl; give another person or setpoint")
+            who = "the nominal patient" if number is None else f"person {number} of seed {trial.seed}"
+            raise Refusal(f"no basal rate holds {who} at {trial.target_mg_dl:g} mg/dl; give another person or setpoint")
         return drawn
 
-    def feasible(self, number: int) -> Array:
-        """Numbers of the people with a basal rate among the first people of the trial."""
-        person = self._trial.first_person + np.arange(number)
-        with one_at_a_time:
-            return person[self._drawn(person).feasible]
-
-    def on_one(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
-        """Harm of sequences of errors to one person.
-
-        Parameters
-        ----------
-        who : VirtualPeople
-            One person.
-        errors : (samples, n) array
-        stuck_from : (stretches, n) array
-        """
-        n = errors.shape[1]
-        return self._in_parts(
-            n, lambda place: self._harm(self._run(who, np.zeros_like(place), errors, stuck_from, place))
-        )
-
-    def on_people(self, person: Array, errors: Array, stuck_from: Array) -> Harm:
-        """Harm to people of the population, each with an individual sequence of errors."""
-        with one_at_a_time:
-            who = self._drawn(person)
-        return self._in_parts(person.size, lambda place: self._harm(self._run(who, place, errors, stuck_from, place)))
-
-    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[Lane, Harm]:
-        """One loop in detail, with errors ``(samples,)`` and stretches ``(stretches,)``."""
-        first = np.zeros(self.lanes, int)
-        run = self._run(who, first, errors[:, None], stuck_from[:, None], first)
-        if run.reading_mg_dl is None or run.status is None:
-            raise TypeError("this cohort tells no readings and statuses; make it with tell_decisions")
-        lane = Lane(
-            t_min=np.append(self._grid.t_min, self._trial.plan.horizon_min),
-            glucose_mg_dl=run.glucose_mg_dl[:, 0],
-            reading_mg_dl=run.reading_mg_dl[:, 0],
-            insulin_mU_min=run.insulin_mU_min[:, 0],
-            status=run.status[:, 0],
-        )
-        return lane, _taken(self._harm(run), 1)
-
-    def _drawn(self, person: Array) -> VirtualPeople:
+    def people(self, number: int) -> VirtualPeople:
+        """People with a basal rate among the first of the trial."""
         trial = self._trial
-        return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=self._setpoint)
+        with one_at_a_time:
+            person = trial.first_person + np.arange(number)
+            drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+            return drawn.at(np.flatnonzero(drawn.feasible))
 
-    def _in_parts(self, n: int, run: Any) -> Harm:
-        """Results of n loops, in parts as large as the number of lanes; the last part is filled up."""
-        parts = []
+    def harm(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
+        """Harm of errors ``(samples, n)`` with stretches ``(stretches, n)``, to one person or to n.
+
+        The last set of lanes is filled up.
+        """
+        n, one = errors.shape[1], who.draw.person.size == 1
+        none = np.zeros(0)
+        parts = [Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)]
         for start in range(0, n, self.lanes):
             place = np.arange(start, min(start + self.lanes, n))
-            parts.append(_taken(run(np.resize(place, self.lanes)), place.size))
-        return Harm(**{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in _FIELDS})
+            lanes = np.resize(place, self.lanes)
+            parts.append(_first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), place.size))
+        harm: Harm = jax.tree.map(lambda *of: np.concatenate(of), *parts)
+        return harm
+
+    def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, Harm]:
+        """One loop, a row for each sample, and its harm, with errors ``(samples,)`` and stretches ``(stretches,)``."""
+        lanes = np.zeros(self.lanes, int)
+        run: Any = self._run(who, lanes, errors[:, None], stuck_from[:, None], lanes)
+        columns = {
+            "t_min": self._grid.t_min,
+            "glucose_mg_dl": run.glucose_mg_dl[:-1, 0],
+            "reading_mg_dl": run.reading_mg_dl[:, 0],
+            "error_of_reading_pct": 100.0 * errors,
+            "insulin_mU_min": run.insulin_mU_min[:, 0],
+            "status": [Status(code).name.lower().replace("_", " ") for code in run.status[:, 0].tolist()],
+        }
+        return pl.DataFrame(columns), _first(run, 1)
 
     def _run(self, who: VirtualPeople, place: Array, errors: Array, stuck_from: Array, sequence: Array) -> CohortRun:
         """Run one full set of lanes, with the person and the sequence of errors of each."""
+        trial = self._trial
         with one_at_a_time:
             people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            key = keys_of_people(self._trial.seed, people.draw.person)
-            told = self._announced_to(people.draw.person)
+            person = people.draw.person
+            key = keys_of_people(trial.seed, person)
+            told = announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
         return self._loop.run(people, key, around=around, announced_g=told, threads=os.cpu_count() or 1)
 
-    def _announced_to(self, person: Array) -> Array | None:
-        """Carbohydrate as each person counts it; None where nobody miscounts."""
-        trial = self._trial
-        return announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
-
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
-        own = dataclasses.replace(self._sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
-        return Surroundings(sensor=own, pump=self._pump)
-
-    def _harm(self, run: CohortRun) -> Harm:
-        return Harm(**{field.name: getattr(run.fold, field.name) for field in _FIELDS})
+        sensor: Any = self._around.sensor
+        own = dataclasses.replace(sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
+        return dataclasses.replace(self._around, sensor=own)
 
 
-_FIELDS: Final = dataclasses.fields(Harm)
-
-
-def _taken(harm: Harm, n: int) -> Harm:
-    return Harm(**{field.name: getattr(harm, field.name)[:n] for field in _FIELDS})
+def _first(run: CohortRun, n: int) -> Harm:
+    """Harm of the first n loops of a run."""
+    harm: Harm = jax.tree.map(lambda part: part[:n], run.fold)
+    return harm

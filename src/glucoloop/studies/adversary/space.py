@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.refusal import Refusal
+from glucoloop.threefry import uniforms
 
 Array = npt.NDArray[Any]
 
@@ -59,6 +61,10 @@ class ErrorSpace:
         """Point ``(dimension,)`` without any error, with the stuck stretches anywhere."""
         return np.concatenate([np.zeros(self.pieces), rng.uniform(-1.0, 1.0, self.stretches)])
 
+    def random_points(self, seed: int, person: npt.NDArray[np.int64]) -> Array:
+        """Each person's own point, ``(n, dimension)``, drawn uniformly from a seed and the person's number."""
+        return np.stack([2.0 * uniforms(seed, "sensor error", person, i) - 1.0 for i in range(self.dimension)], axis=1)
+
     def points_of(self, smaller: ErrorSpace, points: Array) -> Array:
         """Points ``(..., dimension)`` of this space for those of one with smaller errors: the same sequences.
 
@@ -67,9 +73,7 @@ class ErrorSpace:
         ValueError
             If the other space has larger errors, or other pieces or stretches.
         """
-        shape = (self.samples, self.hold_samples, self.stretches, self.stretch_samples)
-        others = (smaller.samples, smaller.hold_samples, smaller.stretches, smaller.stretch_samples)
-        if shape != others or smaller.error > self.error:
+        if dataclasses.replace(smaller, error=self.error) != self or smaller.error > self.error:
             raise Refusal(
                 f"sequences of {smaller} are not all in {self}; give a space of smaller errors, else the same"
             )

@@ -1,1 +1,173 @@
-"""Detection and sizing of meals that are not announced, estimator by estimator."""
+"""Test of estimators of unknown meals: delay, certainty and accuracy on days of people under a controller."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.control.catalogue import ESTIMATING
+from glucoloop.limits import MOST_DAYS
+from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
+from glucoloop.parts.setting import known_names
+from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.option import PATIENT_PANEL, Option
+from glucoloop.studies.study import PlainStudy
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from glucoloop.meals.plan import MealPlan
+    from glucoloop.simulation.plant import SampleGrid
+
+ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
+USUAL_DAYS: Final = 100
+"""Usual number of days of one person; of several people, one day each."""
+MOST_RUNS: Final = 100_000
+_estimators = functools.partial(Option, panel="Estimators")
+
+
+class Detection(Trial):
+    """Estimators, and the days on which they are tried.
+
+    Each day of each person begins at rest at midnight and has meals and noise of its own. As many days again are
+    without a meal.
+    """
+
+    kind: ClassVar = "test of estimators"
+    # an estimator need not find announced meals
+    refused: ClassVar[tuple[str, ...]] = (
+        *("announce_meals", "carb_error_pct", "carb_bias_pct", "metrics", "duration_min", "design", "traces"),
+        *("precision", "arithmetic", "shard_people", "guard", "model"),
+    )
+
+    # two meals a day of 11 to 99 g, so far apart that one is over when the next begins
+    population: Any = "nominal"
+    people: int = 1
+    meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
+    meal_size_spread_pct: float = 80.0
+    meal_time_spread_min: float = 90.0
+    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
+    days: Annotated[
+        int | None,
+        Option(
+            "Days of each person.",
+            panel=PATIENT_PANEL,
+            default=f"{USUAL_DAYS}; of several people 1",
+            at_least=1,
+            at_most=MOST_DAYS,
+        ),
+    ] = None
+    estimators: Annotated[
+        tuple[str, ...],
+        _estimators(f"{', '.join(ESTIMATORS)}; repeat it for more.", flag="--estimator", default="both"),
+    ] = ESTIMATORS
+    threshold: Annotated[
+        float,
+        _estimators("Probability of a meal above which it counts as detected.", metavar="P", above=0.0, below=1.0),
+    ] = 0.5
+    estimates_by: Annotated[
+        ControllerPart | None,
+        _estimators(
+            f"Settings of the estimators where the controller has none, like '{ESTIMATING.name}, meals_per_h=0.1'.",
+            default="those of the controller, or the usual ones",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.estimators:
+            raise Refusal(f"--estimator names none; give one or more of {', '.join(ESTIMATORS)}")
+        for name in self.estimators:
+            if name not in ESTIMATORS:
+                raise Refusal(f"--estimator has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
+            if self.estimators.count(name) > 1:
+                raise Refusal(f"--estimator has {name!r} twice; leave one out")
+        if "estimator" in self.case.controller.given:
+            raise Refusal(
+                f"the controller {self.case.controller.called} is tried with each of the estimators; leave its "
+                "estimator out, and name them by --estimator"
+            )
+        if self.estimates_by is not None and self.estimates_by.name != ESTIMATING.name:
+            raise Refusal(f"--estimates-by is {self.estimates_by.called}; give settings of {ESTIMATING.name}")
+        if self.people * self.number_of_days > MOST_RUNS:
+            raise Refusal(
+                f"{self.number_of_days} days of {self.people} people are too many; give at most {MOST_RUNS} days in all"
+            )
+        _ = self.estimating  # refuses settings that are at odds
+
+    @property
+    def number_of_days(self) -> int:
+        """Days of each person."""
+        return self.days or (USUAL_DAYS if self.people == 1 else 1)
+
+    @functools.cached_property
+    def estimating(self) -> ControllerPart:
+        """The controller to which the estimators belong, with all settings."""
+        own = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
+        asked = own if self.estimates_by is None else self.estimates_by
+        return asked.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
+
+    @property
+    def settings_of_estimators(self) -> Mapping[str, Any]:
+        """All settings of every estimator."""
+        return {name: getattr(self.estimating, name) for name in ESTIMATING.estimator_settings}
+
+    @functools.cached_property
+    def trial(self) -> Trial:
+        """The trial of one day, with a case for each estimator, by its name, where the controller rests on it."""
+        case = self.case
+        cases: tuple[Case, ...] = (case,)
+        if case.controller.estimator_settings:
+            controller: Any = case.controller
+            cases = tuple(
+                dataclasses.replace(case, label=name, controller=dataclasses.replace(controller, estimator=name))
+                for name in self.estimators
+            )
+        return self.with_cases(cases, days=1)
+
+    @property
+    def all_days(self) -> MealPlan:
+        """Meals of all days of a person."""
+        from glucoloop.meals.plan import MealPlan
+
+        day = self.trial.plan
+        return MealPlan(
+            day.meals, self.number_of_days, size_spread_pct=day.size_spread_pct, time_spread_min=day.time_spread_min
+        )
+
+    @property
+    def grid(self) -> SampleGrid:
+        """Samples of a day."""
+        from glucoloop.simulation.closed_loop import sample_grid
+
+        return sample_grid(self.trial.plan.horizon_min, self.sample_time_min)
+
+    def case_of(self, estimator: str) -> Case:
+        """The case under whose doses an estimator is tried."""
+        cases = self.trial.cases
+        return next((case for case in cases if case.label == estimator), cases[0])
+
+
+DETECT: Final = PlainStudy(
+    name="detect",
+    what="a test of estimators",
+    help=(
+        "Test the estimators of meals that nobody announced: how soon a meal is detected, how exactly its size is "
+        "estimated, and how often there is a false alarm.\n\n"
+        "Each day begins at rest and has its own meals and noise; the same number of days is without a meal. By "
+        "default 100 days of one person are simulated, with two meals a day of 11 to 99 g, noise of variance 1.45, and "
+        f"doses by {ESTIMATING.name}, which uses the estimator. Other controllers, such as basal, do not use it.\n\n"
+        "  glucoloop detect --out detect\n\n"
+        "  glucoloop detect --controller basal --estimator moving-horizon --threshold 0.8\n\n"
+        "  glucoloop detect --population parker2000 --people 100 --controller meals_per_h=0.1 --out people\n\n"
+        "  glucoloop detect --config detect/detect.toml"
+    ),
+    module="glucoloop.studies.detection.study",
+    request=Detection,
+    summary="detect.json",
+)

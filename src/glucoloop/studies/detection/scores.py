@@ -53,22 +53,8 @@ def under_way(meals: Eaten, t_min: Array) -> Truths:
 def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
     """Delay of the first sample after each meal's beginning at which the probability is above the threshold.
 
-    Parameters
-    ----------
-    eating : (samples, days) array
-    t_min : (samples,) array
-    meals : Eaten
-        Meals of each day in their order.
-    threshold : float
-    horizon_min : float
-        End of the day.
-
-    Returns
-    -------
-    delay_min : (meals, days) array
-        Delays; NaN for a meal that was missed, or that began with the probability above the threshold already.
-    already : (meals, days) array of bool
-        Whether the probability was above the threshold already.
+    It is ``(meals, days)``, with NaN for a meal that was missed, or that began with the probability above the threshold
+    already, which is told beside it. Meals of a day are in their order.
     """
     above = eating > threshold
     last = np.minimum(end_min(meals) + AFTERMATH_MIN, followed_min(meals, horizon_min))
@@ -95,25 +81,13 @@ def days_of(quiet: Truths, sample_time_min: float) -> float:
 
 
 def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
-    """Estimate for each meal at the first sample from a time on.
+    """Estimate for each meal at the first sample from a time on, all ``(meals, days)``.
 
-    Parameters
-    ----------
-    values : (samples, days) array
-    t_min : (samples,) array
-    at_min : (meals, days) array
-    since_min : (meals, days) array
-        Time of the detection; NaN for none. Earlier estimates are about the meal before.
-    until_min : (meals, days) array
-        Time at which the meal's period ends.
-
-    Returns
-    -------
-    (meals, days) array
-        Estimates; NaN where that sample is before the detection, or not before the end of the meal's period.
+    It is NaN where that sample is before the detection, until when an estimate is about the meal before, or not before
+    the end of the meal's period.
     """
     sample = np.searchsorted(t_min, at_min, side="left")
     kept = np.minimum(sample, t_min.size - 1)
-    told = np.take_along_axis(values, kept.reshape(-1, values.shape[1]), axis=0).reshape(kept.shape)
+    told = np.take_along_axis(values, kept, axis=0)
     heard = (sample < t_min.size) & (t_min[kept] >= since_min) & (t_min[kept] < until_min)
     return np.where(heard, told, np.nan)

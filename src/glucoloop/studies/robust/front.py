@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import polars as pl
 
 from glucoloop.refusal import Refusal
-from glucoloop.studies.robust.options import BOTH
+from glucoloop.studies.robust import BOTH
+from glucoloop.studies.robust.objectives import OBJECTIVES
 
 
 @dataclass(frozen=True)
@@ -21,15 +24,34 @@ class Bound:
     of: str | None = None
     """Controller whose value is the bound, or None for a given number."""
 
-    def violation(self, scores: Mapping[str, float]) -> float:
-        """Relative excess of scores over the bound; 0 or less if it is kept."""
-        return (scores[self.objective] - self.most) / max(abs(self.most), 1.0)
+    def violation(self, scores: Any) -> Any:
+        """Relative excess of scores, or of columns of them, over the bound; 0 or less where it is kept."""
+        return (scores[OBJECTIVES[self.objective].name] - self.most) / max(abs(self.most), 1.0)
 
 
-def keeps(scores: Mapping[str, float], bounds: Sequence[Bound], objectives: Sequence[str]) -> bool:
-    """Whether scores keep all bounds, and the objectives are finite."""
-    finite = all(np.isfinite(scores[name]) for name in objectives)
-    return finite and all(bound.violation(scores) <= 0.0 for bound in bounds)
+def judged(tried: pl.DataFrame, bounds: Sequence[Bound], objectives: Sequence[str], prefer: str = BOTH) -> pl.DataFrame:
+    """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
+
+    If none keeps the bounds, the one that exceeds them least is chosen; Refusal if none has a controller.
+    """
+    values = tried.select(OBJECTIVES[name].name for name in objectives).to_numpy()
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.any():
+        raise Refusal("no tuning of the search has a controller that works; give other ranges")
+    over = np.array([bound.violation(tried).to_numpy() for bound in bounds]).reshape(-1, len(tried))
+    keeps = finite & np.all(over <= 0.0, axis=0)
+    front = np.zeros(len(tried), bool)
+    if keeps.any():
+        front[keeps] = pareto(values[keeps])
+        chosen = np.flatnonzero(front)[choose(values[front], objectives, prefer)]
+    else:
+        excess = np.maximum(over, 0.0).sum(axis=0)
+        chosen = np.argmin(np.where(finite & np.isfinite(excess), excess, np.inf))
+    return tried.with_columns(
+        pl.Series("keeps_the_bounds", keeps),
+        pl.Series("on_the_front", front),
+        pl.Series("chosen", np.arange(len(tried)) == chosen),
+    )
 
 
 def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
@@ -48,24 +70,12 @@ def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
 def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
     """Index of the row of a front ``(n, 2)`` that is chosen.
 
-    Parameters
-    ----------
-    values : (n, 2) array
-    objectives : (str, str)
-    prefer : str
-        One of the objectives, the least of which is chosen; or ``"both"``: the row that is nearest to the least of
-        both, each measured by its range over the front.
-
-    Raises
-    ------
-    ValueError
-        For another text.
+    It has the least value of the preferred objective; or, for ``"both"``, it is nearest to the least of both, each
+    measured by its range over the front.
     """
     if prefer in objectives:
         first = list(objectives).index(prefer)
         return int(np.lexsort((values[:, 1 - first], values[:, first]))[0])
-    if prefer != BOTH:
-        raise Refusal(f"{prefer!r} cannot be preferred; the known ones are: {', '.join(objectives)}, {BOTH}")
     least, reach = values.min(axis=0), np.ptp(values, axis=0)
     away = (values - least) / np.where(reach > 0.0, reach, 1.0)
     return int(np.argmin(np.hypot(away[:, 0], away[:, 1])))

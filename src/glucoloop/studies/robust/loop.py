@@ -7,6 +7,8 @@ tuning.
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -92,54 +94,40 @@ class TuningLoop:
             `METRICS` by name, ``(subjects,)`` each; None for a tuning that the design refuses.
         """
         n, size = subjects.number, block_size(self._loop.engine)
-        waiting = iter(tunings)
         possible: list[Controller] = []
         order: list[bool] = []
         """Whether each tuning is possible, for those that are not yielded yet."""
-        kept: list[dict[str, Array]] = []
-        start, ended = 0, False
-        while True:
+
+        def jobs() -> Iterator[tuple[int, int]]:
+            for tuning in tunings:
+                try:
+                    possible.append(self._design(tuning))
+                except Refusal:
+                    order.append(False)
+                    continue
+                order.append(True)
+                which = len(possible) - 1
+                yield from ((which, place) for place in range(n))
+
+        waiting, kept, ended = jobs(), np.zeros((len(METRICS), 0)), False
+        while not ended:
             # blocks are filled with subjects under one tuning after the other, and only the last is filled up
-            while not ended and n * len(possible) < start + size:
-                tuning = next(waiting, None)
-                ended = tuning is None
-                if tuning is not None:
-                    controller = self._designed(tuning)
-                    order.append(controller is not None)
-                    possible += [] if controller is None else [controller]
-            jobs = np.arange(start, min(start + size, n * len(possible)))
-            if jobs.size:
-                kept = self._with_block(kept, subjects, possible, jobs, size)
-                start += jobs.size
-            while order and (not order[0] or _length(kept) >= n):
+            block = np.array(list(itertools.islice(waiting, size)), int)
+            ended = len(block) < size
+            if len(block):
+                found = self._block(subjects, possible, *np.resize(block, (size, 2)).T)
+                kept = np.hstack([kept, found[:, : len(block)]])
+            while order and (not order[0] or kept.shape[1] >= n):
                 if order.pop(0):
-                    together = {name: np.concatenate([part[name] for part in kept]) for name in METRICS}
-                    kept = [{name: values[n:] for name, values in together.items()}]
-                    yield {name: values[:n] for name, values in together.items()}
+                    yield dict(zip(METRICS, kept[:, :n], strict=True))
+                    kept = kept[:, n:]
                 else:
                     yield None
-            if ended and not order:
-                return
 
-    def _with_block(
-        self,
-        kept: list[dict[str, Array]],
-        subjects: Subjects,
-        controllers: Sequence[Controller],
-        jobs: Array,
-        size: int,
-    ) -> list[dict[str, Array]]:
-        """The results so far joined with those of one more block."""
-        full, n = np.resize(jobs, size), subjects.number
-        metrics = self._block(subjects, full % n, self._of_jobs(controllers, full // n, subjects, full % n))
-        return [*kept, {name: values[: jobs.size] for name, values in metrics.items()}]
-
-    def _of_jobs(self, controllers: Sequence[Controller], which: Array, subjects: Subjects, place: Array) -> Controller:
-        first = int(which.min())
-        return self._of(controllers[first : which.max() + 1], which - first, subjects.basal_insulin_mU_min[place])
-
-    def _block(self, subjects: Subjects, place: Array, controller: Controller) -> dict[str, Array]:
-        some = subjects.at(place)
+    def _block(self, subjects: Subjects, controllers: Sequence[Controller], which: Array, place: Array) -> Array:
+        """Metrics ``(metrics, size)`` of subjects at places, each under one of the controllers."""
+        first, some = int(which.min()), subjects.at(place)
+        controller = self._of(controllers[first : which.max() + 1], which - first, some.basal_insulin_mU_min)
         run = self._loop.run(some, some.key, controller=controller)
         metrics = self._fold.finish(
             run.fold,
@@ -148,7 +136,7 @@ class TuningLoop:
             meal_t_min=0.0,
             precision=self._loop.cohort.precision,
         )
-        return {name: np.asarray(getattr(metrics, name), float) for name in METRICS}
+        return np.array([np.asarray(getattr(metrics, name), float) for name in METRICS])
 
     def _of(self, controllers: Sequence[Controller], which: Array, basal_mU_min: Array) -> Controller:
         """Controllers of subjects, each with its tuning and basal rate."""
@@ -165,15 +153,6 @@ class TuningLoop:
         )
         return joined
 
-    def _designed(self, tuning: Tuning) -> Controller | None:
-        try:
-            return self._design(tuning)
-        except Refusal:
-            return None
-
     def _design(self, tuning: Tuning) -> Controller:
-        return self._design_of({**self._case.tuning, **tuning})
-
-
-def _length(parts: Sequence[Mapping[str, Array]]) -> int:
-    return sum(part[METRICS[0]].size for part in parts)
+        controller: Any = self._case.controller
+        return self._design_of(dataclasses.replace(controller, **tuning))

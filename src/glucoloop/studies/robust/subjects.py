@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.patients import SemilinearPatient
-from glucoloop.patients.population import Population, of_people, virtual_people
+from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.people_plant import varying
 
@@ -49,35 +50,20 @@ class Subjects:
         return int(self.basal_insulin_mU_min.size)
 
 
-def draw_subjects(
-    nominal: SemilinearPatient,
-    population: Population,
-    *,
-    people: int,
-    people_seed: int,
-    seeds: int,
-    first_seed: int,
-    setpoint_mg_dl: float,
-) -> Subjects:
-    """Draw people and the noise of the nominal patient.
+def draw_subjects(trial: Trial, *, people: int, people_seed: int, seeds: int, first_seed: int) -> Subjects:
+    """Draw people and the noise of the nominal patient; Refusal if none of the people has a basal rate.
 
     Parameters
     ----------
-    nominal : SemilinearPatient
-        One person.
-    population : Population
+    trial : Trial
+        Population, and the nominal patient, at whose setpoint all rest.
     people, people_seed : int
         Persons 0 to ``people - 1`` of a seed, each with the same noise as in a trial of that seed.
     seeds, first_seed : int
         Number of noises of the nominal patient, those of ``glucoloop run --seed`` from ``first_seed`` on.
-    setpoint_mg_dl : float
-        Glucose at which people rest.
-
-    Raises
-    ------
-    ValueError
-        If none of the people has a basal rate.
     """
+    nominal, population = trial.nominal, trial.population
+    setpoint_mg_dl = float(nominal.setpoint_mg_dl)
     drawn = virtual_people(population, people_seed, np.arange(people), setpoint_mg_dl=setpoint_mg_dl)
     feasible = np.flatnonzero(drawn.feasible)
     if not feasible.size:

@@ -6,29 +6,78 @@ fault under each controller.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
-from glucoloop.config.key import Key
-from glucoloop.config.options.situation import KINDS_OF_FAULTS
-from glucoloop.studies.options import PAPER_CONTROLLERS, PAPER_MEAL, GuardsKey
+from glucoloop.parts.faults import FAULTS, FaultPart
+from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
+from glucoloop.refusal import Refusal
+from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.option import SENSOR_PANEL, Option
+from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial
 from glucoloop.studies.study import TrialStudy
 
+STANDARD_FAULTS: Final = (
+    "missing, start_min=60, latest_min=300, duration_min=60",
+    "missing, start_min=60, latest_min=180, duration_min=240",
+    "late, start_min=60, latest_min=300, duration_min=120, delay_min=15",
+    "repeated, start_min=60, latest_min=300, duration_min=120, times=3",
+    "out-of-order, start_min=60, latest_min=300, duration_min=120, among=4",
+    "spikes, per_day=12, size_mg_dl=60",
+    "spikes, per_day=12, size_mg_dl=-40",
+    "stuck, start_min=60, latest_min=300, duration_min=120",
+    "drift, start_min=60, latest_min=300, mg_dl_h=3",
+    "drift, start_min=60, latest_min=300, mg_dl_h=-3",
+    "calibration, gain=1.15, offset_mg_dl=0",
+    "calibration, gain=0.85, offset_mg_dl=0",
+    "calibration, gain=1, offset_mg_dl=15",
+    "compression, start_min=60, latest_min=300, duration_min=45, depth=0.3, tau_min=10",
+    "saturation, low_mg_dl=75, high_mg_dl=400",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=nan",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=0",
+    "nonsense, start_min=60, latest_min=300, duration_min=60, value=2000",
+    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=false",
+    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=true",
+    "missed-pulses, share=0.2, noticed=false",
+    "resolution, step_mU_min=4, least_mU_min=8",
+    "battery, start_min=60, latest_min=300, duration_min=60",
+)
+"""Faults that are tried by default. Sensors that are wrong by 15 % or 15 mg/dl are as wrong as those of integrated
+continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355).
+"""
+_SHARD_PEOPLE: Final = 128
 
-@dataclass(frozen=True, kw_only=True)
-class StressSettings:
-    """Keys of a stress test that a trial does not have, or that have another meaning here."""
 
+class StressTest(GuardedTrial):
+    """A stress test: a trial of which every controller is tried under one fault after another."""
+
+    kind: ClassVar = "stress test"
+
+    people: int = 100
+    duration_min: float | None = 600.0
+    meals: tuple[str, ...] = PAPER_MEAL
+    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
     faults: Annotated[
-        tuple[str, ...] | None,
-        Key(
-            f"A fault that is tried alone, in place of the usual ones; repeat it for more. {KINDS_OF_FAULTS}",
-            panel="Faults",
+        tuple[FaultPart, ...],
+        Option(
+            "A fault that is tried alone, in place of the usual ones; repeat it for more.",
+            panel=SENSOR_PANEL,
             flag="--fault",
-            metavar="FAULT",
         ),
-    ] = None
-    guards: GuardsKey = "both"
+    ] = tuple(map(FAULTS.parse, STANDARD_FAULTS))
+
+    def __post_init__(self) -> None:
+        usual_shards = self.shard_people is None
+        super().__post_init__()
+        if not self.faults:
+            raise Refusal("there is no fault to try; give one or more, like --fault 'missing, start_min=60'")
+        texts = self.fault_texts
+        for text in texts:
+            if texts.count(text) > 1:
+                raise Refusal(f"the fault {text!r} is given twice; leave one out")
+        if usual_shards:
+            # Slow controllers under many faults: so that not much is lost when a run is cut short.
+            object.__setattr__(self, "shard_people", min(self.people, self.shard_people or 0, _SHARD_PEOPLE))
 
 
 STRESS: Final = TrialStudy(
@@ -47,14 +96,7 @@ STRESS: Final = TrialStudy(
         "  glucoloop stress --config stress/stress.toml --out again"
     ),
     module="glucoloop.studies.stress.study",
-    settings=(StressSettings,),
-    refused=("traces", "guard", "metrics"),
-    usual={
-        "people": 100,
-        "duration_min": 600.0,
-        "meals": PAPER_MEAL,
-        "noise_variance": 1.45,
-        "controllers": list(PAPER_CONTROLLERS),
-    },
+    request=StressTest,
+    words={"default": {"faults": "23 usual ones"}},
     files=("stress.csv", "stress.parquet", "stress.html", "figure.pdf", "figure.png", "figure.svg"),
 )

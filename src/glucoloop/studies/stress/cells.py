@@ -3,58 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import polars as pl
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.cases import given_with
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.run import faults_told
-from glucoloop.config.trial import with_people
-from glucoloop.parts.setting import Value
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
-from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, Row, measured, terse_percent, whole, whole_glucose
-from glucoloop.studies.guarded import WITH_GUARD, guarded_trial_keys, read_guarded_trial
-from glucoloop.studies.stress import STRESS, StressSettings
+from glucoloop.studies.guarded import WITH_GUARD
+from glucoloop.studies.stress import StressTest
 
 NO_FAULT: Final = ""
 MOST_MORE_PCT: Final = 1.0
 """Largest increase of the time below 60 mg/dl, in percent of the run, that a fault may cause for a cell to pass."""
-_SHARD_PEOPLE: Final = 128
-
-STANDARD_FAULTS: Final = (
-    "missing, start_min=60, latest_min=300, duration_min=60",
-    "missing, start_min=60, latest_min=180, duration_min=240",
-    "late, start_min=60, latest_min=300, duration_min=120, delay_min=15",
-    "repeated, start_min=60, latest_min=300, duration_min=120, times=3",
-    "out-of-order, start_min=60, latest_min=300, duration_min=120, among=4",
-    "spikes, per_day=12, size_mg_dl=60",
-    "spikes, per_day=12, size_mg_dl=-40",
-    "stuck, start_min=60, latest_min=300, duration_min=120",
-    "drift, start_min=60, latest_min=300, mg_dl_h=3",
-    "drift, start_min=60, latest_min=300, mg_dl_h=-3",
-    "calibration, gain=1.15, offset_mg_dl=0",
-    "calibration, gain=0.85, offset_mg_dl=0",
-    "calibration, gain=1, offset_mg_dl=15",
-    "compression, start_min=60, latest_min=300, duration_min=45, depth=0.3, tau_min=10",
-    "saturation, low_mg_dl=75, high_mg_dl=400",
-    "nonsense, start_min=60, latest_min=300, duration_min=60, value=nan",
-    "nonsense, start_min=60, latest_min=300, duration_min=60, value=0",
-    "nonsense, start_min=60, latest_min=300, duration_min=60, value=2000",
-    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=false",
-    "occlusion, start_min=60, latest_min=300, duration_min=120, open_fraction=0, noticed=true",
-    "missed-pulses, share=0.2, noticed=false",
-    "resolution, step_mU_min=4, least_mU_min=8",
-    "battery, start_min=60, latest_min=300, duration_min=60",
-)
-"""Faults that are tried by default. Sensors that are wrong by 15 % or 15 mg/dl are as wrong as those of integrated
-continuous monitors may be (U.S. Food and Drug Administration, 21 CFR 862.1355).
-"""
 
 
 @dataclass(frozen=True)
@@ -73,85 +36,34 @@ class StressCell:
         return " | ".join(filter(None, (self.controller, "guarded" if self.guarded else "", self.fault)))
 
 
-@dataclass(frozen=True)
-class StressTest:
-    """A stress test that is complete and checked."""
+def cells_of(asked: StressTest) -> list[StressCell]:
+    """The cells, in the order of the cases."""
+    return [
+        StressCell(case.label, guarded, fault)
+        for case in asked.cases
+        for guarded in WITH_GUARD[asked.guards]
+        for fault in (NO_FAULT, *asked.fault_texts)
+    ]
 
-    base: Trial
-    """Trial with a case for each controller, without faults."""
-    own: StressSettings
-    """Settings of the test, with the full texts of the faults."""
-    limits: Mapping[str, Value]
-    """All limits of the guard."""
-    given: Mapping[str, Any] | None = field(default=None, compare=False)
-    """Flat keys from which it was read, if it was."""
 
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """Full texts of the faults."""
-        return self.own.faults or ()
-
-    @property
-    def cells(self) -> list[StressCell]:
-        """The cells, in the order of the cases."""
-        return [
-            StressCell(case.label, guarded, fault)
-            for case in self.base.cases
-            for guarded in WITH_GUARD[self.own.guards]
-            for fault in (NO_FAULT, *self.faults)
-        ]
-
-    @property
-    def trial(self) -> Trial:
-        """Trial with a case for each cell."""
-        of = {case.label: case for case in self.base.cases}
-        cases = [
+def trial_of(asked: StressTest) -> Trial:
+    """Trial with a case for each cell."""
+    of, faults = (
+        {case.label: case for case in asked.bare_cases},
+        dict(zip(asked.fault_texts, asked.faults, strict=True)),
+    )
+    return asked.with_cases(
+        tuple(
             dataclasses.replace(
                 of[cell.controller],
                 label=cell.label,
-                guard=dict(self.limits) if cell.guarded else None,
-                faults=(cell.fault,) if cell.fault else (),
+                guard=asked.limits_of_guard if cell.guarded else None,
+                faults=(faults[cell.fault],) if cell.fault else (),
             )
-            for cell in self.cells
-        ]
-        return dataclasses.replace(self.base, cases=tuple(cases))
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys of all values that are used."""
-        own = {"faults": list(self.faults), "guards": self.own.guards}
-        return guarded_trial_keys(self.base, own, self.limits, STRESS.refused)
-
-
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> StressTest:
-    """Read the configuration of a stress test; Refusal for a key that is unknown, wrong or at odds with another."""
-    own = checked(StressSettings, own_keys(keys, StressSettings), names)
-    base, limits = read_guarded_trial(
-        keys,
-        cases,
-        names,
-        what=STRESS.what,
-        usual=STRESS.usual,
-        own=declared(StressSettings),
-        refused=STRESS.refused,
+            for cell in cells_of(asked)
+        ),
+        faults=(),
     )
-    if "shard_people" not in keys:
-        # Slow controllers under many faults: so that not much is lost when a run is cut short.
-        base = dataclasses.replace(base, shard_people=min(base.people, base.shard_people, _SHARD_PEOPLE))
-    horizon_min = base.plan.horizon_min
-    if own.faults is None:
-        faults = faults_told(STANDARD_FAULTS, horizon_min)
-    elif not own.faults:
-        called = (names or {}).get("faults", "faults")
-        raise Refusal(f"{called} is []; give a list of faults, like ['missing, start_min=60, duration_min=30']")
-    else:
-        faults = faults_told(own.faults, horizon_min, allow_unusual=base.allow_unusual)
-    for fault in faults:
-        if faults.count(fault) > 1:
-            raise Refusal(f"the fault {fault!r} is given twice; leave one out")
-    given = given_with(with_people(keys, base.population), cases)
-    return StressTest(base=base, own=dataclasses.replace(own, faults=faults), limits=limits, given=given)
 
 
 def cell_table(cells: Sequence[StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:

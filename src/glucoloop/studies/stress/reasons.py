@@ -61,7 +61,7 @@ def _again(prepared: PreparedTrial, label: str, person: int) -> Trace:
                 )
             ],
             trial.plan.horizon_min,
-            announced=trial.announced,
+            announced=trial.announce_meals,
             meal_model=trial.gut,
             start_min=trial.start_min,
         ),

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cohorts.engine import prepare
-from glucoloop.config.doubts import boluses_into_a_vein
 from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import how_many, percent
 from glucoloop.report import Repeat
@@ -18,10 +17,12 @@ from glucoloop.report.fault_words import short_names
 from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
+from glucoloop.situations.doubts import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import people_table
-from glucoloop.studies.stress.cells import COLUMNS, MOST_MORE_PCT, NO_FAULT, StressCell, StressTest, cell_table, read
+from glucoloop.studies.stress import StressTest
+from glucoloop.studies.stress.cells import COLUMNS, MOST_MORE_PCT, NO_FAULT, StressCell, cell_table, cells_of, trial_of
 from glucoloop.studies.stress.reasons import reason_of
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
     from glucoloop.report._style import Width
 
-__all__ = ["drawn", "found", "notes", "read", "sentences", "tables"]
+__all__ = ["drawn", "found", "notes", "sentences", "tables", "trial_of"]
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
@@ -37,12 +38,12 @@ _MOST_NAMED: Final = 20
 
 def notes(asked: StressTest) -> tuple[str, ...]:
     """Sentence on boluses into a vein."""
-    return boluses_into_a_vein(asked.base.patient, (case.controller for case in asked.base.cases))
+    return boluses_into_a_vein(asked)
 
 
 def found(asked: StressTest, folder: TrialFolder) -> Findings:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
-    cells, people = asked.cells, people_table(folder.people())
+    cells, people, base = cells_of(asked), people_table(folder.people()), asked.base
     table = cell_table(cells, people, folder.trial.samples)
     prepared = prepare(folder.trial)
     reasons = [
@@ -56,11 +57,11 @@ def found(asked: StressTest, folder: TrialFolder) -> Findings:
         for cell, row in zip(cells, table.to_dicts(), strict=True)
         if cell.guarded and row["worse"]
     ]
-    facts = {**controllers_facts(asked.base.cases), **trial_facts(asked.base), **engine_facts(prepared.engines)}
+    facts = {**controllers_facts(base.cases), **trial_facts(base), **engine_facts(prepared.engines)}
     del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
         "facts": facts,
-        "people": asked.base.people,
+        "people": asked.people,
         # who has a basal rate does not depend on the cell
         "able": people.filter(label=cells[0].label)["feasible"].sum(),
         "rows": table.to_dicts(),
@@ -331,7 +332,7 @@ def page(asked: StressTest, found: Findings) -> str:
         "Stress test",
         sentences=conclusions(found),
         facts=found.plain["facts"],
-        repeat=Repeat("stress --config stress.toml", asked.keys(), files, given=asked.given),
+        repeat=Repeat("stress --config stress.toml", asked.tree(whole=True), files, given=asked.tree()),
         **values,
     )
 

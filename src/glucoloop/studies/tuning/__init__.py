@@ -3,59 +3,83 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Annotated, Final
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.config.key import Key
-from glucoloop.config.options.case import OF_OTHERS
-from glucoloop.control.catalogue import CONTROLLERS, TUNABLE, setting_names
-from glucoloop.parts.guard import GUARD
+from glucoloop.parts.grammar import Tree
+from glucoloop.parts.setting import About
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.situations.ranges import RANGES, ranges_parted, with_ranges
+from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 
 MOST_SEEDS: Final = 1000
-_grid = functools.partial(Key, panel="Grid")
-_range = functools.partial(_grid, metavar="RANGE")
+TUNED: Final = ("move_horizon", "prediction_horizon", "reference_filter", "output_weight", "move_weight")
+"""Settings of a controller that a grid tries."""
+USUAL_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
+"""Ranges that are tried unless others are given; of the other settings the usual values."""
+USUAL_SEEDS: Final = 5
+_grid = functools.partial(Option, panel="Grid")
 
 
-@dataclass(frozen=True, kw_only=True)
-class RangeSettings:
-    """Range of each parameter that is tuned; None for the usual one."""
+class GridSearch(Run):
+    """A search of a grid: every tuning of a controller in one situation."""
 
-    move_horizon: Annotated[str, _range("Numbers of planned moves, m.")] = "1:4"
-    prediction_horizon: Annotated[str, _range("Numbers of predicted samples, p; those below m are left out.")] = "1:14"
-    reference_filter: Annotated[
-        str | None,
-        _range(
-            "Filters of the reference, φ_r; closer to 1 is slower.",
-            told="; ".join(
-                f"{entry.name}: {entry.reference_filters}" for entry in CONTROLLERS.values() if entry.reference_filters
-            ),
-        ),
-    ] = None
-    output_weight: Annotated[
-        str | None, _range("Weights on the error of glucose, Γ_y; only the ratio to Γ_u matters.", told="the paper's")
-    ] = None
-    move_weight: Annotated[str | None, _range("Weight on each move of insulin, Γ_u.", told="the paper's")] = None
+    kind: ClassVar = "search of a grid"
+    # a search is for the controller in a sound loop, so without faults and without a guard
+    refused: ClassVar = ("faults", "metrics", "guard")
 
-
-@dataclass(frozen=True, kw_only=True)
-class GridSettings:
-    """Other keys of a search that a run does not have."""
-
+    ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
+        None
+    )
     seeds: Annotated[
         int | None,
         _grid(
             "Number of runs of each tuning with noise, another sensor or a fault, from --seed on.",
-            told="5",
+            default=f"{USUAL_SEEDS}",
             at_least=1,
             at_most=MOST_SEEDS,
         ),
     ] = None
     top: Annotated[int, _grid("Number of tunings in the table.", at_least=1, at_most=100_000)] = 10
 
+    @classmethod
+    def prepared(cls, tree: Mapping[str, Any]) -> Tree:
+        """A tree whose ranges stand apart from the controller."""
+        return ranges_parted(tree, TUNED, always=True)
 
-_TUNABLE_SETTINGS: Final = {setting for name in TUNABLE for setting in CONTROLLERS[name].settings()}
-_CONTROLLERS: Final = "; ".join(f"{name}: {CONTROLLERS[name].summary}" for name in TUNABLE)
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings, or all that are used, with the ranges among the settings of the controller."""
+        found = super().tree(whole=whole)
+        return with_ranges(found, self.all_ranges if whole else self.given.get(RANGES) or {})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        controller = self.case.controller
+        if self.case.guard is not None:
+            raise Refusal("a guard is no part of a search of a grid; leave it out")
+        for name in self.ranges or {}:
+            controller.setting(name)
+        if self.seeds not in (None, 1) and not self.drawn:
+            raise Refusal(
+                f"--seeds is {self.seeds}, but without noise, another sensor or a fault all are alike; leave it out"
+            )
+
+    @property
+    def number_of_seeds(self) -> int:
+        """Number of runs of each tuning."""
+        return self.seeds or (USUAL_SEEDS if self.noisy else 1)
+
+    @property
+    def all_ranges(self) -> dict[str, str]:
+        """Range of each tuned setting, as text: the given ones and the usual ones."""
+        tuning, controller = self.case.tuning, self.case.controller
+        usual = {**USUAL_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
+        if "reference_filter" in tuning:
+            usual["reference_filter"] = controller.reference_filters or f"{tuning['reference_filter']:g}"
+        return {**usual, **(self.ranges or {})}
+
 
 TUNE: Final = PlainStudy(
     name="tune",
@@ -66,21 +90,19 @@ TUNE: Final = PlainStudy(
         "A tuning is acceptable if it keeps the constraints (change of the rate, rate, glucose above 60 mg/dl) and "
         "does not oscillate. Acceptable tunings are ranked by the sum of squared errors, and the paper's own tuning is "
         "shown with its rank. A range is written 1:4, with both ends included, 2:16:2 or .3:.8:.05, with a step, or "
-        "0,1,3. With --noise, results are medians over seeds, and oscillation is judged without noise.\n\n"
-        "  glucoloop tune --move-horizon 1:4 --prediction-horizon 2:16 --out surface\n\n"
-        "  glucoloop tune --controller mpc-se --reference-filter .3:.8:.1 --top 5\n\n"
-        "  glucoloop tune --noise 1.45 --seeds 20 --move-horizon 2 --prediction-horizon 10 --move-weight 0,1,3"
+        "0|1|3. With --noise, results are medians over seeds, and oscillation is judged without noise.\n\n"
+        "  glucoloop tune --controller 'mpc, move_horizon=1:4, prediction_horizon=2:16' --out surface\n\n"
+        "  glucoloop tune --controller 'mpc-se, reference_filter=.3:.8:.1' --top 5\n\n"
+        "  glucoloop tune --noise 1.45 --seeds 20 --controller 'mpc, move_horizon=2, prediction_horizon=10, "
+        "move_weight=0|1|3'"
     ),
     module="glucoloop.studies.tuning.study",
-    settings=(RangeSettings, GridSettings),
-    # a search is for the controller in a sound loop, so without faults and without a guard
-    refused=(
-        "faults",
-        "metrics",
-        "guard",
-        *GUARD,
-        *(setting_names() - _TUNABLE_SETTINGS),
-    ),
-    words={"help": {"controller": f"{_CONTROLLERS}; {OF_OTHERS}."}},
+    request=GridSearch,
+    words={
+        "help": {
+            "controller": "Controller with ranges of its horizons, its weights and its reference filter, like 'mpc, "
+            "move_horizon=1:4, move_weight=0|1|3'; other settings are kept."
+        }
+    },
     summary="tune.json",
 )

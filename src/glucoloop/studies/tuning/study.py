@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
-from glucoloop.config.checked import checked
-from glucoloop.config.key import declared, own_keys
-from glucoloop.config.run import Run, read_run
 from glucoloop.control import MPCTuning
-from glucoloop.control.catalogue import USUAL_CONTROLLER, controller_entry
+from glucoloop.parts.models import FilePart
 from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
-from glucoloop.report._surface_layout import Cell, SurfaceLayout, layout, texts
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.facts import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import cell_colours, plot_surface
+from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
-from glucoloop.studies.tuning import GridSettings, RangeSettings
-from glucoloop.tuning.designers import designer, kind_of_tuning, usual_filters
+from glucoloop.studies.tuning import GridSearch
+from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.tuning.paper import usual_tuning
 from glucoloop.tuning.search import search
@@ -42,91 +38,18 @@ _USUAL_SEEDS: Final = 5
 _ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
-# ---------------------------------------------------------------------------------------------- what is asked for
-
-
-@dataclass(frozen=True)
-class GridSearch:
-    """A search that is complete and checked."""
-
-    run: Run
-    """Run with the situation, and the controller with the parameters that are not tuned."""
-    ranges: Mapping[str, str]
-    """Range of each tuned parameter, as written."""
-    grid: Sequence[MPCTuning]
-    seeds: int
-    top: int
-    """Number of tunings in the table."""
-    given_of_search: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Flat keys of the search itself that were given."""
-
-    @property
-    def given(self) -> dict[str, Any] | None:
-        """Flat keys from which it was read, if it was."""
-        return None if self.run.given is None else {**self.run.given, **self.given_of_search}
-
-    def keys(self) -> dict[str, Any]:
-        """The flat keys of all values that are used."""
-        return {**self.run.keys(), **self.ranges, "seeds": self.seeds, "top": self.top}
-
-
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> GridSearch:
-    """Read a search from the keys of a run, of which the tuned parameters are ranges; Refusal for what cannot be."""
-    called = {key: (names or {}).get(key, key) for key in (*declared(RangeSettings), *declared(GridSettings))}
-    controller = str(keys.get("controller", USUAL_CONTROLLER))
-    kind_of_tuning(controller)
-    given = {key: _text(value, called[key]) for key, value in own_keys(keys, RangeSettings).items()}
-    for key in given:
-        controller_entry(controller).setting(key)
-    own = checked(GridSettings, own_keys(keys, GridSettings), names)
-    run = read_run({key: value for key, value in keys.items() if key not in called}, names)
-    if own.seeds not in (None, 1) and not run.situation.drawn:
-        raise Refusal(
-            f"{called['seeds']} is {own.seeds}, but without noise, another sensor or a fault all are alike; "
-            "leave it out"
-        )
-    ranges = {**_usual_ranges(run), **given}
-    return GridSearch(
-        run=run,
-        ranges=ranges,
-        grid=_grid(run, ranges, called),
-        seeds=own.seeds or (_USUAL_SEEDS if run.situation.noisy else 1),
-        top=own.top,
-        given_of_search={key: value for key, value in keys.items() if key in called},
-    )
-
-
-def _text(value: object, name: str) -> str:
-    """A range as text; a file may hold a number or a list of numbers."""
-    if isinstance(value, list) and value:
-        return ",".join(_text(item, name) for item in value)
-    if isinstance(value, str | int | float) and not isinstance(value, bool):
-        return str(value)
-    raise Refusal(f"{name} is {value!r}; write it like 1:4 or 0,1,3")
-
-
-def _usual_ranges(run: Run) -> dict[str, str]:
-    weights = {key: f"{run.case.tuning[key]:g}" for key in ("output_weight", "move_weight")}
-    filters = usual_filters(run.case.controller, run.case.tuning)
-    horizons = {
-        "move_horizon": RangeSettings.move_horizon,
-        "prediction_horizon": RangeSettings.prediction_horizon,
-    }
-    return {**horizons, **weights, **({} if filters is None else {"reference_filter": filters})}
-
-
-def _grid(run: Run, ranges: Mapping[str, str], called: Mapping[str, str]) -> list[MPCTuning]:
-    whole = {key: parse_integers(ranges[key], called[key]) for key in ("move_horizon", "prediction_horizon")}
-    numbers = {key: parse_numbers(ranges[key], called[key]) for key in ranges if key not in whole}
+def grid_of(asked: GridSearch) -> list[MPCTuning]:
+    """Every tuning of the grid."""
+    ranges = asked.all_ranges
+    whole = {key: parse_integers(ranges[key], key) for key in ("move_horizon", "prediction_horizon")}
+    numbers = {key: parse_numbers(ranges[key], key) for key in ranges if key not in whole}
     return tuning_grid(
         whole["move_horizon"],
         whole["prediction_horizon"],
         output_weights=numbers["output_weight"],
         move_weights=numbers["move_weight"],
         reference_filters=numbers.get("reference_filter"),
-        reference_start=int(run.case.tuning.get("reference_start", 1)),
+        reference_start=int(asked.case.tuning.get("reference_start", 1)),
     )
 
 
@@ -150,32 +73,33 @@ def notes(asked: GridSearch) -> tuple[str, ...]:
 
 def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
-    run = asked.run
-    situation = run.situation.situation()
-    model = model_for(run, situation)
-    design = designer(situation, run.case.case(), **model_arguments(model))
-    usual = usual_tuning(situation, run.case.controller)
-    grid = [*asked.grid] if usual in asked.grid else [*asked.grid, usual]
+    case = asked.case
+    name = case.controller.called
+    kind_of_tuning(name)  # refuses one that cannot be tuned
+    model = model_for(asked, case)
+    design = designer(asked, case, **model_arguments(model))
+    usual, grid = usual_tuning(asked, name), grid_of(asked)
+    grid = grid if usual in grid else [*grid, usual]
     progress(f"designing {len(grid)} controllers")
     surface = search(
-        situation,
+        asked,
         design,
         grid,
-        name=run.case.controller,
-        scenario=run.situation.scenario(),
-        seeds=range(situation.seed, situation.seed + asked.seeds),
-        integrator=integrator_of(run.situation),
+        name=name,
+        scenario=asked.scenario(),
+        seeds=range(asked.seed, asked.seed + asked.number_of_seeds),
+        integrator=integrator_of(asked),
         progress=lambda done, total: progress(f"{done} of {total} runs"),
     )
-    printed = surface.rank_of(usual, "printed" if situation.patient == USUAL_PATIENT.name else "usual")
+    printed = surface.rank_of(usual, "printed" if isinstance(asked.patient, USUAL_PATIENT) else "usual")
     plain = {
-        "config": {**asked.keys(), "controller": surface.controller},
+        "config": {**asked.tree(whole=True), "controller": surface.controller},
         "model": None if model is None else model.model_dump(mode="json"),
         "best": None if printed.best is None else {**dataclasses.asdict(printed.best), "sse": printed.best_sse},
         "printed": {**dataclasses.asdict(printed.tuning), "sse": printed.sse, "rank": printed.rank},
         "acceptable": printed.points,
         "surface": {name: values.tolist() for name, values in surface.columns().items()},
-        "notes": [*notes_on(run, model), *_counts(asked, surface), *_no_picture(asked, surface)],
+        "notes": [*notes_on(asked, case, model), *_counts(asked, surface), *_no_picture(asked, surface)],
     }
     table = pl.DataFrame(surface.columns())
     return Findings(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
@@ -193,10 +117,10 @@ def _counts(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     )
     if surface.refused:
         yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
-    if asked.run.situation.noisy:
+    if asked.noisy:
         yield (
             f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without "
-            f"{'the noise around the sensor' if asked.run.situation.drawn_otherwise else 'noise'}."
+            f"{'the noise around the sensor' if asked.drawn_otherwise else 'noise'}."
         )
     elif surface.seeds > 1:
         yield f"Results are medians of {surface.seeds} seeds; oscillation was judged in the run of the first."
@@ -204,7 +128,7 @@ def _counts(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
 
 def _no_picture(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentence on why there is no picture, if there is none."""
-    shown = surface.only(asked.grid)
+    shown = surface.only(grid_of(asked))
     try:
         layout(shown)
         if not np.isfinite(shown.sse).any():
@@ -288,28 +212,29 @@ def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
 def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
     """Page and picture, the model, and the configuration that names it."""
     searched: Searched = found.extra
-    files, repeat = {}, asked
+    files, used, given = {}, asked.tree(whole=True), asked.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
-        if asked.run.case.model is not None:
-            repeat = dataclasses.replace(asked, run=asked.run.with_model("model.json"))
+        if isinstance(asked.case.model, FilePart):
+            beside = {"name": FilePart.name, "path": "model.json"}
+            used["controller"][0]["model"] = given["model"] = beside
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
-    again = Repeat("tune --config tune.toml", repeat.keys(), data, given=repeat.given)
+    again = Repeat("tune --config tune.toml", used, data, given=given)
     files["tune.toml"] = again.text.encode()
-    title = f"{asked.run.case.controller} at {asked.run.situation.place}"
-    ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in asked.ranges.items()}
+    title = f"{asked.case.controller.called} at {asked.place}"
+    ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in asked.all_ranges.items()}
     files["surface.html"] = surface_page(
         searched,
         f"Tunings of {title}",
-        asked.grid,
+        grid_of(asked),
         sentences=[*sentences(asked, found), *found.plain["notes"]],
-        facts={**ranges, **run_facts(repeat.run), "Engine": _ENGINE},
+        facts={**ranges, **run_facts(asked, asked.case), "Engine": _ENGINE},
         repeat=again,
     ).encode()
     if not any(_no_picture(asked, searched.surface)):
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
         printed = searched.printed
-        shown = searched.surface.only(asked.grid)
+        shown = searched.surface.only(grid_of(asked))
         files |= figure_files(
             "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
         )

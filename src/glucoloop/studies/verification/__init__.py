@@ -3,39 +3,44 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
-from glucoloop.config.key import Key
-from glucoloop.config.options.situation import PatientKey
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
+from glucoloop.parts.part import Part
 from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
+
+if TYPE_CHECKING:
+    from glucoloop.studies.verification.campaign import Campaign
+    from glucoloop.studies.verification.nonsense import NonsenseCheck
 
 USUAL_LOOPS: Final = 100_000
 MOST_LOOPS: Final = 1_000_000_000
 MOST_SAMPLES: Final = 100_000_000_000
 _ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more."
-_key = functools.partial(Key, panel="Campaign")
+_key = functools.partial(Option, panel="Campaign")
 
 
-@dataclass(frozen=True, kw_only=True)
-class VerifySettings:
-    """Keys of a campaign, or of a nonsense test."""
+class Verification(Part):
+    """What a campaign, or a nonsense test, asks for."""
+
+    kind: ClassVar = "verification"
 
     loops: Annotated[
         int | None,
         _key(
             "Smallest number of loops; each controller has as many with a guard as without.",
-            told=f"{USUAL_LOOPS}",
+            default=f"{USUAL_LOOPS}",
             at_least=1,
             at_most=MOST_LOOPS,
         ),
     ] = None
     seed: Annotated[int, _key("The same seed gives the same loops.", at_least=0, at_most=LARGEST_SEED)] = 1
-    controllers: Annotated[tuple[str, ...], _key(_ONE_OF, flag="--controller", told="all")] = ()
-    patient: PatientKey = USUAL_PATIENT.name
+    controllers: Annotated[tuple[str, ...], _key(_ONE_OF, flag="--controller", default="all")] = ()
+    patient: Annotated[str, _key("The patient, by name.")] = USUAL_PATIENT.name
     person: Annotated[
         int | None, _key("Only the loops of this person, with their faults.", at_least=0, at_most=LARGEST_COUNTER)
     ] = None
@@ -49,6 +54,32 @@ class VerifySettings:
             at_most=MOST_SAMPLES,
         ),
     ] = None
+
+    def __post_init__(self) -> None:
+        if self.person is not None and self.loops is not None:
+            raise Refusal("--loops and --person exclude one another; leave one out")
+        if self.nonsense is not None and self.loops is not None:
+            raise Refusal("--loops and --nonsense exclude one another; leave one out")
+        if self.nonsense is not None and self.patient != USUAL_PATIENT.name:
+            raise Refusal("--nonsense has no patient at all; leave --patient out")
+
+    def definition(self) -> Campaign | NonsenseCheck:
+        """The campaign or the nonsense test; making it imports JAX.
+
+        Raises
+        ------
+        Refusal
+            For an unknown patient or controller.
+        """
+        from glucoloop.studies.verification.campaign import Campaign
+        from glucoloop.studies.verification.nonsense import NonsenseCheck
+
+        chosen: dict[str, Any] = {"controllers": self.controllers} if self.controllers else {}
+        if self.nonsense is not None:
+            return NonsenseCheck(seed=self.seed, samples=self.nonsense, loop=self.person, **chosen)
+        if self.loops is not None:
+            chosen["loops"] = self.loops
+        return Campaign(seed=self.seed, patient=self.patient, person=self.person, **chosen)
 
 
 VERIFY: Final = PlainStudy(
@@ -68,9 +99,7 @@ VERIFY: Final = PlainStudy(
         "  glucoloop verify --nonsense 100000000"
     ),
     module="glucoloop.studies.verification.study",
-    settings=(VerifySettings,),
-    shared="nothing",
-    words={"panel": {"patient": "Campaign"}},
+    request=Verification,
     unit="loops",
     keeps_files=False,
 )

@@ -18,7 +18,7 @@ import numpy as np
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.experiments.designs import controller_of, with_guard
-from glucoloop.parts.guard import complete_guard
+from glucoloop.parts.guard import guard_of
 from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
@@ -204,7 +204,7 @@ def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, 
         order = _order(campaign.seed, name)
         below: list[Array] = []
         for guard in (False, True):
-            limits = complete_guard({}, patient_entry(campaign.patient)) if guard else None
+            limits = guard_of(patient_entry(campaign.patient)) if guard else None
             controller = with_guard(bare, limits, situation.limits)
             loops = WatchedLoops(campaign.seed, controller, order, horizon_min(name), situation)
             closed = loops.close(person, progress)

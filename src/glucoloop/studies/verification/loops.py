@@ -63,14 +63,14 @@ class WatchedLoops:
         self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
         settings, boluses = guard_settings_of(controller), gives_boluses(controller)
         caps = None if settings is None else Caps(settings=settings, limits=limits, boluses=boluses)
-        example = draw_people(seed, np.arange(2), situation.patient)
+        example = draw_people(seed, np.arange(2), situation.patient.called)
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self._loop = PeopleLoop(
             situation,
             WatchedController(inner=controller),
             example,
             self._grid,
-            Promises(limits=limits, sound=patient_model(situation.patient).sound, caps=caps),
+            Promises(limits=limits, sound=patient_model(situation.patient.called).sound, caps=caps),
             meals=None,
             own=lambda people: WatchedController(inner=with_individual_basal(controller, people.basal_insulin_mU_min)),
             around=Surroundings(
@@ -117,7 +117,7 @@ class WatchedLoops:
         seed = self._seed
         faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(seed, person, self._situation.patient)
+            drawn = draw_people(seed, person, self._situation.patient.called)
         run = self._loop.run(
             drawn,
             keys_of_people(seed, person),

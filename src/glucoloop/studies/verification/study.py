@@ -4,63 +4,45 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
-from glucoloop.config.checked import checked
-from glucoloop.config.doubts import boluses_into_a_vein
-from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.printable import how_many
-from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.facts import engine_notes
+from glucoloop.situations.case import Case
+from glucoloop.situations.doubts import boluses_into_a_vein
+from glucoloop.situations.run import Loops
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.verification import VerifySettings, campaign, nonsense
+from glucoloop.studies.verification import Verification, campaign, nonsense
 from glucoloop.studies.verification.campaign import Campaign, met
 from glucoloop.studies.verification.nonsense import NonsenseCheck
 from glucoloop.studies.verification.result import Guarding
 
-Asked = Campaign | NonsenseCheck
 _LISTED: Final = 10
 
 
-def read(
-    keys: Mapping[str, Any], cases: Sequence[Mapping[str, Any]] = (), names: Mapping[str, str] | None = None
-) -> Asked:
-    """Read the definition of a campaign or a nonsense test; Refusal for what cannot be."""
-    own = checked(VerifySettings, keys, names)
-    if own.person is not None and own.loops is not None:
-        raise Refusal("--loops and --person exclude one another; leave one out")
-    shared: dict[str, Any] = {"seed": own.seed}
-    if own.controllers:
-        shared["controllers"] = own.controllers
-    if own.nonsense is None:
-        if own.loops is not None:
-            shared["loops"] = own.loops
-        return Campaign(**shared, patient=own.patient, person=own.person)
-    if own.loops is not None:
-        raise Refusal("--loops and --nonsense exclude one another; leave one out")
-    if own.patient != USUAL_PATIENT.name:
-        raise Refusal("--nonsense has no patient at all; leave --patient out")
-    return NonsenseCheck(**shared, samples=own.nonsense, loop=own.person)
-
-
-def notes(asked: Asked) -> tuple[str, ...]:
+def notes(asked: Verification) -> tuple[str, ...]:
     """Sentence on boluses into a vein, where controllers were chosen."""
-    if isinstance(asked, NonsenseCheck) or asked.controllers == Campaign.controllers:
+    if asked.nonsense is not None or not asked.controllers:
         return ()
-    return boluses_into_a_vein(asked.patient, asked.controllers)
+    chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in asked.controllers)
+    return boluses_into_a_vein(Loops(patient=PATIENTS.find(asked.patient).partial({}), controller=chosen))
 
 
-def amount(asked: Asked) -> int:
+def amount(request: Verification) -> int:
     """Number of loops that will be closed."""
+    asked = request.definition()
     if isinstance(asked, NonsenseCheck):
         return asked.loops * len(asked.controllers)
     return 2 * sum(asked.pairs().values())
 
 
-def found(asked: Asked, progress: Callable[[int], None]) -> Findings:
+def found(request: Verification, progress: Callable[[int], None]) -> Findings:
     """Close the loops, and count in how many each promise was broken."""
+    asked = request.definition()
     began = time.monotonic()
     result: Any = (
         nonsense.run_nonsense(asked, progress)
@@ -106,10 +88,10 @@ _ARM_COLUMNS: Final = (
 )
 
 
-def tables(asked: Asked, found: Findings) -> Iterator[FittingTable]:
+def tables(asked: Verification, found: Findings) -> Iterator[FittingTable]:
     """Number of loops that broke each promise, and the loops of each controller."""
     arms, violations = found.plain["arms"], found.plain["violations"]
-    if isinstance(asked, NonsenseCheck):
+    if asked.nonsense is not None:
         columns = [Column(name=arm["controller"], short=arm["controller"], text=whole) for arm in arms]
         rows = [(promise, [{arm["controller"]: arm["broken"][promise] for arm in arms}]) for promise in violations]
         yield terminal_table("Promise", [("", rows)], columns)
@@ -129,7 +111,7 @@ def tables(asked: Asked, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table("Controller", [("", lines)], _ARM_COLUMNS)
 
 
-def sentences(asked: Asked, found: Findings) -> Iterator[str]:
+def sentences(asked: Verification, found: Findings) -> Iterator[str]:
     """A line for each broken loop that is listed, with the command that repeats it, and the verdict."""
     plain = found.plain
     for name, of in plain.get("meets", {}).items():
@@ -141,7 +123,7 @@ def sentences(asked: Asked, found: Findings) -> Iterator[str]:
     for arm in plain["arms"]:
         yield from _broken(asked, arm)
     seconds = f"{plain['seconds']:.1f} s"
-    if isinstance(asked, NonsenseCheck):
+    if asked.nonsense is not None:
         yield f"{plain['samples']} samples of guarded controllers with nonsense as readings, {seconds}."
     else:
         repeated = sum(arm["repeated"] for arm in plain["arms"])
@@ -158,10 +140,10 @@ def sentences(asked: Asked, found: Findings) -> Iterator[str]:
     yield f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
 
 
-def _broken(asked: Asked, arm: Mapping[str, Any]) -> Iterator[str]:
+def _broken(asked: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
     """Lines for the broken loops of a controller."""
     name, called = arm["controller"], _called(arm)
-    if isinstance(asked, NonsenseCheck):
+    if asked.nonsense is not None:
         for promise, loops in arm["told"].items():
             for loop in loops:
                 yield f"{called}, loop {loop}: {promise}; {_repeat(asked, name, loop)}"
@@ -184,9 +166,9 @@ def _faults(of: Mapping[str, Any]) -> str:
     return " ".join(f"--fault {fault!r}" for fault in of["faults"]) or "no fault"
 
 
-def _repeat(asked: Asked, controller: str, person: int) -> str:
+def _repeat(asked: Verification | Campaign | NonsenseCheck, controller: str, person: int) -> str:
     """Command that repeats the loops of a person, or a loop of a nonsense test."""
-    if isinstance(asked, NonsenseCheck):
+    if isinstance(asked, NonsenseCheck) or (isinstance(asked, Verification) and asked.nonsense is not None):
         kind = "--nonsense 1 "
     else:
         kind = "" if asked.patient == USUAL_PATIENT.name else f"--patient {asked.patient} "

@@ -1,1 +1,0 @@
-"""Configurations: their keys, each declared once in `options`, and their reading."""

@@ -1,0 +1,67 @@
+"""Ranges of a controller's settings, for searches: ``mpc, move_horizon=1:4, move_weight=0|1|3``.
+
+In a tree they are parted from the controller, whose settings have no ranges, and written back to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Final
+
+from glucoloop.parts.grammar import GivenValue, Tree, place, plain
+from glucoloop.parts.tree import as_table
+from glucoloop.refusal import Refusal
+
+RANGES: Final = "ranges"
+"""Setting of a search that holds the ranges, as texts by the name of the setting."""
+
+
+def ranges_parted(tree: Mapping[str, Any], tuned: Collection[str], *, always: bool) -> Tree:
+    """A tree whose ranges stand apart from the settings of its first controller.
+
+    Parameters
+    ----------
+    tree : mapping
+    tuned : collection of str
+        Settings that may be ranges.
+    always : bool
+        Whether a single value of such a setting is a range too; otherwise it stays a setting.
+    """
+    found = dict(tree)
+    leaf = found.get("controller")
+    if leaf is None:
+        return found
+    tables = list(map(as_table, leaf if isinstance(leaf, list) else [leaf]))
+    if not tables or not isinstance(tables[0], Mapping):
+        return found
+    first = {key: value for key, value in tables[0].items() if key not in tuned or not (always or _is_range(value))}
+    ranges = {key: GivenValue(_text(key, value), place(value)) for key, value in tables[0].items() if key not in first}
+    found["controller"] = [first, *tables[1:]] if first else tables[1:]
+    if not found["controller"]:
+        del found["controller"]
+    return {**found, RANGES: ranges} if ranges else found
+
+
+def with_ranges(tree: Tree, ranges: Mapping[str, str]) -> Tree:
+    """A tree with its ranges among the settings of its first controller."""
+    found = {key: value for key, value in tree.items() if key != RANGES}
+    if ranges:
+        first, *others = found.get("controller") or [{}]
+        found["controller"] = [{**first, **ranges}, *others]
+    return found
+
+
+def _is_range(leaf: Any) -> bool:
+    value = plain(leaf)
+    return isinstance(value, list) or (isinstance(value, str) and bool({":", "|"} & set(value)))
+
+
+def _text(name: str, leaf: Any) -> str:
+    """A range as text; a file may hold a number or a list of numbers."""
+    value = plain(leaf)
+    if isinstance(value, list) and value:
+        return "|".join(_text(name, item) for item in value)
+    if isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    at = place(leaf)
+    raise Refusal(f"{f'{at}: ' if at else ''}{name} is {value!r}; write it like 1:4 or 0|1|3")

@@ -1,0 +1,324 @@
+"""A search for the worst sensor errors carried out: its numbers, and the worst loops as a table and a figure."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.experiments.designs import controller_of
+from glucoloop.parts.sensors import whole_samples
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.printable import glucose_text
+from glucoloop.refusal import Refusal
+from glucoloop.report import _style
+from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
+from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
+from glucoloop.report.print_figure import figure_files
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.situations.doubts import boluses_into_a_vein
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.rows import Rows
+from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary
+from glucoloop.studies.adversary.attack import VERY_LOW_MG_DL, Attack
+from glucoloop.studies.adversary.search import Worst, generations, judge_of, random_errors, worst_of
+from glucoloop.studies.adversary.space import ErrorSpace
+from glucoloop.studies.guarded import WITH_GUARD
+from glucoloop.tuning.evolution import library
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ErrorSearch:
+    """One search: a controller, guarded or not, under errors of one size."""
+
+    trial: Trial
+    """Trial with one case, the controller."""
+    space: ErrorSpace
+    settings: Adversary
+    """Settings, with the number of generations for the controller."""
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """Values that tell it from all other searches, by the names of their columns."""
+        (case,) = self.trial.cases
+        return {"controller": case.label, "guarded": case.guard is not None, "error_pct": 100.0 * self.space.error}
+
+
+def _called(row: Mapping[str, Any]) -> str:
+    return f"{row['controller']}, guarded" if row["guarded"] else str(row["controller"])
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    """Name of a search, unique among all."""
+    return f"{_called(row)}, ±{row['error_pct']:g} %"
+
+
+def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
+    """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones.
+
+    Raises
+    ------
+    Refusal
+        For a part of a sample, or a library that is missing.
+    """
+    library()
+    spaces = [
+        ErrorSpace(
+            samples=asked.samples,
+            error=error / 100.0,
+            hold_samples=whole_samples(asked.hold_min, asked.sample_time_min, "a time for which an error holds"),
+            stretches=asked.stuck_times,
+            stretch_samples=whole_samples(asked.stuck_min, asked.sample_time_min, "a stuck stretch"),
+        )
+        for error in sorted(asked.errors_pct)
+    ]
+    for case in asked.bare_cases:
+        usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
+        settings = dataclasses.replace(asked, generations=asked.generations or usual)
+        for guarded in WITH_GUARD[asked.guards]:
+            tried = dataclasses.replace(case, guard=asked.limits_of_guard if guarded else None)
+            yield [ErrorSearch(asked.with_cases((tried,)), space, settings) for space in spaces]
+
+
+def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
+    """All searches by name, in order."""
+    return {_name(search.key): search for searches in loops(asked) for search in searches}
+
+
+def notes(asked: Adversary) -> tuple[str, ...]:
+    """Sentence on boluses into a vein; what is missing is told before anything else."""
+    library()
+    return boluses_into_a_vein(asked)
+
+
+class GenerationScores(NamedTuple):
+    """A generation of a search."""
+
+    search: str
+    generation: int
+    score: Array
+    """(lanes,) harm of each sequence."""
+
+
+def rows(asked: Adversary) -> Rows[GenerationScores]:
+    """Rows that are kept: the scores of each generation."""
+    searches = searches_of(asked)
+    most = {name: of.settings.generations or 0 for name, of in searches.items()}
+
+    def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
+        found = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
+        number = sum(of.search == found.search for of in before)
+        if not found.generation == number < most.get(found.search, 0) or found.score.shape != (asked.lanes,):
+            raise Refusal("this is no generation of the search")
+        return found
+
+    return Rows(
+        file="scores.parquet",
+        what="generations",
+        wanted=sum(most.values()),
+        most=sum(most.values()),
+        schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
+        cells=lambda of: {**of._asdict(), "score": of.score.tolist()},
+        row=row,
+        width=asked.lanes,
+        longest_text=1000,  # the name of a search
+        every_s=5.0,  # since all scores are written each time
+    )
+
+
+class AdversarySearch:
+    """All searches, each of which begins at the worst of the smaller errors."""
+
+    def __init__(self, asked: Adversary) -> None:
+        self._asked = asked
+        self._numbers: list[dict[str, Any]] = []
+        self._loops: list[pl.DataFrame] = []
+
+    def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
+        """Carry out the searches; the generations that are known are not simulated again."""
+        for searches in loops(self._asked):
+            first = searches[0]
+            with one_at_a_time:
+                controller = controller_of(first.trial, first.trial.cases[0])
+                attack = Attack(first.trial, controller, first.space, lanes=first.settings.lanes)
+                who = attack.person(self._asked.person)
+            smaller: tuple[ErrorSpace, Array] | None = None
+            for of in searches:
+                name = _name(of.key)
+                before = [row.score for row in rows if row.search == name]
+                known = None if smaller is None else of.space.points_of(*smaller)
+                for generation in generations(judge_of(attack, who), of.space, of.settings, before, known):
+                    if generation.number >= len(before):
+                        yield GenerationScores(name, generation.number, generation.score)
+                smaller = of.space, generation.best
+                worst = worst_of(attack, who, of.space, generation)
+                self._numbers.append(_numbers(of, worst, attack, who))
+                self._loops.append(
+                    worst.loop.select(*(pl.lit(value).alias(key) for key, value in of.key.items()), pl.all())
+                )
+
+    def found(self, rows: Sequence[GenerationScores]) -> Findings:
+        """Numbers of each search, and the worst loops."""
+        del rows
+        glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
+        table = pl.DataFrame(self._numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
+        tables = {"adversary.csv": table, "worst.parquet": pl.concat(self._loops)}
+        return Findings({"config": self._asked.tree(whole=True), "searches": self._numbers}, tables)
+
+
+search = AdversarySearch
+
+
+def _numbers(of: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) -> dict[str, Any]:
+    """Numbers of one search, with those without errors, and with random ones of the same size on the people."""
+    never = np.full((of.space.stretches, 1), float(of.space.samples))
+    without = attack.harm(who, np.zeros((of.space.samples, 1)), never)
+    random = random_errors(attack, of.space, of.trial.people, of.settings.search_seed)
+    people = random.lowest_mg_dl.size
+    return {
+        **of.key,
+        "below_54_min": worst.harm.below_54_min.item(),
+        "lowest_mg_dl": worst.harm.lowest_mg_dl.item(),
+        "peak_mg_dl": worst.harm.peak_mg_dl.item(),
+        "stuck_from_min": (worst.stuck_from * of.trial.sample_time_min).tolist(),
+        "sequences_tried": worst.tried,
+        "random_people": people,
+        "random_ever_below_54_pct": 100.0 * float((random.below_54_min > 0.0).mean()) if people else None,
+        "random_lowest_mg_dl": float(random.lowest_mg_dl.min()) if people else None,
+        "lowest_without_errors_mg_dl": without.lowest_mg_dl.item(),
+        "peak_without_errors_mg_dl": without.peak_mg_dl.item(),
+        "engine": attack.engine,
+    }
+
+
+_COLUMNS: Final = (
+    Column(name="below_54_min", short="Worst errors:\nmin below 54", text=whole),
+    Column(name="lowest_mg_dl", short="lowest\nmg/dl", text=glucose_text),
+    Column(name="peak_mg_dl", short="peak\nmg/dl", text=glucose_text),
+    Column(name="random_ever_below_54_pct", short="Random errors:\npeople < 54, %", text=decimals(2)),
+    Column(name="random_lowest_mg_dl", short="lowest\nmg/dl", text=glucose_text),
+    Column(name="lowest_without_errors_mg_dl", short="No errors:\nlowest", text=glucose_text),
+    Column(name="peak_without_errors_mg_dl", short="peak\nmg/dl", text=glucose_text),
+)
+
+
+def tables(asked: Adversary, found: Findings) -> Iterator[FittingTable]:
+    """A section for each controller and a line for each size of the errors."""
+    by_controller = groupby(found.plain["searches"], _called)
+    sections = [(name, [(f"± {row['error_pct']:g} %", [row]) for row in rows]) for name, rows in by_controller]
+    yield terminal_table("Errors", sections, _COLUMNS)
+
+
+def _title(asked: Adversary) -> str:
+    who = "the nominal patient" if asked.person is None else f"person {asked.person} of {asked.population.name}"
+    stuck = f", {asked.stuck_times} stretches of {asked.stuck_min:g} min stuck" if asked.stuck_times else ""
+    return f"The worst errors found for {who}: each held for {asked.hold_min:g} min{stuck}"
+
+
+def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
+    """Conclusions from the numbers."""
+    of = found.plain["searches"]
+    tried = sum(row["sequences_tried"] for row in of)
+    yield f"{_title(asked)}; {tried} sequences were tried. Worse errors may exist: a search does not prove a bound."
+    yield (
+        f"Random errors: of the same size, drawn uniformly, on {of[0]['random_people']} people of "
+        f"{asked.population.name}."
+    )
+
+
+def drawn(asked: Adversary, found: Findings) -> dict[str, bytes]:
+    """Figure of the worst loops, by the names of its files."""
+    return figure_files("worst", plot_adversary(found, title=_title(asked)))
+
+
+_ROW_MM: Final = 52.0
+_STATUS: Final = {
+    "reading rejected": ("reading rejected", OKABE_ITO[4]),
+    "fallback basal": ("fallback to the basal rate", OKABE_ITO[2]),
+    "fallback reduced": ("fallback to a part of it", OKABE_ITO[5]),
+    "suspended": ("insulin suspended", OKABE_ITO[3]),
+    "dose limited": ("dose limited", "0.6"),
+}
+"""Label and colour of each status of a guard."""
+
+
+def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
+    """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
+
+    Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
+    behind it, in colour, the status of the guard.
+    """
+    worst, searches = found.tables["worst.parquet"], found.plain["searches"]
+    loops = zip(searches, worst.partition_by("controller", "guarded", "error_pct", maintain_order=True), strict=True)
+    rows = [list(of) for _, of in groupby(loops, lambda of: _called(of[0]))]
+    figure = _style.new_figure("double", 18.0 + _ROW_MM * len(rows), title)
+    ratios = [2.2, 1.0] * len(rows)
+    panels = figure.subplots(
+        2 * len(rows), len(rows[0]), squeeze=False, sharex=True, sharey="row", height_ratios=ratios
+    )
+    entries: dict[str, Artist] = {}
+    highest = 1.05 * float(np.nanmax(worst.select("glucose_mg_dl", "reading_mg_dl").to_numpy()))
+    most = 1.05 * float(worst["insulin_mU_min"].to_numpy().max())
+    for above, below, row in zip(panels[::2], panels[1::2], rows, strict=True):
+        above[0].set(ylabel="Glucose\n(mg/dl)", ylim=(0.0, highest))
+        below[0].set(ylabel="Insulin\n(mU/min)", ylim=(0.0, most))
+        for glucose, insulin, (numbers, loop) in zip(above, below, row, strict=True):
+            lowest = glucose_text(numbers["lowest_mg_dl"], 0)
+            name = f"{_name(numbers)}\n{numbers['below_54_min']:.0f} min below 54, lowest {lowest} mg/dl"
+            glucose.set_title(name, fontsize=FONT_PT, loc="left")
+            entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop)
+    horizon = float(_edges(worst)[-1])
+    divisor, unit, _ = _style.time_axis(horizon, "double")
+    _, _, tick = _style.time_axis(horizon, "single")
+    for axes in panels.ravel():
+        _style.dress(axes)
+        axes.set_xlim(0.0, horizon)
+        axes.xaxis.set_major_locator(_style.every(tick * divisor))
+        axes.xaxis.set_major_formatter(lambda value, place: f"{value / divisor:g}")
+    for axes in panels[-1]:
+        axes.set_xlabel(f"Time ({unit})")
+    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    return figure
+
+
+def _edges(loop: pl.DataFrame) -> Array:
+    """Times of the samples, and of the horizon."""
+    t_min = np.unique(loop["t_min"])
+    return np.append(t_min, 2.0 * t_min[-1] - t_min[-2])
+
+
+def _draw_glucose(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
+    t_min, glucose, reading = (loop[name].to_numpy() for name in ("t_min", "glucose_mg_dl", "reading_mg_dl"))
+    for bound in (VERY_LOW_MG_DL, 70.0):
+        axes.axhline(bound, color=GREY, linewidth=0.6, linestyle=(0, (4, 3)), zorder=1)
+    low = glucose < VERY_LOW_MG_DL
+    axes.fill_between(t_min, glucose, VERY_LOW_MG_DL, where=low, color=OKABE_ITO[1], alpha=0.35, linewidth=0.0)
+    return {
+        "glucose": axes.plot(t_min, glucose, color="black", linewidth=1.1)[0],
+        "reading": axes.plot(t_min, reading, color=OKABE_ITO[1], marker=".", markersize=1.6, linewidth=0.4)[0],
+    }
+
+
+def _draw_insulin(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
+    edges, insulin = _edges(loop), loop["insulin_mU_min"].to_numpy()
+    entries: dict[str, Artist] = {}
+    for status, (label, colour) in _STATUS.items():
+        for sample in np.flatnonzero(loop["status"] == status):
+            of_sample = edges[sample], edges[sample + 1]
+            entries[label] = axes.axvspan(*of_sample, color=colour, alpha=0.45, linewidth=0.0)
+    entries["insulin"] = axes.stairs(insulin, edges, color=OKABE_ITO[0], linewidth=1.1, baseline=None)
+    return entries

@@ -1,0 +1,223 @@
+"""A bound carried out: the best doses by the knowledge of the meals, and those under sensor noise."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import polars as pl
+
+from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.validity import validity_told
+from glucoloop.situations.run import Run
+from glucoloop.storage.findings import Findings
+from glucoloop.studies.bound import BoundRequest
+from glucoloop.studies.bound.figure import plot_bound
+
+_COURSES: Final = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
+"""Values of a plan over time."""
+
+
+# ---------------------------------------------------------------------------------------------- what is found
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Plans by the knowledge of the meals, and plans under sensor noise."""
+
+    plans: dict[str, OptimalDoses]
+    hedged: dict[str, HedgedDoses]
+
+    @property
+    def drawn(self) -> dict[str, OptimalDoses]:
+        """All plans for the meals as they are."""
+        return {**self.plans, **{label: of.meal for label, of in self.hedged.items()}}
+
+    def table(self, time: str, what: str) -> pl.DataFrame:
+        """Values of all plans over time, by information and world."""
+        worlds = [(label, "meal", plan) for label, plan in self.plans.items()]
+        for label, of in self.hedged.items():
+            other = "no meal" if of.question == "begins" else "larger meal"
+            worlds += [(label, "meal", of.meal), (label, other, of.other)]
+        return pl.concat(
+            pl.DataFrame({"t_min": getattr(plan, time), what: getattr(plan, what)}).select(
+                pl.lit(label).alias("information"), pl.lit(world).alias("world"), pl.all()
+            )
+            for label, world, plan in worlds
+        )
+
+
+def notes(asked: BoundRequest) -> tuple[str, ...]:
+    """Return no sentence; what is to be noted follows from the plans."""
+    return ()
+
+
+def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
+    """Compute every plan that was asked for; Refusal for a situation that is not possible."""
+    bounds = _bounds(asked, progress)
+    plain = {
+        "config": asked.tree(whole=True),
+        "bounds": [
+            {
+                "information": label,
+                **{key: value for key, value in dataclasses.asdict(plan).items() if key not in _COURSES},
+            }
+            for label, plan in bounds.plans.items()
+        ],
+        "hedged": [
+            {
+                "information": label,
+                "error": of.error,
+                "told_after_min": of.told_after_min,
+                "deviation_mg_dl": of.deviation_mg_dl,
+                "undershoot_mg_dl": of.meal.undershoot_mg_dl,
+                "peak_mg_dl": of.meal.peak_mg_dl,
+                "other_undershoot_mg_dl": of.other.undershoot_mg_dl,
+                "other_peak_mg_dl": of.other.peak_mg_dl,
+                "converged": of.converged,
+                "iterations": of.meal.iterations,
+                "optimality": of.meal.optimality,
+            }
+            for label, of in bounds.hedged.items()
+        ],
+        "notes": [*_notes(asked, bounds)],
+    }
+    tables = {
+        "doses.csv": bounds.table("t_min", "insulin_mU_min"),
+        "glucose_1min.csv": bounds.table("fine_t_min", "glucose_mg_dl"),
+    }
+    return Findings(plain, tables, bounds)
+
+
+def bound_of_run(run: Run) -> OptimalDoses:
+    """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
+
+    Raises
+    ------
+    ValueError
+        For a situation that is not possible, or too long for a plan.
+    """
+    return bound_of_situation(
+        run.nominal,
+        run.scenario(),
+        run.limits,
+        dead_time_min=run.dead_time_min,
+        sample_time_min=run.sample_time_min,
+    )
+
+
+def _bounds(asked: BoundRequest, progress: Callable[[str], None]) -> Bounds:
+    scenario = asked.scenario()
+    bounds = Bounds({}, {})
+    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
+        label = information_label(known_after_min)
+        bounds.plans[label] = optimal_doses(
+            asked.nominal,
+            scenario,
+            asked.limits,
+            known_after_min=known_after_min + asked.dead_time_min,
+            objective=asked.objective,
+            undershoot_weight=asked.undershoot_weight,
+            sample_time_min=asked.sample_time_min,
+        )
+        progress(label)
+    if asked.hedged:
+        for doses in hedged_doses(
+            asked.nominal,
+            scenario,
+            asked.noise_variance,
+            asked.limits,
+            dead_time_min=asked.dead_time_min,
+            sample_time_min=asked.sample_time_min,
+        ):
+            label = f"told from noise that it {doses.question}, error {doses.error:.0%}"
+            bounds.hedged[label] = doses
+            progress(label)
+    return bounds
+
+
+def information_label(known_after_min: float) -> str:
+    """Knowledge of the meals, in words."""
+    if known_after_min == IN_ADVANCE:
+        return "all known in advance"
+    if known_after_min == 0.0:
+        return "known from its start"
+    return f"known {abs(known_after_min):g} min {'after' if known_after_min > 0.0 else 'before'} its start"
+
+
+def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
+    """Sentences on the plans that are not what they should be, and on what the numbers mean."""
+    for label, plan in bounds.drawn.items():
+        if not plan.converged:
+            yield (
+                f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
+                f"{plan.optimality:.2g} more, so this is not a bound."
+            )
+    limit = float(lowest_valid_glucose_mg_dl(asked.nominal))
+    for label, plan in bounds.plans.items():
+        not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
+        if not_valid is not None:
+            yield f"{label}: {not_valid}"
+    if asked.dead_time_min and bounds.plans:
+        yield f"Readings are {asked.dead_time_min:g} min late, so each meal is known later by that time."
+    if asked.patient.under_the_skin:
+        yield (
+            "The doses are rates within the pump's limits, without boluses; a controller that gives boluses can do "
+            "better."
+        )
+    if len(asked.meals) > 1:
+        yield "Each meal is known only after it begins; a controller that prepares for a likely meal could do better."
+    if asked.hedged:
+        yield (
+            "Told from noise: two worlds, this meal and none, or this meal and one a fifth larger, with the same "
+            "doses until they can be told apart with the stated error. The largest deviation is that of "
+            "the worse world; undershoot and peak are those of this meal."
+        )
+    elif asked.noisy:
+        yield (
+            "The bound under sensor noise is left out here: it is computed for one meal, at rest at the setpoint, "
+            "and the objective deviation."
+        )
+
+
+# ---------------------------------------------------------------------------------------------- how it is shown
+
+_COLUMNS: Final = (
+    Column(name="deviation_mg_dl", short="Largest deviation\nmg/dl", text=decimals(2)),
+    Column(name="undershoot_mg_dl", short="Undershoot\nmg/dl", text=decimals(2)),
+    Column(name="peak_mg_dl", short="Peak\nmg/dl", text=decimals(2)),
+    Column(name="settles", short="Settles\nmin", text=str, only=lambda row: "settles" in row),
+    Column(
+        name="known_after_min",
+        short="Known after\nmin",
+        text="{:g}".format,
+        missing=lambda row: "never" if "error" in row else "",
+    ),
+)
+
+
+def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
+    """The best possible results by the knowledge of the meals, and under sensor noise."""
+    rows = [
+        {**of, "settles": f"{of['settling_min']:.0f}{'' if of['settled'] else '+'}"} for of in found.plain["bounds"]
+    ]
+    # they are not followed to the end of the run
+    rows += [{**of, "known_after_min": of["told_after_min"]} for of in found.plain["hedged"]]
+    lines = [(f"{of['information']}{'' if of['converged'] else ' (not converged)'}", [of]) for of in rows]
+    yield terminal_table("Information", [("", lines)], _COLUMNS)
+
+
+def sentences(asked: BoundRequest, found: Findings) -> tuple[str, ...]:
+    """Return no sentence; the notes say what the numbers mean."""
+    return ()
+
+
+def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
+    """The figure of all plans."""
+    title = f"The best that could be done at {asked.place}"
+    return figure_files("figure", plot_bound(found.extra.drawn, asked.eaten(), title=title, limits=asked.limits))

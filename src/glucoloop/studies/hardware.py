@@ -1,0 +1,90 @@
+"""Hardware in the loop: what it asks for."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.situations.run import Run
+from glucoloop.studies.exported import Form, Precision
+
+if TYPE_CHECKING:
+    from glucoloop.firmware.hil.faults import Disturbances
+
+EMULATED: Final = ("host", "cortex-m4f", "cortex-m7", "rv32")
+"""Chips that need no hardware."""
+_chip = functools.partial(Option, panel="Chip")
+_disturbed = functools.partial(Option, panel="Disturbances, drawn by --seed", at_least=0, at_most=1_000_000)
+_DISTURBANCES: Final = ("power_cuts", "hangs", "damaged", "lost", "doubled", "late", "outages")
+
+
+class Hil(Run):
+    """A run whose controller is on a chip, its link, and what befalls both."""
+
+    kind: ClassVar = "run on a chip"
+
+    precision: Precision = "float32"
+    form: Form = "auto"
+    chip: Annotated[
+        str,
+        _chip(
+            "Where the controller runs: this computer, a chip that QEMU emulates, or a board at a serial port.",
+            metavar="host|cortex-m4f|cortex-m7|rv32|PORT",
+        ),
+    ] = "host"
+    baud: Annotated[int, _chip("Bits per second of a serial port.", at_least=1)] = 115200
+    real_time: Annotated[bool, _chip("Wait for each sample; without it the loop is as fast as it can be.")] = False
+    fallback: Annotated[
+        Literal["basal", "suspend"],
+        _chip(
+            "Rate of the pump while the chip does not answer: basal, which for half an hour is no more than the last "
+            "dose, or suspend for none."
+        ),
+    ] = "basal"
+    power_cuts: Annotated[
+        int, _disturbed("Power cuts of the chip: amid a frame, amid the writing of a record, or after an answer.")
+    ] = 0
+    hangs: Annotated[
+        int, _disturbed("Times that the program hangs while it writes a record, until its watchdog resets it.")
+    ] = 0
+    damaged: Annotated[int, _disturbed("Frames in which a byte is changed.")] = 0
+    lost: Annotated[int, _disturbed("Frames that are lost.")] = 0
+    doubled: Annotated[int, _disturbed("Frames that come twice.")] = 0
+    late: Annotated[int, _disturbed("Frames that come after the next one.")] = 0
+    outages: Annotated[
+        int, _disturbed("Samples in which nothing passes the line, so that the pump gives its fallback rate.")
+    ] = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.case  # refuses several
+        if not self.emulated and "/" not in self.chip:
+            raise Refusal(
+                f"the chip is {self.chip!r}; the known ones are: {', '.join(EMULATED)}, or the path of a serial port "
+                "such as /dev/ttyACM0"
+            )
+        if not self.emulated and self.disturbances.of_power:
+            raise Refusal(
+                f"the power of the board at {self.chip} cannot be cut from here, nor its program made to hang; "
+                "let --power-cuts and --hangs be 0, or take an emulated chip"
+            )
+        self.disturbances.check(self.samples)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return round(self.duration_min / self.sample_time_min)
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the chip needs no hardware."""
+        return self.chip in EMULATED
+
+    @property
+    def disturbances(self) -> Disturbances:
+        """Numbers of disturbances."""
+        from glucoloop.firmware.hil.faults import Disturbances
+
+        return Disturbances(**{name: getattr(self, name) for name in _DISTURBANCES})

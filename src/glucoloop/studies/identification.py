@@ -1,0 +1,125 @@
+"""What an identification asks for: an experiment on the simulated patient or the record of a real one, and the fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
+
+from glucoloop.parts.grammar import Tree
+from glucoloop.parts.models import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
+from glucoloop.parts.setting import About, Default
+from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.situations.situation import Situation
+
+EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
+"""Settings of the simulated experiment, which a record replaces."""
+RECORD: Final = ("method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
+"""Settings that describe a record."""
+_experiment = functools.partial(Option, panel="Experiment on the virtual patient")
+_record = functools.partial(Option, panel="Record")
+_FLAGS: Final = {
+    "amplitude_mU_min": "--amplitude",
+    "max_gap_min": "--max-gap",
+    "basal_insulin_mU_min": "--basal-insulin",
+}
+
+
+def _of_model(about: About) -> Option:
+    return Option(**{**dataclasses.asdict(about), "panel": "Model"})
+
+
+class ModelRequest(Situation):
+    """A model that is to be identified, from an experiment in a situation or from a record."""
+
+    kind: ClassVar = "identification"
+    refused: ClassVar = (
+        "setpoint_mg_dl",
+        "meal_model",
+        "announce_meals",
+        "carb_error_pct",
+        "carb_bias_pct",
+        "start",
+        "pump",
+        "faults",
+        "metrics",
+    )
+
+    amplitude_mU_min: Annotated[
+        float | None,
+        _experiment(
+            "Height of the pulses, at most the basal rate; by default that usual for the patient.",
+            above=0.0,
+            at_most=10_000.0,
+            quantity=RATE_CHANGE,
+        ),
+    ] = None
+    samples: Annotated[
+        int | None, _experiment("Length of the experiment.", default="2 M", at_least=4, at_most=100_000)
+    ] = None
+    data: Annotated[str | None, _record("Record to identify from.", metavar="FILE.csv")] = None
+    method: Annotated[
+        Literal["auto", "csrs", "least-squares"],
+        _record(
+            "csrs: cross-correlation, for balanced pulses from rest; least-squares: for any input that varies enough."
+        ),
+    ] = "auto"
+    max_gap_min: Annotated[float, _record("Longest gap that is interpolated.", above=0.0, at_most=1440.0)] = 15.0
+    basal_insulin_mU_min: Annotated[
+        float | None,
+        _record(
+            "Rate before the record; its median by default.", at_least=0.0, at_most=10_000.0, quantity=INSULIN_RATE
+        ),
+    ] = None
+    not_from_rest: Annotated[
+        bool,
+        _record(
+            "Insulin was not at the basal rate for the memory before the record, or something was eaten in the six "
+            "hours before it."
+        ),
+    ] = False
+    memory: Annotated[int | None, _of_model(MEMORY)] = None
+    laguerre_pole: Annotated[float | None, _of_model(LAGUERRE_POLE)] = None
+    best_pole: Annotated[bool, Option("Search for the pole that fits best.", panel="Model")] = False
+    laguerre_functions: Annotated[int | None, _of_model(LAGUERRE_FUNCTIONS)] = None
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The request with what is usual for the patient; what suits a record is chosen by the record."""
+        given = self.given
+        unused, what = (
+            (EXPERIMENT, "is about the simulated patient, but there is a record; leave one out")
+            if "data" in given
+            else (RECORD, "is about a record; give one with --data, or leave it out")
+        )
+        for name in unused:
+            if name in given:
+                raise Refusal(f"{_FLAGS.get(name, f'--{name}'.replace('_', '-'))} {what}")
+        if given.get("best_pole") and "laguerre_pole" in given:
+            raise Refusal("a Laguerre pole is given and is also to be searched for; leave one out")
+        if given.get("best_pole") and given.get("laguerre_functions") == 0:
+            raise Refusal("0 Laguerre functions have no pole to search for; give more, or leave out the search")
+        if "data" not in given:
+            of_patient = {
+                "amplitude_mU_min": self.patient.pulse_mU_min,
+                **self.patient.identification(self.sample_time_min),
+            }
+            usual = {**(usual or {}), **{name: Default(value) for name, value in of_patient.items()}}
+        return super().completed(usual, noisy=noisy)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings, or all that are used."""
+        found: dict[str, Any] = super().tree(whole=whole)
+        if whole:
+            unused = EXPERIMENT if self.data is not None else RECORD
+            for name in (*unused, *(("laguerre_pole",) if self.best_pole else ())):
+                found.pop(name, None)
+        return found
+
+    @property
+    def all_given(self) -> bool:
+        """Whether the memory and the Laguerre functions are given, so that nothing of them is chosen by the record."""
+        pole_given = self.laguerre_pole is not None or self.best_pole or self.laguerre_functions == 0
+        return self.memory is not None and self.laguerre_functions is not None and pole_given

@@ -1,0 +1,124 @@
+"""A search for a robust tuning as a study: its configuration, tables, sentences and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from glucoloop.control.catalogue import SEARCHED
+from glucoloop.printable import NOT_AVAILABLE, how_many
+from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
+from glucoloop.report.print_figure import figure_files
+from glucoloop.situations.case import Case
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import toml_text
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.rows import Rows
+from glucoloop.studies.robust import Search
+from glucoloop.studies.robust.figure import plot_robust
+from glucoloop.studies.robust.objectives import OBJECTIVES, objective
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, SearchEngine, rows_of
+from glucoloop.tuning.samplers import library
+
+
+def notes(asked: Search) -> tuple[str, ...]:
+    """Refuse what is missing before anything is drawn; who is left out is known when people are."""
+    for name in (*asked.objectives, *(name for name, _ in asked.bounds)):
+        objective(name)
+    if asked.sampler != "random":
+        library()
+    return ()
+
+
+def rows(asked: Search) -> Rows[Candidate]:
+    """The rows that are kept: each candidate with its round, its tuning and its objectives."""
+    return rows_of(asked)
+
+
+def search(asked: Search) -> SearchEngine:
+    """Draw the people, and try the reference controllers."""
+    return SearchEngine(asked)
+
+
+def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
+    """The front in order of its first objective, the initial tuning and the references; and all on others."""
+    of = found.plain
+    columns = [
+        Column(name="candidate", short="Candidate", text=str, only=_is_candidate),
+        *(
+            Column(name=of.name, short=of.name.replace("_", "\n"), text="{:.4g}".format, only=_is_candidate)
+            for of in asked.space
+        ),
+        *OBJECTIVES.values(),
+    ]
+    chosen, start = of["chosen"]["candidate"], of["as_it_was"]
+    front = _thinned(of["front"], asked.top, chosen) or [of["chosen"]]
+    sections: list[list[Line]] = [
+        [_line(CHOSEN if one["candidate"] == chosen else "", one) for one in front],
+        [] if start is None or start["candidate"] == chosen else [_line(AS_IT_WAS, start)],
+        [(label, [scores]) for label, scores in of["beside"].items()],
+    ]
+    yield terminal_table("", [("", lines) for lines in sections if lines], columns)
+    check = [(label, [scores]) for label, scores in of["check"].items()]
+    yield terminal_table("Never seen before", [("", check)], columns)
+
+
+def _is_candidate(row: Row) -> bool:
+    return "candidate" in row
+
+
+def _line(name: str, of: Mapping[str, Any]) -> Line:
+    return name, [{"candidate": of["candidate"], **of["tuning"], **of["scores"]}]
+
+
+def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[Mapping[str, Any]]:
+    """Some tunings of the front, evenly spread, with its ends and the chosen one."""
+    number = len(front) if len(front) <= top else max(top - 1, 1)
+    kept = np.linspace(0, len(front) - 1, number).round().astype(int).tolist()
+    return [of for at, of in enumerate(front) if at in kept or of["candidate"] == chosen]
+
+
+def sentences(asked: Search, found: Findings) -> Iterator[str]:
+    """Conclusions on the bounds, the front and the choice."""
+    of, objectives, prefer = found.plain, asked.objectives, asked.prefer
+    for bound in of["bounds"]:
+        whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
+        most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
+        yield f"Bound: {bound['objective']} at most {most}{whose}."
+    chosen, tried = of["chosen"]["candidate"], how_many(of["candidates"], "tuning")
+    told = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
+    if not of["chosen"]["keeps_the_bounds"]:
+        yield f"{told}; chosen is the one that exceeds them least, candidate {chosen}."
+        return
+    preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
+    front = f"{how_many(len(of['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
+    yield (
+        f"{f'{told}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
+        f"chosen is candidate {chosen}, {preferred}."
+    )
+
+
+def drawn(asked: Search, found: Findings) -> dict[str, bytes]:
+    """The chosen tuning as the configuration of a run, and the figure."""
+    trial, case = asked.trial, asked.tuned
+    people = how_many(asked.people, "person", "people")
+    title = (
+        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, {people} of {trial.population.name} and "
+        f"{how_many(asked.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
+    )
+    best = _best(asked, found.plain["chosen"]["tuning"])
+    return {
+        "best.toml": toml_text(best.tree(whole=True), "run --config best.toml", best.tree()).encode(),
+        **figure_files("front", plot_robust(asked, found, title=title)),
+    }
+
+
+def _best(asked: Search, tuning: Mapping[str, float]) -> Run:
+    """The run of the nominal patient, in the same situation, with a tuning."""
+    controller = SEARCHED.partial({**asked.tuned.controller.given, **tuning})
+    case = Case.partial({**asked.case.given, "controller": controller})
+    names = [name for name in asked.given if name in Run.settings()]
+    shared = {name: getattr(asked, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
+    return Run.partial({**shared, "controller": (case,)}).completed()
