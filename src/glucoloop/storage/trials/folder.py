@@ -7,11 +7,11 @@ digests appears, which marks a trial as finished.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final
 
@@ -127,10 +127,9 @@ class TrialFolder(ResumableFolder):
         super().clear()
 
 
-@contextlib.contextmanager
 def trial_folder(
     path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
-) -> Iterator[TrialFolder]:
+) -> AbstractContextManager[TrialFolder]:
     """Open the folder of a trial, new or begun, for writing; see `opened`.
 
     The shards are computed for a work, that of ``glucoloop trial`` by default.
@@ -138,8 +137,7 @@ def trial_folder(
     if work is None:
         keys = trial_keys(trial)
         work = Work(command="trial", what="trial", keys=keys, given=trial.given, final=FINAL, summary=SUMMARY)
-    with opened(TrialFolder(path, trial, work), overwrite=overwrite) as folder:
-        yield folder
+    return opened(TrialFolder(path, trial, work), overwrite=overwrite)
 
 
 def done_shards(folder: Path, header: Header) -> list[Path]:
