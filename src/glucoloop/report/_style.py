@@ -112,10 +112,10 @@ def dress_right(axes: Any) -> None:
     axes.yaxis.label.set_fontsize(FONT_PT)
 
 
-def write_above(axes: Axes, text: str, place: tuple[float, float], points: float, **how: Any) -> None:
-    """Write a text above a place, some points apart from it."""
-    style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": FONT_PT}
-    axes.annotate(text, place, xytext=(0, points), **style, **how)
+def write(axes: Axes, text: str, place: tuple[float, float], *, down: float = 0.0, **how: Any) -> None:
+    """Write a text at a place, by default above it, and so many points further down."""
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": FONT_PT, **how}
+    axes.annotate(text, place, xytext=(0, -down), textcoords="offset points", **style)
 
 
 def draw_bands(
