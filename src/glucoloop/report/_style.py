@@ -125,14 +125,15 @@ def draw_bands(
     median: npt.ArrayLike,
     style: Mapping[str, Any],
     *,
-    step: Literal["post"] | None = None,
+    held: bool = False,
 ) -> list[Artist]:
-    """Bands, each from a lower to an upper edge with its opacity, and the median over them."""
+    """Bands, each from a lower to an upper edge with its opacity, and the median over them; in steps if held."""
+    step: Literal["post"] | None = "post" if held else None
     drawn: list[Artist] = [
         axes.fill_between(t, low, high, step=step, color=style["color"], alpha=opacity, linewidth=0.0, zorder=2)
         for low, high, opacity in bands
     ]
-    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if step else "default", zorder=3)]
+    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if held else "default", zorder=3)]
 
 
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -137,8 +137,7 @@ def _draw_people(
     """Medians in bands of half of the people and of nine in ten."""
     for index, (label, run) in enumerate(runs.items()):
         insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
-        held: Literal["post"] = "post"
-        for axes, values, step in ((above, run.glucose_mg_dl, None), (below, insulin, held)):
+        for axes, values, held in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
             low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
             drawn = _style.draw_bands(
                 axes,
@@ -146,7 +145,7 @@ def _draw_people(
                 [(low, high, 0.15), (quarter, three_quarters, 0.3)],
                 median,
                 _style.line_style(index),
-                step=step,
+                held=held,
             )
             names = [f"{label}: {name}" for name in ("90 % of people", "50 % of people", "median")]
             entries |= dict(zip(names, drawn, strict=True))

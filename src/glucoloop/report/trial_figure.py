@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
         _draw_bands(glucose, case.bands_t_min / divisor, case.glucose_quantiles, index)
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
         held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / divisor
-        _draw_bands(insulin, held_t, held, index, step="post")
+        _draw_bands(insulin, held_t, held, index, held=True)
         setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
         bound = glucose.axhline(
             report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
@@ -129,11 +129,9 @@ def _sheet(people: int, title: str, width: Width) -> tuple[Figure, dict[str, Axe
     return figure, figure.subplot_mosaic(mosaic, height_ratios=heights), columns
 
 
-def _draw_bands(
-    axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, step: Literal["post"] | None = None
-) -> None:
+def _draw_bands(axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, *, held: bool = False) -> None:
     bands = [(quantiles[low], quantiles[high], opacity) for low, high, opacity in BANDS]
-    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, step=step)
+    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, held=held)
 
 
 def _legend_of_bands() -> dict[str, Artist]:
