@@ -163,7 +163,7 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
 def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
     table = as_table(lower)
     name = plain(table.get(NAME)) if isinstance(table, Mapping) else None
-    return (name or USUAL_PATIENT.name) == plain(upper[NAME])
+    return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
 def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
