@@ -163,7 +163,7 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
 def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
     table = as_table(lower)
     name = plain(table.get(NAME)) if isinstance(table, Mapping) else None
-    return (name or USUAL_PATIENT.name) == plain(upper[NAME])
+    return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
 def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
@@ -231,7 +231,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
         leaf = found["model"]
         text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
-        model = MODELS.tree(leaf.value, leaf.where) if text else leaf
+        model = MODELS.tree(leaf.value, leaf.where) if text and plain(leaf) != NONE else leaf
         if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
             at = model["path"]
             model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}
