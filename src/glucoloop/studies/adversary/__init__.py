@@ -112,7 +112,8 @@ ADVERSARY: Final = SearchStudy(
         "help": {
             "people": "Number of people with random errors, for comparison.",
             "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
-        }
+        },
+        "rare": dict.fromkeys(("starts", "sequences", "search_seed", "announce_meals", "model"), True),
     },
     files=("adversary.csv", "worst.parquet", "worst.pdf", "worst.png", "worst.svg"),
     summary="adversary.json",
