@@ -198,13 +198,13 @@ faults = ["missing, per_day=2"]
         'sensor.site = "interstitial"',
         "the sensor lag, lag_min=8",
         "sensor.bound_mg_dl = 9",
+        "the fault missing, per_day=2",
+        'pump.name = "expiring"',
+        "pump.samples = 3",
         "controller.known_dead_time = true",
         'controller.constraints = "qp"',
         "guard.on_board_tau_min = 60",
         "model.noise_variance = 2",
-        'pump.name = "expiring"',
-        "pump.samples = 3",
-        "the fault missing, per_day=2",
     ]
     assert [fault["name"] for fault in told["situation"]["faults"]] == ["stuck"]
 
