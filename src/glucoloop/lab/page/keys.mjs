@@ -12,10 +12,10 @@ import { among, checked, checkedFault, patientId, tuningOf, usual } from "./situ
 
 /** Key under which links and files tell the version. */
 export const VERSION = "glucoloop";
-/** Keys that say nothing about what happens to the person whom the page simulates, those of a trial among them. */
+/** Keys that say nothing about what happens to the person whom the page simulates, those of trials and comparisons among them. */
 const OF_NO_EFFECT = [
   VERSION, "metrics", "allow_unusual", "people", "first_person", "population", "design", "traces", "shard_people",
-  "precision", "arithmetic",
+  "precision", "arithmetic", "bound",
 ];
 /** Usual values of what a run does not have. */
 const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
