@@ -16,7 +16,8 @@ import numpy as np
 from pairs import answer
 
 from glucoloop.cohorts import engine
-from glucoloop.config.trial import read_trial
+from glucoloop.cohorts.trial import Trial
+from glucoloop.situations.situation import configured
 
 CONTROLLERS = ("mpc", "mpc-se", "imc")
 
@@ -25,8 +26,8 @@ def measured(controller: str, precision: str, people: int, repeats: int) -> dict
     """Patient-days a second of both kinds of arithmetic, the cost, and the difference of glucose."""
     loops, glucose = {}, {}
     for kind in ("fused", "portable"):
-        keys = {"people": 1, "seed": 1, "precision": precision, "controllers": [controller], "arithmetic": kind}
-        prepared = engine.prepare(read_trial(keys))
+        keys = {"people": 1, "seed": 1, "precision": precision, "controller": [controller], "arithmetic": kind}
+        prepared = engine.prepare(configured(Trial, keys))
         [case] = prepared.cases.values()
         drawn, _, _ = engine._drawn(prepared, case, np.arange(people))
         glucose[kind] = case.loop.cohort.run(drawn).glucose_mg_dl  # which also compiles

@@ -26,18 +26,20 @@ from closed_loop import MEALS
 from glucoloop._pytree import pytree
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.blocks import block_size
-from glucoloop.config.trial import read_trial
+from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import CohortRun, People
+from glucoloop.situations.situation import configured
 
+NOISE = ["white-noise, variance=1.45"]
 CASES = ("basal", "mpc", "mpc-se", "nlqdmc-se")
 SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plain": (CASES, {}),
-    "noise": (("mpc",), {"noise_variance": 1.45}),
+    "noise": (("mpc",), {"sensor": NOISE}),
     "own meals": (("mpc",), {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}),
-    "under the skin": (("mpc",), {"patient": "hovorka-2004", "noise_variance": 1.45}),
+    "under the skin": (("mpc",), {"patient": "hovorka-2004", "sensor": NOISE}),
 }
 COMPARED = ("undershoot", "peak", "mean")
 KEYS = {"people": 1000, "seed": 1, "meals": [f"{grams:g}g@{minutes:g}min" for grams, minutes in MEALS]}
@@ -47,8 +49,7 @@ KEYS = {"people": 1000, "seed": 1, "meals": [f"{grams:g}g@{minutes:g}min" for gr
 def trial(situation: str, precision: str) -> engine.PreparedTrial:
     """A trial made ready: designed and compiled."""
     cases, keys = SITUATIONS[situation]
-    tables = [{"label": name, "controller": name} for name in cases]
-    return engine.prepare(read_trial({**KEYS, **keys, "precision": precision}, tables))
+    return engine.prepare(configured(Trial, {**KEYS, **keys}, precision=precision, controller=list(cases)))
 
 
 def about(situation: str, precision: str, case: str) -> dict[str, Any]:

@@ -18,16 +18,21 @@ import numpy as np
 from closed_loop import MEALS
 
 from glucoloop.cohorts import engine
-from glucoloop.config.trial import read_trial
+from glucoloop.cohorts.trial import Trial
+from glucoloop.situations.situation import configured
 
 PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010")
-KEYS = {"seed": 1, "noise_variance": 1.45, "meals": [f"{grams:g}g@{minutes:g}min" for grams, minutes in MEALS]}
+KEYS = {
+    "seed": 1,
+    "sensor": ["white-noise, variance=1.45"],
+    "meals": [f"{grams:g}g@{minutes:g}min" for grams, minutes in MEALS],
+}
 
 
 def measured(patients: list[str], precision: str, people: int, repeats: int) -> list[dict[str, Any]]:
     """Patient-days a second of each patient, and how many times as fast it is as the first."""
-    keys = {**KEYS, "people": people, "precision": precision, "controllers": ["mpc"]}
-    trials = {name: engine.prepare(read_trial({**keys, "patient": name})) for name in patients}
+    keys = {**KEYS, "people": people, "precision": precision, "controller": ["mpc"]}
+    trials = {name: engine.prepare(configured(Trial, {**keys, "patient": name})) for name in patients}
     taken: dict[str, list[float]] = {name: [] for name in patients}
     for turn in range(repeats + 1):
         for name, prepared in trials.items():

@@ -8,7 +8,6 @@ Times are of the processor, so that what else runs on the machine disturbs less;
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from typing import Any
 
@@ -16,18 +15,16 @@ import numpy as np
 from pairs import answer
 
 from glucoloop.cohorts import engine
-from glucoloop.config.trial import read_trial
-from glucoloop.parts.guard import complete_guard
+from glucoloop.cohorts.trial import Trial
+from glucoloop.situations.situation import configured
 
 CONTROLLERS = ("mpc", "mpc-se", "imc")
 
 
 def pair(controller: str, precision: str) -> engine.PreparedTrial:
     """A controller bare and guarded, in one trial."""
-    base = read_trial({"people": 1, "seed": 1, "precision": precision, "controllers": [controller]})
-    [case] = base.cases
-    guarded = dataclasses.replace(case, label="guarded", guard=complete_guard({}))
-    return engine.prepare(dataclasses.replace(base, cases=(dataclasses.replace(case, label="bare"), guarded)))
+    cases = [f"{controller}, label=bare", f"{controller}, label=guarded, guard=usual"]
+    return engine.prepare(configured(Trial, people=1, seed=1, precision=precision, controller=cases))
 
 
 def measured(controller: str, precision: str, people: int, repeats: int) -> dict[str, Any]:

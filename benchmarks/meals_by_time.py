@@ -17,14 +17,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.estimation.unknown_meal.replay import replay
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario
+from glucoloop.parts.sensors import WhiteNoiseSettings
 from glucoloop.sensors import correlated_noise, white_noise
 from glucoloop.simulation import simulate
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation
 
-EVENING_MIN, NIGHT_MIN, MEAL_MIN = 22 * 60.0, 480.0, 240.0
+EVENING, EVENING_MIN, NIGHT_MIN, MEAL_MIN = "22:00", 22 * 60.0, 480.0, 240.0
 VARIANCE = 1.45
 
 
@@ -34,12 +35,12 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--carbs", type=float, default=50.0, help="g of the meal")
     asked = parser.parse_args()
-    situation = Situation(noise_variance=VARIANCE, start_min=EVENING_MIN)
+    situation = Situation(sensor=(WhiteNoiseSettings(variance=VARIANCE),), start=EVENING)
     case, person = usual_case("meal-mpc", situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     keys = jax.vmap(jax.random.key)(np.arange(asked.runs))
     for prior, by_time in (("all hours", ""), (asked.table, asked.table)):
-        told = dataclasses.replace(case, tuning={**case.tuning, "meals_by_time": by_time})
+        told = dataclasses.replace(case, controller=dataclasses.replace(case.controller, meals_by_time=by_time))
         controller = controller_of(situation, told)
         for noise, sensor in (
             ("white", white_noise(VARIANCE)),

@@ -12,12 +12,13 @@ import dataclasses
 import jax
 import numpy as np
 
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario
+from glucoloop.parts.sensors import WhiteNoiseSettings
 from glucoloop.sensors import lag, white_noise
 from glucoloop.simulation import simulate
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation
 
 VARIANCE = 1.45
 
@@ -28,7 +29,7 @@ def main() -> None:
     parser.add_argument("--lag", type=float, default=10.0, help="minutes")
     parser.add_argument("--runs", type=int, default=30)
     asked = parser.parse_args()
-    situation = Situation(noise_variance=VARIANCE)
+    situation = Situation(sensor=(WhiteNoiseSettings(variance=VARIANCE),))
     case, person = usual_case(asked.controller, situation), situation.nominal
     setpoint = float(person.setpoint_mg_dl)
     scenario = Scenario([Meal(50.0, 60.0)], 600.0)
@@ -39,7 +40,7 @@ def main() -> None:
         ("a lag, untold", 0.0, lag(asked.lag, prompt)),
         ("a lag, told", asked.lag, lag(asked.lag, prompt)),
     ):
-        told = dataclasses.replace(case, tuning={**case.tuning, "sensor_lag_min": known_min})
+        told = dataclasses.replace(case, controller=dataclasses.replace(case.controller, sensor_lag_min=known_min))
         controller = controller_of(situation, told)
 
         def glucose(key, controller=controller, sensor=sensor):

@@ -25,7 +25,6 @@ import jax
 
 from glucoloop.cli.compiled import keep_compiled
 from glucoloop.cli.exported import made_of
-from glucoloop.config.export import read_export
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
@@ -33,6 +32,8 @@ from glucoloop.firmware.emulation import emulated
 from glucoloop.firmware.exported import PRECISIONS
 from glucoloop.firmware.ladder import here, interpreted, native
 from glucoloop.firmware.samples import joined
+from glucoloop.situations.situation import configured
+from glucoloop.studies.exported import Export
 
 FOLDER = Path(__file__).resolve().parent
 RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figures.md"
@@ -64,8 +65,8 @@ class Case:
 
     @functools.cached_property
     def made(self):
-        wanted = {"controller": self.controller, "guard": self.guard, "precision": self.precision}
-        return made_of(read_export(wanted))
+        guard = "usual" if self.guard else None
+        return made_of(configured(Export, controller=[self.controller], guard=guard, precision=self.precision))
 
     def guess(self, chip):
         """Instructions of a step, roughly."""

@@ -8,6 +8,7 @@ that fails stops the script.
 """
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from pathlib import Path
 from made import made
 
 DOCS = Path(__file__).resolve().parent
-PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian:PERSON_1")
+PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian:Person1")
 
 
 def _of_run(found):
@@ -70,9 +71,9 @@ def _of_adversary(found):
 # The command with its arguments, and what is said of its JSON object.
 COMMANDS = {
     "run": ("--controller pid", _of_run),
-    "compare": ("--case pid --case imc", _of_comparison),
+    "compare": ("--controller pid --controller imc", _of_comparison),
     "identify": ("", _of_identification),
-    "tune": ("--controller mpc --move-horizon 1:2 --prediction-horizon 30:40:10", _of_tuning),
+    "tune": ("--controller 'mpc, move_horizon=1:2, prediction_horizon=30:40:10'", _of_tuning),
     "trial": ("--people 8 --controller pid --out OUT", _of_trial),
     "stress": ("--people 2 --controller pid --fault missing --out OUT", _of_stress),
     "verify": ("--loops 8 --controller pid", _of_verification),
@@ -88,7 +89,8 @@ COMMANDS = {
 
 def carried_out(command, arguments, patient, folder):
     """The JSON object that a command prints; ends the script with what it said if it fails."""
-    words = [command, "--patient", patient, *arguments.replace("OUT", str(folder / f"{command}-out")).split(), "--json"]
+    given = shlex.split(arguments.replace("OUT", str(folder / f"{command}-out")))
+    words = [command, "--patient", patient, *given, "--json"]
     done = subprocess.run(["glucoloop", *words], cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         sys.exit(f"glucoloop {' '.join(words)} ended with {done.returncode}:\n{done.stderr}")

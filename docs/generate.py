@@ -15,22 +15,26 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-import typer.main
 
 import glucoloop
 from glucoloop import units
-from glucoloop.cli.app import app
+from glucoloop.cli import app
+from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.lab import pack
 from glucoloop.papers.parker1999.deviations import DEVIATIONS
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.faults import FAULTS, TIMING
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.parts.patients import PATIENTS
+from glucoloop.situations.option import PANELS
+from glucoloop.studies.catalogue import STUDIES
 
-# The everyday interface stands on the page "api"; what the command line is made of is no interface.
-LEFT_OUT = ("cli", "config")
+LEFT_OUT = ("cli",)
+"""What the command line is made of is no interface."""
+SHARED = (*TIMING, "key")
+"""Settings that nearly all faults have, which the page on them describes once."""
 WORDS = {
     "brain_uptake": "r_{BGU}",
     "red_cell_uptake": "r_{RBCU}",
@@ -242,7 +246,11 @@ def faults() -> str:
             f"`{entry.name}`",
             entry.part,
             entry.summary,
-            "; ".join(f"`{s.name}={s.default.text}`: {lowered(s.summary)}" for s in entry.settings().values()),
+            "; ".join(
+                f"`{s.name}={s.default.text}`: {lowered(s.summary)}"
+                for s in entry.settings().values()
+                if s.name not in SHARED
+            ),
         ]
         for entry in FAULTS.values()
     ]
@@ -250,23 +258,20 @@ def faults() -> str:
 
 
 def commands() -> str:
-    program = typer.main.get_command(app)
-    rows = [
-        [f"[`glucoloop {name}`](#glucoloop-{name})", command.help.splitlines()[0]]
-        for name, command in program.commands.items()
-    ]
-    parts = [program.help, "", table(["Command", "What it does"], rows)]
-    for name, command in program.commands.items():
-        parts += [f"## glucoloop {name}", "", help_text(command.help)]
-        arguments = [p for p in command.params if not p.opts or not p.opts[0].startswith("-")]
-        for argument in arguments:
-            parts.append(f"`{argument.metavar or argument.name.upper()}`\n: {getattr(argument, 'help', '')}\n")
-        panels = {}
-        for parameter in command.params:
-            if parameter not in arguments:
-                panels.setdefault(getattr(parameter, "rich_help_panel", None) or "Options", []).append(parameter)
-        for panel, options in panels.items():
-            parts += [f"**{panel}**\n", table(["Option", "Default", "Meaning"], [option_row(one) for one in options])]
+    entries, found = {**app.COMMANDS, **STUDIES}, {name: app.command_of(name) for name in app.names()}
+    rows = [[f"[`glucoloop {name}`](#glucoloop-{name})", entries[name].summary] for name in found]
+    parts = [table(["Command", "What it does"], rows)]
+    for name, command in found.items():
+        parts += [f"## glucoloop {name}", "", help_text(command.intro)]
+        panels: dict[str, list[CommandOption]] = {}
+        for option in command.options:
+            if option.flag.startswith("-"):
+                panels.setdefault(option.panel, []).append(option)
+            else:
+                parts.append(f"`{option.flag}`\n: {option.help}\n")
+        for panel in sorted(panels, key=lambda panel: PANELS.index(panel) if panel in PANELS else -1):
+            rows = [option_row(option) for option in panels[panel]]
+            parts += [f"**{panel}**\n", table(["Option", "Default", "Meaning"], rows)]
     return "\n".join(parts)
 
 
@@ -284,13 +289,9 @@ def help_text(text: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def option_row(option: object) -> list[str]:
-    names = " / ".join([*option.opts, *option.secondary_opts])
-    value = "" if option.is_flag else f" {(option.metavar or '').strip()}".rstrip()
-    shown = option.show_default if isinstance(option.show_default, str) else ""
-    if not shown and option.show_default and option.default not in (None, False):
-        shown = str(option.default)
-    return [code(names + value), shown, option.help or ""]
+def option_row(option: CommandOption) -> list[str]:
+    value = f" [{option.metavar}]" if option.alone else f" {option.metavar}" if option.metavar else ""
+    return [code(option.flag + value), option.default, option.help]
 
 
 def record_columns() -> str:

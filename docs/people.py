@@ -44,7 +44,7 @@ def row(label, found):
 
 def table(summary):
     config = summary["config"]
-    noise = config["noise_variance"]
+    noise = sum(part["variance"] for part in config["sensor"] if part["name"] == "white-noise")
     lines = [
         f"{'With noise of variance ' + format(noise, 'g') if noise else 'Without noise'}, "
         f"{summary['able']} people of `{config['population']}`, seed {config['seed']}:",

@@ -9,7 +9,6 @@ It rewrites ``guide/stress_figures.md``: the faults from the folders, and what t
 trials that it carries out.
 """
 
-import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -18,9 +17,9 @@ import numpy as np
 from made import made
 
 from glucoloop.cohorts import engine
-from glucoloop.config.trial import read_trial
-from glucoloop.parts.guard import complete_guard
+from glucoloop.cohorts.trial import Trial
 from glucoloop.report.fault_words import short_names
+from glucoloop.situations.situation import configured
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}
 PEOPLE, SEED = {"imc": 1000, "mpc": 1000, "mpc-se": 1000, "nlqdmc-se": 100, "meal-mpc": 100}, 0
@@ -53,14 +52,11 @@ def faults(summaries):
 
 def day(name, noise):
     """A day with three meals and no fault under a controller, without the guard and with it."""
-    base = read_trial({"people": PEOPLE[name], "seed": SEED, "noise_variance": noise, "controllers": [name]})
-    cases = [
-        dataclasses.replace(case, label=f"{case.label} {guard is not None}", guard=guard)
-        for case in base.cases
-        for guard in (None, complete_guard({}))
-    ]
-    prepared = engine.prepare(dataclasses.replace(base, cases=tuple(cases)))
-    found = [engine.run_people(prepared, case.label, np.arange(PEOPLE[name])).metrics for case in cases]
+    cases = [f"{name}, label=bare", f"{name}, label=guarded, guard=usual"]
+    sensor = [f"white-noise, variance={noise}"] if noise else []
+    trial = configured(Trial, people=PEOPLE[name], seed=SEED, sensor=sensor, controller=cases)
+    prepared = engine.prepare(trial)
+    found = [engine.run_people(prepared, case.label, np.arange(PEOPLE[name])).metrics for case in trial.cases]
 
     def pair(what, text):
         return " → ".join(format(what(metrics), text) for metrics in found)
@@ -71,7 +67,7 @@ def day(name, noise):
         pair(lambda m: m["mean_mg_dl"].mean(), ".1f"),
         pair(lambda m: m["time_below_70_pct"].mean(), ".2f"),
         pair(lambda m: m["minimum_mg_dl"].min(), ".1f"),
-        f"{100.0 * found[1]['samples_dose_limited'].mean() / base.samples:.0f}",
+        f"{100.0 * found[1]['samples_dose_limited'].mean() / trial.samples:.0f}",
     ]
     return f"| {NAMES[name]}, {PEOPLE[name]} | {noise:g} | {' | '.join(columns)} |"
 

@@ -13,7 +13,9 @@ from pathlib import Path
 from made import made
 
 from glucoloop.report import _style
-from glucoloop.studies.adversary.study import read, search
+from glucoloop.situations.situation import configured
+from glucoloop.studies.adversary import Adversary
+from glucoloop.studies.adversary.study import search
 
 GUIDE = Path(__file__).resolve().parent / "guide"
 NAMES = {"mpc": "MPC", "mpc-se": "MPC/SE"}
@@ -30,17 +32,17 @@ TARGETS = (
 )
 RULES = {
     "All rules": {},
-    "Insulin on board without a target that rests on the reading": {"guard_fall_mg_dl": NO_TARGET},
-    "A held reading allows as much as any other": {"guard_held_min": 10_000.0},
-    "Both of these left out": {"guard_fall_mg_dl": NO_TARGET, "guard_held_min": 10_000.0},
-    "No suspension": {"guard_low_mg_dl": 0.0, "guard_ahead_min": 0.0, "guard_hysteresis_mg_dl": 0.0},
-    "A jump of the reading is not put down to the sensor": {"guard_doubt_tau_min": 0.01},
-    "A rise of any speed is believed": {"guard_fastest_mg_dl_min": 1000.0},
+    "Insulin on board without a target that rests on the reading": {"fall_mg_dl": NO_TARGET},
+    "A held reading allows as much as any other": {"held_min": 10_000.0},
+    "Both of these left out": {"fall_mg_dl": NO_TARGET, "held_min": 10_000.0},
+    "No suspension": {"low_mg_dl": 0.0, "ahead_min": 0.0, "hysteresis_mg_dl": 0.0},
+    "A jump of the reading is not put down to the sensor": {"doubt_tau_min": 0.01},
+    "A rise of any speed is believed": {"fastest_mg_dl_min": 1000.0},
 }
 
 
 def target(fall, error):
-    return {"guard_fall_mg_dl": fall, "guard_error_mg_dl": error}
+    return {"fall_mg_dl": fall, "error_mg_dl": error}
 
 
 class Searches:
@@ -56,7 +58,7 @@ class Searches:
         name = json.dumps([controller, settings], sort_keys=True)
         if name not in self._found:
             print(name, flush=True)
-            searched = search(read({**SEARCH, **settings, "controllers": [controller]}))
+            searched = search(configured(Adversary, SEARCH, guard=settings, controller=[controller]))
             found = searched.found(list(searched.missing([])))
             self._found[name] = {
                 f"{row['error_pct']:g}": {

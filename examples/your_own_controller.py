@@ -4,7 +4,7 @@ A controller is a pure function of its state and of what it observes. The two li
 through the loop as a constant. `simulate` takes it as it is; its part makes it known to every command.
 
     python examples/your_own_controller.py
-    glucoloop run --controller your_own_controller:YourOwnPI --setting integral_min=200
+    glucoloop run --controller 'your_own_controller:YourOwnPI, integral_min=200'
 """
 
 from dataclasses import dataclass

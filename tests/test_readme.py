@@ -6,15 +6,28 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import typer.main
 
-from glucoloop.cli.app import app
+from glucoloop.cli import app
+from glucoloop.cli.request import request_of
+from glucoloop.cli.run import Comparison
+from glucoloop.cohorts.trial import Trial
+from glucoloop.parts.code import loaded
+from glucoloop.refusal import Refusal
+from glucoloop.situations.request import read_root
+from glucoloop.situations.run import Run
+from glucoloop.studies.catalogue import STUDIES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 # Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
 PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
+ROOTS = {
+    **{name: loaded(entry.place).request for name, entry in STUDIES.items()},
+    "run": Run,
+    "compare": Comparison,
+    "trial": Trial,
+}
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
@@ -47,25 +60,29 @@ def test_a_block_after_an_included_one_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("line", written())
-def test_a_command_that_is_written_exists_with_its_options(line):
-    program = typer.main.get_command(app)
+def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples")
     _, *words = shlex.split(line)
     if not words or words[0].startswith("-"):
         return
-    assert words[0] in program.commands, f"no such command; the known ones are: {', '.join(program.commands)}"
-    command = program.commands[words[0]]
+    command = app.command_of(words[0])  # raises for one that does not exist
     arguments = [word for word in words[1:] if word not in ("DIR", "--help")]
-    if arguments:
-        command.make_context(words[0], arguments)  # raises for an option that does not exist
+    if not arguments:
+        return
+    given = command.parser().given(arguments)  # raises for an option that does not exist
+    if words[0] in ROOTS and "config" not in given:
+        try:
+            read_root(ROOTS[words[0]], request_of(given, command.options).tree)
+        except Refusal as error:
+            if not any(f"{error}." in page.read_text(encoding="utf-8") for page in PAGES):
+                raise
 
 
 def options():
     """Options of the commands, and those that a script of the repository names."""
-    program = typer.main.get_command(app)
-    found = {"--help"}
-    for command in [program, *program.commands.values()]:
-        for of in [command, *getattr(command, "commands", {}).values()]:
-            found |= {name for option in of.params for name in [*option.opts, *option.secondary_opts]}
+    found = {"--help", "--version"}
+    for name in app.names():
+        found |= {option.flag for option in app.command_of(name).options}
     for script in [*ROOT.glob("*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
         found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
     return found

@@ -79,4 +79,4 @@ def _lines(found: HilOutcome) -> Iterator[str]:
     yield f"Speed: {on_chip.samples_per_s:.3g} samples/s."
 
 
-HIL: Final = Command("hil", HELP, OPTIONS, _hil, more="run")
+HIL: Final = Command("hil", HELP, OPTIONS, _hil, more="hil")

@@ -362,8 +362,8 @@ class MadePart(Part):
 
     @classmethod
     def takes(cls, name: str) -> bool:
-        """Whether the function has a parameter of a name."""
-        return name in inspect.signature(loaded(cls.make)).parameters
+        """Whether the function has a parameter of a name, or `made` of a class that overrides it."""
+        return name in inspect.signature(loaded(cls.make) if cls.make else cls.made).parameters
 
     def made_of(self, settings: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
         """Object that the function makes of these settings, and of what it takes of the rest."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors.ideal import IdealSensor
 from glucoloop.sensors.protocol import Reading, Sensor
 
-LONGEST_DEAD_TIME_SAMPLES = 288  # a day of 5-min samples
+LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
 
 
 @pytree

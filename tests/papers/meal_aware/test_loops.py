@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-from glucoloop.cohorts import engine
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial
+
+from glucoloop.cohorts import engine
 from glucoloop.papers.meal_aware.loops import bound_of, close_loops
 from glucoloop.papers.meal_aware.measures import numbers_by_minute
 from glucoloop.papers.meal_aware.situations import MISMATCHES, SITUATIONS, Extent

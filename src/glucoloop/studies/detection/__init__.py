@@ -147,11 +147,6 @@ class Detection(Trial):
 
         return sample_grid(self.trial.plan.horizon_min, self.sample_time_min)
 
-    def case_of(self, estimator: str) -> Case:
-        """The case under whose doses an estimator is tried."""
-        cases = self.trial.cases
-        return next((case for case in cases if case.label == estimator), cases[0])
-
 
 DETECT: Final = PlainStudy(
     name="detect",
