@@ -22,6 +22,7 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
 from glucoloop.parts.setting import AMONG_SETTINGS, Default, Setting, described, known_names, usual, with_article
+from glucoloop.plausible import Quantity
 from glucoloop.refusal import Refusal
 
 _PLAIN: Final = (int, float, str, bool, type(None))
@@ -49,6 +50,8 @@ class Part:
     """Reserved names that settings of this class may have all the same."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
+    numbers: ClassVar[Quantity | None] = None
+    """Quantity of the numbers that have none of their own, beyond which they are asked about."""
 
     if typing.TYPE_CHECKING:
 
@@ -308,7 +311,7 @@ def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: st
             setting, called = setting.renamed(at), ""
         values[key] = setting.check(value, called)
         if ask:
-            setting.ask(values[key], f"{called}: {setting.name}" if called else setting.name)
+            setting.ask(values[key], f"{called}: {setting.name}" if called else setting.name, part.numbers)
     return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
 
 
