@@ -26,7 +26,7 @@ class ControllerPart(Part):
     """
 
     kind: ClassVar = "controller"
-    numbers: ClassVar = ANY_SETTING
+    any_number: ClassVar = ANY_SETTING
     design: ClassVar[str] = ""
     """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
     the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""

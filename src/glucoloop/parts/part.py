@@ -48,10 +48,10 @@ class Part:
     summary: ClassVar[str] = ""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
+    any_number: ClassVar[Quantity | None] = None
+    """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
-    numbers: ClassVar[Quantity | None] = None
-    """Quantity of the numbers that have none of their own, beyond which they are asked about."""
 
     if typing.TYPE_CHECKING:
 
@@ -311,7 +311,8 @@ def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: st
             setting, called = setting.renamed(at), ""
         values[key] = setting.check(value, called)
         if ask:
-            setting.ask(values[key], f"{called}: {setting.name}" if called else setting.name, part.numbers)
+            told = f"{called}: {setting.name}" if called else setting.name
+            setting.ask(values[key], told, part.any_number)
     return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
 
 

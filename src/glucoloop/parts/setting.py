@@ -252,7 +252,7 @@ class Setting:
         return float(value) if self.kind is float and isinstance(value, int | float) else value
 
     def ask(self, value: object, called: str | None = None, otherwise: Quantity | None = None) -> None:
-        """Ask about a value that is possible and implausible; `otherwise` is the quantity of one that has none.
+        """Ask about a value that is possible and implausible; `otherwise` is the quantity of a number that has none.
 
         Raises
         ------

@@ -66,7 +66,7 @@ class Study:
     request: type[Part]
     """What it asks for: its own settings, and those of the run or the trial that it extends."""
     words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"

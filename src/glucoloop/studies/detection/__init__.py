@@ -18,8 +18,6 @@ from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from glucoloop.meals.plan import MealPlan
     from glucoloop.simulation.plant import SampleGrid
 
@@ -111,11 +109,6 @@ class Detection(Trial):
         own = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
         asked = own if self.estimates_by is None else self.estimates_by
         return asked.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
-
-    @property
-    def settings_of_estimators(self) -> Mapping[str, Any]:
-        """All settings of every estimator."""
-        return {name: getattr(self.estimating, name) for name in ESTIMATING.estimator_settings}
 
     @functools.cached_property
     def trial(self) -> Trial:
