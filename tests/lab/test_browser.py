@@ -11,9 +11,9 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop import __version__
 from glucoloop.lab.pack import page
-from glucoloop.report._page import Repeat, situation
-from glucoloop.report._page import page as page_of
-from glucoloop.report._plot import GLUCOSE, Panel, plot
+from glucoloop.report import Repeat
+from glucoloop.report.charts import GLUCOSE, Panel, Plot, TimeAxis
+from glucoloop.report.template import render
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import toml_text
@@ -22,16 +22,19 @@ pytestmark = [pytest.mark.long, needs_browser]
 COLUMNS = {"t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"}
 
 
-def trial_page():
+def trial_page(folder):
     """A page with the percentiles of people, as that of a trial has them."""
     t = np.arange(0.0, 300.0, 5.0)
-    panel = Panel(GLUCOSE, 60.0, 200.0, 10.0, "Glucose")
+    panel = Panel(GLUCOSE, TimeAxis(300.0), 60.0, 200.0, 10.0, "Glucose")
     for low, high, name in ((-20.0, 30.0, "90 % of the people"), (-10.0, 12.0, "50 % of the people")):
-        panel.band(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, f'class="band" data-name="{name}"')
-    panel.line(t, 100.0 + t / 20.0, 'data-name="median"')
+        panel.band(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, "band", name)
+    panel.line(t, 100.0 + t / 20.0, "", name="median")
     keys = {"population": "parker2000", "people": 9, "days": 1, "meals": ["40g@60min"], "controller": [{"name": "imc"}]}
-    told = situation({}, Repeat("trial --config trial.toml", keys))
-    return page_of("Trial", plot([panel], 300.0, name="imc") + told)
+    template = folder / "page.html"
+    body = "{% block body %}{{ charts.plot(plot) }}{% endblock %}"
+    template.write_text('{% extends "base.html" %}{% import "charts.html" as charts %}' + body)
+    repeat = Repeat("trial --config trial.toml", keys)
+    return render(template, "Trial", repeat=repeat, plot=Plot("imc", [panel]))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +54,7 @@ def shown(in_node, tmp_path_factory):
         "run.toml": toml_text(
             configured(Run, controller="imc", meals=["30g@20min"]).tree(whole=True), "run --config run.toml"
         ),
-        "report.html": trial_page(),
+        "report.html": trial_page(tmp_path_factory.mktemp("template")),
     }
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
