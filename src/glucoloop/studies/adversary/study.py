@@ -86,12 +86,12 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
         )
         for error in sorted(asked.errors_pct)
     ]
-    for case in asked.bare_cases:
+    for case in asked.cases:
         usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
         settings = dataclasses.replace(asked, generations=asked.generations or usual)
         for guarded in WITH_GUARD[asked.guards]:
-            tried = dataclasses.replace(case, guard=asked.limits_of_guard if guarded else None)
-            yield [ErrorSearch(asked.with_cases((tried,)), space, settings) for space in spaces]
+            tried = asked.with_cases((asked.with_guard(case, guarded),))
+            yield [ErrorSearch(tried, space, settings) for space in spaces]
 
 
 def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
