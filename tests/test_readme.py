@@ -6,9 +6,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import typer.main
 
-from glucoloop.cli.app import app
+from glucoloop.cli.app import command_of, names
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -48,24 +47,20 @@ def test_a_block_after_an_included_one_is_read(tmp_path):
 
 @pytest.mark.parametrize("line", written())
 def test_a_command_that_is_written_exists_with_its_options(line):
-    program = typer.main.get_command(app)
     _, *words = shlex.split(line)
     if not words or words[0].startswith("-"):
         return
-    assert words[0] in program.commands, f"no such command; the known ones are: {', '.join(program.commands)}"
-    command = program.commands[words[0]]
+    command = command_of(words[0])  # raises for one that does not exist, as `given` for an option
     arguments = [word for word in words[1:] if word not in ("DIR", "--help")]
     if arguments:
-        command.make_context(words[0], arguments)  # raises for an option that does not exist
+        command.parser().given(arguments)
 
 
 def options():
     """Options of the commands, and those that a script of the repository names."""
-    program = typer.main.get_command(app)
-    found = {"--help"}
-    for command in [program, *program.commands.values()]:
-        for of in [command, *getattr(command, "commands", {}).values()]:
-            found |= {name for option in of.params for name in [*option.opts, *option.secondary_opts]}
+    found = {"--help", "--version"}
+    for name in names():
+        found |= {option.flag for option in command_of(name).options}
     for script in [*ROOT.glob("*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
         found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
     return found

@@ -17,14 +17,14 @@ from glucoloop.control import (
 )
 from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.parker1999 import PARKER_1999
-from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
 from glucoloop.tuning.paper import paper_tuning_surface, printed_tuning
