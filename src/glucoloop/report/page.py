@@ -120,7 +120,7 @@ def interactive_page(
 
 
 def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = ", ") -> str:
-    """What is shown of a run, with the label of the run where there are several."""
+    """Name of a line, with the label of the run where there are several."""
     return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 

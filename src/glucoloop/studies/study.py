@@ -64,7 +64,7 @@ class Study:
     module: str
     """Module that does the work, imported when it runs."""
     request: type[Part]
-    """What it asks for: its own settings, and those of the run or the trial that it extends."""
+    """Class of its requests: its own settings, and those of the run or the trial that it extends."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
