@@ -138,10 +138,10 @@ async function inBrowser(file) {
   const address = pathToFileURL(file).href;
   tell("Chromium: first picture, ms", await opened(browser, address, 1), 400);
   tell("Chromium: first picture, six times slower, ms", await opened(browser, address, 6), 2000);
-  for (const [hash, slider] of [["controller=pid", "tuning-closed_loop_min"], ["controller=mpc&noise_variance=1.45&guard=true", "tuning-move_weight"], ["controller=mpc-se&noise_variance=1.45", "tuning-measurement_variance"]]) {
+  for (const [hash, slider] of [["controller=pid", "tuning-closed_loop_min"], ["controller=mpc&sensor=white-noise,+variance=1.45&guard=usual", "tuning-move_weight"], ["controller=mpc-se&sensor=white-noise,+variance=1.45", "tuning-measurement_variance"]]) {
     tell(`Chromium: ${slider.slice(7)} moved and drawn, ms`, await moved(browser, `${address}#${hash}`, slider), 2);
   }
-  const day = "#controller=mpc&noise_variance=1.45&duration_min=1440&meals=45g%40420min+70g%40720min";
+  const day = "#controller=mpc&sensor=white-noise,+variance=1.45&duration_min=1440&meals=45g@420min&meals=70g@720min";
   for (const [count, target] of [[1000, 500], [10_000, 4000]]) {
     const [first, ...others] = await tried(browser, address + day, count);
     tell(`Chromium: ${count} people for a day, at first, ms`, [first], target);

@@ -227,7 +227,7 @@ COMMANDS: dict[str, Command] = {
     "trial-shared-settings": Command(
         "trial --people 20 --controller mpc --controller imc --move-weight 2 --guard --guard-max-on-board 1 "
         f"--duration 300 --meal 50g@50min --first-person 7 {_FAULTS}",
-        "trial --people 20 --controller 'mpc, move_weight=2' --controller imc --guard max_on_board=1 "
+        "trial --people 20 --controller 'mpc, move_weight=2, label=mpc' --controller imc --guard max_on_board=1 "
         f"--duration 300 --meal 50g@50min --first-person 7 {_FAULTS}",
     ),
     "trial-individual": Command("trial --people 4 --design individual --duration 300 --meal 50g@50min --noise 1.45"),

@@ -25,7 +25,7 @@ from glucoloop.lab import pack
 from glucoloop.papers.parker1999.deviations import DEVIATIONS
 from glucoloop.papers.parker1999.published import published
 from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.faults import FAULTS, TIMING
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.parts.patients import PATIENTS
 from glucoloop.situations.option import PANELS
@@ -33,6 +33,8 @@ from glucoloop.studies.catalogue import STUDIES
 
 LEFT_OUT = ("cli",)
 """What the command line is made of is no interface."""
+SHARED = (*TIMING, "key")
+"""Settings that nearly all faults have, which the page on them describes once."""
 WORDS = {
     "brain_uptake": "r_{BGU}",
     "red_cell_uptake": "r_{RBCU}",
@@ -244,7 +246,11 @@ def faults() -> str:
             f"`{entry.name}`",
             entry.part,
             entry.summary,
-            "; ".join(f"`{s.name}={s.default.text}`: {lowered(s.summary)}" for s in entry.settings().values()),
+            "; ".join(
+                f"`{s.name}={s.default.text}`: {lowered(s.summary)}"
+                for s in entry.settings().values()
+                if s.name not in SHARED
+            ),
         ]
         for entry in FAULTS.values()
     ]

@@ -151,7 +151,7 @@ MODEL = PatientModel(
 )
 
 
-class Person1(PatientPart, name="person-1"):
+class Person1(PatientPart, name="kanderian:Person1"):  # a name that is found wherever the module is
     """Person 1 of Kanderian et al. (2009), insulin under the skin."""
 
     model = "kanderian:MODEL"

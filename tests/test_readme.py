@@ -7,13 +7,27 @@ from pathlib import Path
 
 import pytest
 
-from glucoloop.cli.app import command_of, names
+from glucoloop.cli import app
+from glucoloop.cli.request import request_of
+from glucoloop.cli.run import Comparison
+from glucoloop.cohorts.trial import Trial
+from glucoloop.parts.code import loaded
+from glucoloop.refusal import Refusal
+from glucoloop.situations.request import read_root
+from glucoloop.situations.run import Run
+from glucoloop.studies.catalogue import STUDIES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 # Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
 PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
+ROOTS = {
+    **{name: loaded(entry.place).request for name, entry in STUDIES.items()},
+    "run": Run,
+    "compare": Comparison,
+    "trial": Trial,
+}
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
@@ -46,21 +60,29 @@ def test_a_block_after_an_included_one_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("line", written())
-def test_a_command_that_is_written_exists_with_its_options(line):
+def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples")
     _, *words = shlex.split(line)
     if not words or words[0].startswith("-"):
         return
-    command = command_of(words[0])  # raises for one that does not exist, as `given` for an option
+    command = app.command_of(words[0])  # raises for one that does not exist
     arguments = [word for word in words[1:] if word not in ("DIR", "--help")]
-    if arguments:
-        command.parser().given(arguments)
+    if not arguments:
+        return
+    given = command.parser().given(arguments)  # raises for an option that does not exist
+    if words[0] in ROOTS and "config" not in given:
+        try:
+            read_root(ROOTS[words[0]], request_of(given, command.options).tree)
+        except Refusal as error:
+            if not any(f"{error}." in page.read_text(encoding="utf-8") for page in PAGES):
+                raise
 
 
 def options():
     """Options of the commands, and those that a script of the repository names."""
     found = {"--help", "--version"}
-    for name in names():
-        found |= {option.flag for option in command_of(name).options}
+    for name in app.names():
+        found |= {option.flag for option in app.command_of(name).options}
     for script in [*ROOT.glob("*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
         found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
     return found

@@ -12,7 +12,6 @@ import functools
 import hashlib
 import importlib.abc
 import importlib.machinery
-import importlib.metadata
 import importlib.util
 import json
 import os
@@ -110,6 +109,8 @@ def difference(there: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, 
 
 @functools.cache
 def _versions() -> Mapping[str, str]:
+    import importlib.metadata  # slow, and needed for results only
+
     return {name: importlib.metadata.version(name) for name in LIBRARIES}
 
 

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import polars as pl
 import pytest
+from glucoloop.config.trial import trial_keys
 
 from glucoloop.cli.request import file_keys, with_lists
-from glucoloop.situations.toml import toml_text
-from glucoloop.config.trial import trial_keys
 from glucoloop.control.catalogue import controller_entry, controller_names
 from glucoloop.parts.code import found
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
+from glucoloop.situations.toml import toml_text
 from requests_read import request_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.situations.situation import Situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.parts.faults import FAULTS
+from glucoloop.situations.situation import Situation
 
 NAME = "your_own_fault:CoarseReadings"
 

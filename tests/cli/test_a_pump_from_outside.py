@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import overlay, read_run
 from glucoloop.config.trial import read_trial, trial_keys
+
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import Situation
 from glucoloop.experiments.surroundings import pump_of
 from glucoloop.parts.pumps import LIMITS, PUMPS, PumpPart
 from glucoloop.pumps.protocol import gives_bolus
+from glucoloop.situations.situation import Situation
 
 NAME = "your_own_pump:TubePump"
 

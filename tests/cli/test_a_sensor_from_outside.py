@@ -4,15 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from glucoloop.cohorts.engine import prepare
 from glucoloop.config.cases import CASES_KEY
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
-from glucoloop.situations.situation import Situation
+
+from glucoloop.cohorts.engine import prepare
 from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors.protocol import site_of
+from glucoloop.situations.situation import Situation
 
 NAME = "your_own_sensor:LateSteps"
 

@@ -13,10 +13,10 @@ from your_own_controller import YourOwnPI as x
 """
 KINDS = {
     "run": "controller = 'evil:x'",
-    "compare": "[[case]]\nlabel = 'a'\ncontroller = 'evil:x'\n[[case]]\nlabel = 'b'\ncontroller = 'basal'",
-    "trial": "controllers = ['evil:x']",
+    "compare": "[[controller]]\nname = 'evil:x'\n[[controller]]\nname = 'basal'",
+    "trial": "controller = ['evil:x']",
     "stress": "faults = ['evil:x, start_min=5']",
-    "adversary": "controllers = ['evil:x']",
+    "adversary": "controller = ['evil:x']",
     "robust": "beside = ['evil:x']",
     "detect": "controller = 'evil:x'",
     "tune": "controller = 'evil:x'",
@@ -55,9 +55,9 @@ def test_what_the_folder_of_an_exported_controller_names_is_not_imported(evil, r
     assert not evil.exists()
 
 
-@pytest.mark.parametrize("given", [("--allow-code",), ("--controller", "evil:x")])
+@pytest.mark.parametrize("given", [("--allow-code",), ("--controller", "evil:x, integral_min=-1")])
 def test_it_is_imported_where_the_user_says_so(evil, refused, tmp_path, given):
-    (tmp_path / "asked.toml").write_text("controller = 'evil:x'\nintegral_min = -1")
+    (tmp_path / "asked.toml").write_text("controller = 'evil:x, integral_min=-1'")
     assert "integral_min is -1 min; give a finite number above 0 min" in refused(
         "run", "--config", "asked.toml", *given
     )
@@ -65,7 +65,7 @@ def test_it_is_imported_where_the_user_says_so(evil, refused, tmp_path, given):
 
 
 def test_an_entry_point_is_known_in_a_file_too(evil, refused, tmp_path):
-    (tmp_path / "asked.toml").write_text("controller = 'your-own-pi'\nintegral_min = -1")
+    (tmp_path / "asked.toml").write_text("controller = 'your-own-pi, integral_min=-1'")
     assert "integral_min is -1 min; give a finite number above 0 min" in refused("run", "--config", "asked.toml")
 
 

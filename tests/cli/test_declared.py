@@ -11,11 +11,11 @@ from typing import Annotated
 import polars as pl
 import pytest
 import typer
+from glucoloop.config.checked import checked
+from glucoloop.config.key import Key, plain
 
 from glucoloop.cli import app
 from glucoloop.cli.declared import command_of, study_options
-from glucoloop.config.checked import checked
-from glucoloop.config.key import Key, plain
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows

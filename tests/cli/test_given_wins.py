@@ -2,122 +2,103 @@
 
 import pytest
 
-from glucoloop.cli.app import app
-from glucoloop.config.identification import identification_keys
-from glucoloop.config.trial import trial_keys
-from requests_read import request_of
+from requests_read import asked
+
+COMMANDS = ("run", "compare", "trial")
+FILE = """
+sensor = ["white-noise, variance=1", {name = "dead-time", minutes = 5}]
+meals = ["50g@50min", "20g@90min"]
+guard = {max_hour = 2, low_mg_dl = 60}
+[pump]
+max_insulin_mU_min = 50
+"""
+TWO = '[[controller]]\nname = "mpc"\nlabel = "a"\nmove_weight = 1\n[[controller]]\nname = "pid"\nlabel = "b"\n'
+ONE = '[controller]\nname = "mpc-se"\nmove_weight = 1\n'
 
 
-def own_keys(read):
-    return read.keys()
+@pytest.fixture
+def read(tmp_path):
+    """What a command is asked for with a file and options."""
+
+    def with_file(command, *arguments, of_file=FILE, cases=""):
+        (tmp_path / "a.toml").write_text(of_file + (cases or (TWO if command == "compare" else "")), encoding="utf-8")
+        return asked(command, "--config", tmp_path / "a.toml", *arguments)
+
+    return with_file
 
 
-MANY = ("compare", "trial", "stress", "adversary")
-KEYS_OF = {
-    "run": own_keys,
-    "compare": own_keys,
-    "bound": own_keys,
-    "tune": own_keys,
-    "robust": own_keys,
-    "trial": trial_keys,
-    "stress": own_keys,
-    "adversary": own_keys,
-    "detect": own_keys,
-    "identify": identification_keys,
-    "export": own_keys,
-    "hil": own_keys,
-}
-LATE = {"noise_variance": 1.0, "dead_time_min": 5.0}
-CASES = {"case": [{"label": "a", "controller": "mpc", "move_weight": 1.0}, {"label": "b", "controller": "pid"}]}
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_is_given_wins_and_the_rest_of_the_file_stands(read, command):
+    found = read(command, "--noise", 2, "--meal", "30g@1h", "--pump", "max_bolus_U=3", "--guard", "low_mg_dl=70")
+    assert (found.noise_variance, found.dead_time_min) == (2.0, 5.0)
+    assert [part.name for part in found.sensor] == ["white-noise", "dead-time"]
+    assert found.meals == ("30g@60min",)
+    assert (found.pump.max_insulin_mU_min, found.pump.max_bolus_U) == (50.0, 3.0)
+    assert (found.cases[0].guard.max_hour, found.cases[0].guard.low_mg_dl) == (2.0, 70.0)
 
 
-def read(command, given, of_file):
-    """The configuration of a command, from its options and the keys of its file."""
-    given, of_file = dict(given), {key: list(of) if isinstance(of, list) else of for key, of in of_file.items()}
-    return KEYS_OF[command](request_of(command, given, of_file))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_part_that_is_named_again_or_none_takes_the_place_of_that_of_the_file(read, command):
+    found = read(command, "--sensor", "lag", "--pump", "limited", "--guard", "usual, max_hour=3", "--meal", "none")
+    assert [part.name for part in found.sensor] == ["lag"]
+    assert found.pump.max_insulin_mU_min == 66.9
+    assert (found.cases[0].guard.max_hour, found.cases[0].guard.low_mg_dl) == (3.0, 65.0)
+    assert found.meals == ()
+    assert read(command, "--sensor", "none", "--guard", "none").sensor == ()
+    assert read(command, "--guard", "none").cases[0].guard is None
 
 
-def cases_of(found):
-    return {case["label"]: case for case in found["case"]}
+def test_noise_is_put_inside_a_dead_time_and_either_outside_the_rest(read):
+    def chain(*arguments, of_file):
+        return [part.name for part in read("run", *arguments, of_file=of_file).sensor]
+
+    assert chain("--noise", 1, "--dead-time", 5, of_file="seed = 1\n") == ["white-noise", "dead-time"]
+    late = ("--dead-time", 5, "--sensor", "lag", "--noise", 1)
+    assert chain(*late, of_file="seed = 1\n") == ["lag", "white-noise", "dead-time"]
+    assert chain("--noise", 1, of_file='sensor = ["lag", "dead-time"]\n') == ["lag", "white-noise", "dead-time"]
 
 
-def test_every_command_with_a_file_is_here():
-    commands = {command.name: command.callback.__signature__.parameters for command in app.registered_commands
-                if hasattr(command.callback, "__signature__")}  # fmt: skip
-    assert {name for name, parameters in commands.items() if "config" in parameters} == KEYS_OF.keys()
+def test_settings_without_a_name_change_the_controller_of_the_file(read):
+    found = read("run", "--controller", "prediction_horizon=20", cases=ONE).case.controller
+    assert (found.name, found.move_weight, found.prediction_horizon) == ("mpc-se", 1.0, 20)
+    found = read("run", "--controller", "mpc, prediction_horizon=20", cases=ONE).case.controller
+    assert (found.name, found.move_weight, found.prediction_horizon) == ("mpc", 1.0, 20)  # the usual one with noise
+    found = read("run", "--set", "controller.move_weight=3", cases=ONE).case.controller
+    assert (found.name, found.move_weight) == ("mpc-se", 3.0)
 
 
-@pytest.mark.parametrize("command", KEYS_OF)
-def test_number_given_wins_and_the_rest_of_the_file_stands(command):
-    more = CASES if command in ("compare", "trial", "stress", "adversary") else {}
-    found = read(command, {"noise_variance": 2.0}, {**LATE, **more})
-    assert found["noise_variance"] == 2.0
-    assert found["dead_time_min"] == 5.0
+@pytest.mark.parametrize("command", ["compare", "trial"])
+def test_controllers_given_take_the_place_of_those_of_the_file(read, command):
+    found = read(command, "--controller", "imc", "--controller", "mpc, label=x", cases=TWO)
+    assert [case.label for case in found.cases] == ["imc", "x"]
+    assert [case.label for case in read(command, cases=TWO).cases] == ["a", "b"]
 
 
-@pytest.mark.parametrize(
-    "command", ["run", "compare", "trial", "detect", "bound", "robust", "tune", "stress", "adversary"]
-)
-def test_meals_given_take_the_place_of_those_of_the_file(command):
-    more = CASES if command in MANY else {}
-    found = read(command, {"meals": ["30g@60min"]}, {"meals": ["50g@50min", "20g@90min"], **more} | (
-        {"meal_time_spread_min": 0.0} if command == "detect" else {}))  # fmt: skip
-    assert found["meals"] == ["30g@60min"]
+@pytest.mark.parametrize("command", ["compare", "trial"])
+def test_a_setting_of_one_of_several_controllers_is_named_by_its_label(read, command):
+    found = read(command, "--set", "controller.a.move_weight=3", "--set", "controller.2.closed_loop_min=90", cases=TWO)
+    assert found.cases[0].controller.move_weight == 3.0
+    assert found.cases[1].controller.closed_loop_min == 90.0
+    with pytest.raises(
+        ValueError, match=r"the settings name no controller, and there are several \(a, b\); write --set"
+    ):
+        read(command, "--controller", "move_weight=3", cases=TWO)
+    with pytest.raises(ValueError, match=r"^--set: controller has no 'c'; the known ones are: a, b"):
+        read(command, "--set", "controller.c.move_weight=3", cases=TWO)
 
 
-@pytest.mark.parametrize("command", ["run", "tune", "detect"])
-def test_controller_given_takes_the_place_of_that_of_the_file(command):
-    given = {"controller": "mpc-se"}
-    assert read(command, given, {"controller": "mpc" if command != "detect" else "basal"})["controller"] == "mpc-se"
+def test_guard_given_holds_for_the_controllers_of_the_file(read):
+    cases = '[[controller]]\nlabel = "a"\nguard = {low_mg_dl = 60, max_hour = 3}\n[[controller]]\nlabel = "b"\n'
+    found = read("compare", "--guard", "low_mg_dl=70", of_file="", cases=cases).cases
+    assert [(case.guard.low_mg_dl, case.guard.max_hour) for case in found] == [(70.0, 3.0), (70.0, 2.4)]
+    assert [case.guard for case in read("compare", "--guard", "none", of_file="", cases=cases).cases] == [None, None]
 
 
-def test_controller_given_holds_for_every_case_of_a_comparison():
-    of_file = {"case": [{"label": "a", "output_weight": 2.0}, {"label": "b", "controller": "imc", "filter_min": 2.0}]}
-    with pytest.raises(ValueError, match=r"--controller pid makes the cases 'a' and 'b' of the file alike; leave it"):
-        read("compare", {"controller": "pid"}, of_file)
-    of_file["case"][1] = {"label": "b", "controller": "imc", "known_dead_time": True}
-    found = cases_of(read("compare", {"controller": "pid"}, of_file))
-    assert [case["controller"] for case in found.values()] == ["pid", "pid"]
-
-
-@pytest.mark.parametrize("command", ["trial", "stress", "adversary"])
-def test_controllers_given_take_the_place_of_those_of_the_file(command):
-    for of_file in (CASES, {"controllers": ["mpc", "imc"]}, {**CASES, "controllers": ["imc"]}):
-        assert list(cases_of(read(command, {"controllers": ["pid"]}, of_file))) == ["pid"]
-        assert list(cases_of(read(command, {"cases": ["own: mpc-se"]}, of_file))) == ["own"]
-    assert list(cases_of(read(command, {}, CASES))) == ["a", "b"]
-
-
-def test_cases_given_take_the_place_of_those_of_the_file():
-    found = cases_of(read("compare", {"cases": ["x: mpc", "y: imc"]}, CASES))
-    assert list(found) == ["x", "y"]
-
-
-@pytest.mark.parametrize("command", MANY)
-def test_setting_given_holds_for_the_cases_of_the_file_that_have_it(command):
-    found = cases_of(read(command, {"move_weight": 3.0}, CASES))
-    assert found["a"]["move_weight"] == 3.0
-    assert "move_weight" not in found["b"]
-    found = cases_of(read(command, {"move_weight": 3.0, "cases": ["x: mpc", "y: mpc, move_weight=5"]}, CASES))
-    assert (found["x"]["move_weight"], found["y"]["move_weight"]) == (3.0, 5.0)
-
-
-@pytest.mark.parametrize("command", MANY)
-def test_setting_that_no_case_has_is_refused(command):
-    with pytest.raises(ValueError, match=r"^--filter-min is a setting of none of these controllers: mpc, pid; leave"):
-        read(command, {"filter_min": 2.0}, CASES)
-
-
-def test_guard_given_holds_for_the_cases_of_the_file():
-    of_file = {"case": [{"label": "a", "guard": True, "guard_low_mg_dl": 60.0}, {"label": "b"}]}
-    found = cases_of(read("compare", {"guard_low_mg_dl": 70.0}, of_file))
-    assert (found["a"]["guard_low_mg_dl"], found["b"]["guard"]) == (70.0, False)
-    found = cases_of(read("compare", {"guard": False}, of_file))
-    assert [case["guard"] for case in found.values()] == [False, False]
-
-
-def test_model_given_takes_the_place_of_the_way_to_identify_one():
-    of_file = {"case": [{"label": "a", "memory": 30}, {"label": "b", "move_weight": 2.0}]}
-    found = cases_of(read("compare", {"model": "m.json"}, of_file))
-    assert [case["model"] for case in found.values()] == ["m.json", "m.json"]
-    assert "memory" not in found["a"]
+def test_model_given_takes_the_place_of_that_of_the_file(read, tmp_path):
+    cases = '[[controller]]\nlabel = "a"\nmodel = {memory = 30}\n[[controller]]\nlabel = "b"\n'
+    found = read("compare", "--model", "m.json", of_file="", cases=cases).cases
+    assert [(case.model.name, case.model.path) for case in found] == [("file", "m.json")] * 2
+    found = read("compare", "--model", "laguerre_pole=0.8", of_file="", cases=cases).cases
+    assert [(case.model.memory, case.model.laguerre_pole) for case in found] == [(30, 0.8), (36, 0.8)]
+    of_file = read("run", of_file='model = "m.json"\n').case
+    assert of_file.model.path == str(tmp_path / "m.json")  # a path of a file starts at the file

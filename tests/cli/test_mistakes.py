@@ -10,10 +10,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from glucoloop.config import run as run_config
 
 from glucoloop.cli import main
 from glucoloop.cli.mistakes import BUG
-from glucoloop.config import run as run_config
 
 MISTAKES = {
     "run --controller mcp": ["unknown controller 'mcp'", "did you mean 'mpc'?"],

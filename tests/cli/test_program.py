@@ -10,7 +10,7 @@ import pytest
 
 import glucoloop
 
-HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.config.run")
+HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.experiments")
 
 
 def shell(*arguments, folder, cache):
@@ -47,8 +47,9 @@ def test_help_of_each_command(glucoloop, command):
 
 def test_help_lists_controllers_and_symbols(glucoloop, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    out = glucoloop("run", "--help").out
-    for part in ("mpc: Linear model predictive control", "Γ_y", "Γ_u", "(default mpc: 8", "setpoint-81"):
+    assert "mpc                Linear model predictive control" in glucoloop("list").out
+    out = glucoloop("list", "mpc").out
+    for part in ("Γ_y", "Γ_u", "prediction_horizon = 8, with noise 10"):
         assert part in out
 
 

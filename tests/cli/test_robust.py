@@ -6,9 +6,9 @@ import tomllib
 import numpy as np
 import polars as pl
 import pytest
+from glucoloop.config.run import read_run
 from matplotlib.figure import Figure
 
-from glucoloop.config.run import read_run
 from glucoloop.control.catalogue import ESTIMATING, SEARCHED
 from glucoloop.studies.robust import RANGES
 from glucoloop.studies.robust.objectives import METRICS, NO_SCORES

@@ -47,7 +47,7 @@ def test_default_run_is_the_papers_noise_free_loop(glucoloop):
     assert report["metrics"]["undershoot_mg_dl"] == pytest.approx(10.2, abs=0.1)
     assert report["metrics"]["settling_2pct_min"] == pytest.approx(345, abs=2)
     tuning = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
-    assert [report["config"][key] for key in tuning] == [2, 8, 1.0, 0.0]
+    assert [report["config"]["controller"][key] for key in tuning] == [2, 8, 1.0, 0.0]
     assert report["files"] == {}
     assert "identified from a record of 72 samples free of noise" in answer.err
 
@@ -62,7 +62,7 @@ def test_run_says_what_the_library_says(glucoloop):
 @pytest.mark.long
 def test_seed_is_that_of_the_library(glucoloop, tmp_path):
     """The readings of seed 3 are those of ``simulate(key=3)``; the model's record has noise of its own."""
-    assert glucoloop("run", "--noise", 1.45, "--seed", 3, "--model-noise", 0, "--out", "run").code == 0
+    assert glucoloop("run", "--noise", 1.45, "--seed", 3, "--model", "noise_variance=0", "--out", "run").code == 0
     patient = gl.patient()
     tuning = gl.MPCTuning(2, 10, 3.0, 1.0)
     controller = gl.design_linear_mpc(gl.identify(patient).model, tuning)
@@ -73,21 +73,23 @@ def test_seed_is_that_of_the_library(glucoloop, tmp_path):
 
 
 def test_noise_changes_tuning_and_record_unless_told(glucoloop):
-    config = glucoloop("run", "--noise", 1.45, "--json", *SHORT).json["config"]
+    config = glucoloop("run", "--noise", 1.45, "--json", *SHORT).json["config"]["controller"]
     tuning = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
     assert [config[key] for key in tuning] == [2, 10, 3.0, 1.0]
-    assert config["model_noise_variance"] == 1.45
-    own = glucoloop("run", "--noise", 1.45, "--prediction-horizon", 12, "--model-noise", 0, "--json", *SHORT).json
-    assert [own["config"][key] for key in tuning] == [2, 12, 3.0, 1.0]
-    assert own["config"]["model_noise_variance"] == 0.0
+    assert config["model"]["noise_variance"] == 1.45
+    mine = ("--controller", "prediction_horizon=12", "--model", "noise_variance=0")
+    own = glucoloop("run", "--noise", 1.45, *mine, "--json", *SHORT).json
+    assert [own["config"]["controller"][key] for key in tuning] == [2, 12, 3.0, 1.0]
+    assert own["config"]["controller"]["model"]["noise_variance"] == 0.0
     assert own["model"]["step_response"] == glucoloop("run", "--json", *SHORT).json["model"]["step_response"]
 
 
 @pytest.mark.long
 def test_folder_repeats_the_run_to_the_last_bit(glucoloop, tmp_path):
     first = glucoloop(
-        "run", "--noise", 1.45, "--seed", 5, "--dead-time", 10, "--known-dead-time", "--meal", "40@1h", "--meal",
-        "20g@300min", "--pump-resolution", 0.5, "--setpoint", 85, "--out", "first",
+        "run", "--noise", 1.45, "--seed", 5, "--dead-time", 10, "--controller", "known_dead_time=true",
+        "--meal", "40@1h", "--meal", "20g@300min", "--pump", "resolution_mU_min=0.5", "--setpoint", 85,
+        "--out", "first",
     )  # fmt: skip
     assert first.code == 0
     assert {file.name for file in (tmp_path / "first").iterdir()} == FILES
@@ -120,8 +122,8 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
 
 def test_known_dead_time_reaches_the_controller(glucoloop):
     unknown = glucoloop("run", "--dead-time", 10, "--json")
-    known = glucoloop("run", "--dead-time", 10, "--known-dead-time", "--json")
-    assert "--known-dead-time tells it" in unknown.err
+    known = glucoloop("run", "--dead-time", 10, "--controller", "known_dead_time=true", "--json")
+    assert "known_dead_time=true among its settings tells it" in unknown.err
     assert "knows of the dead time" in known.err
     assert known.json["metrics"]["sse"] != unknown.json["metrics"]["sse"]
 
@@ -130,7 +132,7 @@ def test_known_dead_time_reaches_the_controller(glucoloop):
 def test_model_that_holds_the_dead_time_is_not_delayed_again(glucoloop):
     """Its controller looks as much farther ahead as for a model that is delayed."""
     model = glucoloop("identify", "--dead-time", 10, "--out", "late", "--json").json["model"]
-    held = ("run", "--model", "late/model.json", "--dead-time", 10, "--known-dead-time", "--json")
+    held = ("run", "--model", "late/model.json", "--dead-time", 10, "--controller", "known_dead_time=true", "--json")
     late = StepResponseModel(step_response=jnp.asarray(model["step_response"]), sample_time_min=5.0)
     controller = gl.design_linear_mpc(late, gl.MPCTuning(2, 10, 1.0, 0.0))
     trace = gl.simulate(gl.patient(), controller, gl.dead_time(2))
@@ -147,15 +149,20 @@ def test_model_file_gives_the_run_that_identified_it(glucoloop):
 
 
 def test_command_line_overrides_the_file(glucoloop, tmp_path):
-    (tmp_path / "a.toml").write_text('duration_min = 200\nprediction_horizon = 12\nmodel = "absent.json"\n')
-    config = glucoloop("run", "--config", "a.toml", "--duration", 100, "--laguerre-pole", 0.8, "--json").json["config"]
+    (tmp_path / "a.toml").write_text(
+        'duration_min = 200\nmodel = "absent.json"\n[controller]\nprediction_horizon = 12\nmove_weight = 1\n'
+    )
+    given = ("--duration", 100, "--model", "identified, laguerre_pole=0.8", "--controller", "move_weight=2")
+    config = glucoloop("run", "--config", "a.toml", *given, "--json").json["config"]
     assert config["duration_min"] == 100.0
-    assert config["prediction_horizon"] == 12
-    assert config["model"] is None
+    assert [config["controller"][key] for key in ("prediction_horizon", "move_weight")] == [12, 2.0]
+    assert config["controller"]["model"]["laguerre_pole"] == 0.8
 
 
 def test_fasting_and_a_start_off_the_setpoint(glucoloop):
-    report = glucoloop("run", "--no-meal", "--initial-glucose", 120, "--constraints", "qp", "--json").json
+    report = glucoloop(
+        "run", "--meal", "none", "--initial-glucose", 120, "--controller", "constraints=qp", "--json"
+    ).json
     assert report["metrics"]["peak_mg_dl"] == pytest.approx(120.0)
     assert report["config"]["meals"] == []
 
@@ -164,8 +171,9 @@ def test_fasting_and_a_start_off_the_setpoint(glucoloop):
 def test_sample_time_reaches_everything(glucoloop):
     report = glucoloop("run", "--sample-time", 10, "--json").json
     assert report["model"]["sample_time_min"] == 10.0
-    assert report["config"]["memory"] == 18
-    assert report["config"]["laguerre_pole"] == pytest.approx(0.84**2)
+    model = report["config"]["controller"]["model"]
+    assert model["memory"] == 18
+    assert model["laguerre_pole"] == pytest.approx(0.84**2)
 
 
 @pytest.mark.long
@@ -177,7 +185,7 @@ def test_integrators_agree(glucoloop):
 
 
 def test_table_and_mmol(glucoloop):
-    answer = glucoloop("run", "--mmol", "--operating-point", "nominal-22", *SHORT)
+    answer = glucoloop("run", "--mmol", "--patient", "operating_point=nominal-22", *SHORT)
     assert answer.code == 0
     assert "Undershoot" in answer.out
     assert "setpoint 5.11 mmol/l" in answer.out

@@ -10,7 +10,8 @@ def asked(glucoloop, monkeypatch):
     def command(*arguments):
         found = []
 
-        def take(run):
+        def take(run, case):
+            del case
             found.append(run)
             raise KeyboardInterrupt
 
@@ -23,21 +24,22 @@ def asked(glucoloop, monkeypatch):
 
 
 def test_options_take_units(asked):
-    plain = asked("--duration", 1440, "--sample-time", 6, "--controller", "imc", "--filter-min", 30, "--meal", "50g@5h",
+    plain = asked("--duration", 1440, "--sample-time", 6, "--controller", "imc, filter_min=30", "--meal", "50g@5h",
                   "--sensor", "lag, lag_min=12", "--fault", "missing, start_min=120, duration_min=90")  # fmt: skip
-    units = asked("--duration", "1d", "--sample-time", ".1h", "--controller", "imc", "--filter-min", ".5h",
+    units = asked("--duration", "1d", "--sample-time", ".1h", "--controller", "imc, filter_min=.5h",
                   "--meal", "50g@5h", "--sensor", "lag, lag_min=.2h",
                   "--fault", "missing, start_min=2h, duration_min=1.5h")  # fmt: skip
     assert units == plain
-    assert plain.situation.duration_min == 1440.0
+    assert plain.duration_min == 1440.0
 
 
 def test_files_take_units(asked, tmp_path):
     (tmp_path / "a.toml").write_text(
-        'controller = "imc"\nfilter_min = "0.5h"\nduration_min = "10h"\ndead_time_min = "10 min"\n'
-        'faults = ["missing, start_min=2h"]\nknown_dead_time = true\n'
+        'duration_min = "10h"\nsensor = [{name = "dead-time", minutes = "10 min"}]\n'
+        'faults = ["missing, start_min=2h"]\n'
+        '[controller]\nname = "imc"\nfilter_min = "0.5h"\nknown_dead_time = true\n'
     )
     run = asked("--config", "a.toml")
-    assert (run.situation.duration_min, run.situation.dead_time_min) == (600.0, 10.0)
+    assert (run.duration_min, run.dead_time_min) == (600.0, 10.0)
     assert run.case.tuning["filter_min"] == 30.0
-    assert run.situation.faults[0].startswith("missing, start_min=120")
+    assert run.fault_texts[0].startswith("missing, start_min=120")

@@ -40,7 +40,7 @@ def sums(folder):
 
 @pytest.mark.usefixtures("_plain")
 def test_how_many_were_ever_low_stands_beside_the_time(glucoloop, tmp_path):
-    told = glucoloop("trial", *SMALL, "--max-insulin", 66, "--out", "a", "--population", "lognormal")
+    told = glucoloop("trial", *SMALL, "--pump", "max_insulin_mU_min=66", "--out", "a", "--population", "lognormal")
     summary = json.loads((tmp_path / "a/summary.json").read_text())["controllers"]["basal"]
     for limit in (70, 54):
         people = summary["ever_below"][f"{limit}_mg_dl"]["people"]
@@ -104,7 +104,7 @@ def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_pa
 
 
 def test_help_of_trials_imports_nothing_heavy():
-    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.config.run")
+    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.experiments")
     for command in ("trial", "query"):
         code = (
             "import sys\n"
@@ -204,7 +204,7 @@ def test_interrupt_tells_how_far_it_is_and_the_same_command_goes_on(glucoloop, t
 
 @pytest.mark.usefixtures("_plain")
 def test_design_that_fails_changes_nothing(glucoloop, refused, tmp_path):
-    wrong = ("trial", "--people", 40, "--prediction-horizon", 1, *SHORT, "--out", "a/b")
+    wrong = ("trial", "--people", 40, "--controller", "mpc, prediction_horizon=1", *SHORT, "--out", "a/b")
     assert "prediction horizon of 1" in refused(*wrong)
     assert not (tmp_path / "a/b").exists()
     glucoloop("trial", *SMALL, "--out", "a/b")
@@ -221,7 +221,7 @@ def test_population_file_beside_a_configuration(glucoloop, tmp_path):
         "[[vary]]\nparameter = 'weight_kg'\ndistribution = 'lognormal'\nspread_pct = 15\n"
     )
     (tmp_path / "in/t.toml").write_text(
-        "population = 'people.toml'\npeople = 20\ndays = 2\n[[case]]\nlabel = 'rest'\ncontroller = 'basal'\n"
+        "population = 'people.toml'\npeople = 20\ndays = 2\n[[controller]]\nlabel = 'rest'\nname = 'basal'\n"
     )
     answer = glucoloop("trial", "--config", "in/t.toml", *SHORT, "--out", "a", "--json")
     assert answer.json["config"]["duration_min"] == 300.0
@@ -240,12 +240,14 @@ MISTAKES = {
     "trial --out a --days 0": ["--days is 0"],
     "trial --out a --days 2 --duration 600": ["--days and --duration", "leave one out"],
     "trial --out a --meal 50@25h": ["1500 min", "move the meal"],
-    "trial --out a --meal 50@1h --no-meal": ["--meal and --no-meal"],
+    "trial --out a --meal 50@1h --no-meal": ["there is no option --no-meal; write --meal none"],
+    "trial --out a --meal 50@1h --meal none": ["--meal none leaves all of them out; give it alone"],
     "trial --out a --meal-size-spread 100": ["--meal-size-spread is 100", "below 100"],
     "trial --out a --meal-time-spread 500": ["can begin at -80 min", "at most 420 min"],
-    "trial --out a --controller mpx": ["case 'mpx'", "did you mean 'mpc'"],
-    "trial --out a --controller mpc --case mpc": ["two cases are called 'mpc'"],
-    "trial --out a --case a:mpc,people=3": ["case 'a'", "people belongs to the trial"],
+    "trial --out a --controller mpx": ["--controller: unknown controller 'mpx'", "did you mean 'mpc'"],
+    "trial --out a --controller mpc --controller mpc": ["two cases are called 'mpc'"],
+    "trial --out a --controller mpc,people=3": ["--controller: the controller mpc has no setting 'people'"],
+    "trial --out a --case a:mpc": ["there is no option --case"],
     "trial --out a --design own": ["--design is 'own'", "give nominal or individual"],
     "trial --out a --precision double": ["--precision is 'double'"],
     "trial --out a --traces some": ["--traces is 'some'", "none, all"],

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts import blocks
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.config.trial import read_trial
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import pump_of, sensor_of

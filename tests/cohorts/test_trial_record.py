@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts.trial import fingerprint, usual_shard_people
-from glucoloop.config.trial import read_trial
 
 
 def make(**keys):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts import engine
-from glucoloop.config.trial import read_trial
 from glucoloop.control import Guard, guarded
 from guarding import OPEN
 

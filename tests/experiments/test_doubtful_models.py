@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, nominal_model
+from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 
 NOISY = dataclasses.replace(usual_situation(), noise_variance=25.0, noise_bound_mg_dl=30.0, seed=1)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of, identified_model
-from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario
 from glucoloop.models.state_space import step_response
 from glucoloop.simulation import linear_model, simulate
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation
 
 SITUATION = Situation(patient="hovorka-2004")
 

@@ -11,15 +11,15 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import catalogue
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.settings import StateTuning
-from glucoloop.situations.case import Case
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
-from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan
 from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)

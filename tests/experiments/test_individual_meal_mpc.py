@@ -10,7 +10,6 @@ import pytest
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC, catalogue
 from glucoloop.experiments import individual_meal_mpc
-from glucoloop.situations.case import Case
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.individual_meal_mpc import by_record, impulse_response, pulses
 from glucoloop.meals import Meal
@@ -19,6 +18,7 @@ from glucoloop.models.individual import individual_model
 from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
+from glucoloop.situations.case import Case
 
 PEOPLE = 24
 

@@ -4,9 +4,7 @@ import dataclasses
 
 import pytest
 
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import usual_situation
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.hil.build import HOST, build
@@ -16,6 +14,8 @@ from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.firmware.samples import example
 from glucoloop.meals import Meal, Scenario
 from glucoloop.simulation.stepped import scenario_stepper
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 
 
 @dataclasses.dataclass

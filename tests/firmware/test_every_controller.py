@@ -10,13 +10,13 @@ import pytest
 
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import Observation
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import usual_situation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.parts.guard import complete_guard
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 
 QUICK = ("pid", "mpc")
 SETTINGS = ("-O0", "-O2", "-O3")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from glucoloop.control.protocol import Observation
-from glucoloop.situations.case import usual_case
 from glucoloop.experiments.designs import controller_of
-from glucoloop.situations.situation import usual_situation
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, joined, leaves_of, record, replayed, spread
 from glucoloop.pumps import bolus_limits
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import usual_situation
 
 SAMPLES = 12
 

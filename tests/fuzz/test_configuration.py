@@ -4,19 +4,19 @@ import tomllib
 
 import pytest
 import tomli_w
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-
 from glucoloop.config.comparison import read_comparison
 from glucoloop.config.identification import read_identification
 from glucoloop.config.key import declared
 from glucoloop.config.options.identification import IdentificationKeys
-from glucoloop.situations.population import read_population
 from glucoloop.config.run import read_run, run_keys
-from glucoloop.situations.toml import read_toml
 from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.sorensen.varying import NOMINAL
+from glucoloop.situations.population import read_population
+from glucoloop.situations.toml import read_toml
 
 scalars = st.one_of(
     st.booleans(),

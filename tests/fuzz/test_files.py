@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from glucoloop.config.trial import read_trial
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.trial import FORMAT
-from glucoloop.situations.population import named_population
-from glucoloop.config.trial import read_trial
 from glucoloop.identification import record_from_samples
+from glucoloop.situations.population import named_population
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS

@@ -3,13 +3,13 @@
 import time
 
 import pytest
+from glucoloop.config.case_text import parse_case
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.config.case_text import parse_case
-from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import is_printable, printable
+from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)

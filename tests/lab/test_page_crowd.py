@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from glucoloop.experiments.designs import controller_of, with_individual_basal
-from glucoloop.lab.body import FAMILIES, entry_of, people_of, situation
+from glucoloop.lab.body import FAMILIES, people_of, situation
 from glucoloop.lab.pack import PAGE
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import simulate
@@ -113,7 +114,7 @@ def test_the_people_of_the_page_are_those_of_a_trial(in_node, family, controller
     link = f"#patient={family}&controller={controller}&duration_min=600"
     found = in_node([{"link": link, "person": person} for person in chosen])
     people = virtual_people(people_of(family), 0, chosen)
-    around = situation(family, entry_of(family).usual_point)
+    around = situation(family, PATIENTS[family].usual_point)
     designed = controller_of(around, usual_case(controller, around))
     for place, answer in enumerate(found):
         basal = float(people.basal_insulin_mU_min[place])

@@ -12,7 +12,8 @@ import pytest
 from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import request_of
 from glucoloop.cli.run import RUN_OPTIONS
-from glucoloop.report._page import Repeat, situation
+from glucoloop.report import Repeat
+from glucoloop.report.template import render
 from glucoloop.situations.request import asked_for
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
@@ -118,9 +119,11 @@ def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
         assert loaded["here"] == answer["trace"]
 
 
-def test_a_page_of_results_opens_the_laboratory_with_its_configuration(in_node, corpus):
+def test_a_page_of_results_opens_the_laboratory_with_its_configuration(in_node, corpus, tmp_path):
     keys = {**tomllib.loads(in_node(corpus[:1])[0]["toml"]), "announce_meals": True, "metrics": []}
-    written = situation({}, Repeat("run --config run.toml", keys))
+    template = tmp_path / "page.html"
+    template.write_text('{% extends "base.html" %}')
+    written = render(template, "Run", repeat=Repeat("run --config run.toml", keys))
     [link] = re.findall(r'href="lab\.html(#[^"]+)"', written)
     [opened, plain] = in_node([html.unescape(link), corpus[0]])
     assert opened["trace"] == plain["trace"]
@@ -195,13 +198,13 @@ faults = ["missing, per_day=2"]
         'sensor.site = "interstitial"',
         "the sensor lag, lag_min=8",
         "sensor.bound_mg_dl = 9",
+        "the fault missing, per_day=2",
+        'pump.name = "expiring"',
+        "pump.samples = 3",
         "controller.known_dead_time = true",
         'controller.constraints = "qp"',
         "guard.on_board_tau_min = 60",
         "model.noise_variance = 2",
-        'pump.name = "expiring"',
-        "pump.samples = 3",
-        "the fault missing, per_day=2",
     ]
     assert [fault["name"] for fault in told["situation"]["faults"]] == ["stuck"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-
 from glucoloop.config.run import read_run
 from glucoloop.config.trial import read_trial, trial_keys
+
 from glucoloop.meals import Meal
 from glucoloop.meals.counting import counted_g, counted_meals
 from glucoloop.meals.plan import MealPlan, draw_meals

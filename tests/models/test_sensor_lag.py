@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
+from glucoloop.config.trial import read_trial
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config.trial import read_trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
 from glucoloop.control.settings import MPCSESettings
 from glucoloop.experiments.designs import controller_of

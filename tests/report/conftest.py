@@ -161,11 +161,13 @@ def _case(undershoot, seed=0, people=400):
         },
         cvga_counts=grid_counts(minimum, maximum),
         time_in_range_pct=ranges_pct(
-            time_below_54_pct=100.0 * float((glucose < 54.0).mean()),
-            time_below_70_pct=100.0 * float((glucose < 70.0).mean()),
-            time_70_180_pct=100.0 * float(((glucose >= 70.0) & (glucose <= 180.0)).mean()),
-            time_above_180_pct=100.0 * float((glucose > 180.0).mean()),
-            time_above_250_pct=0.0,
+            {
+                "time_below_54_pct": 100.0 * float((glucose < 54.0).mean()),
+                "time_below_70_pct": 100.0 * float((glucose < 70.0).mean()),
+                "time_70_180_pct": 100.0 * float(((glucose >= 70.0) & (glucose <= 180.0)).mean()),
+                "time_above_180_pct": 100.0 * float((glucose > 180.0).mean()),
+                "time_above_250_pct": 0.0,
+            }.get
         ),
         table={"Undershoot, median (mg/dl)": float(np.median(81.1 - minimum)), "Settled": "all", "Unknown": np.nan},
         worst=[

@@ -1,14 +1,28 @@
-"""The request of a command, whether it is declared as a study or has a module of its own in `cli`."""
+"""What a command is asked for, from what is typed and from the file that is named there."""
 
-import importlib
-
-from glucoloop.cli.declared import asked_of
+from glucoloop.cli.app import command_of
+from glucoloop.cli.request import request_of
+from glucoloop.cli.run import Comparison
+from glucoloop.cohorts.trial import Trial
+from glucoloop.parts.code import loaded
+from glucoloop.situations.request import asked_for
+from glucoloop.situations.run import Run
 from glucoloop.studies.catalogue import STUDIES
 
+ROOTS = {"run": Run, "compare": Comparison, "trial": Trial}
 
-def request_of(command, keys, of_file):
-    """The request from the keys of the command line and those of a file."""
-    for study in STUDIES:
-        if study.name == command:
-            return asked_of(study, keys, of_file)[1]
-    return importlib.import_module(f"glucoloop.cli.{command}")._read(keys, of_file)
+
+def root_of(command):
+    """The class of what a command asks for."""
+    return ROOTS[command] if command in ROOTS else loaded(STUDIES[command].place).request
+
+
+def typed(command, *arguments):
+    """The tree of what is typed, laid over that of the file."""
+    of = command_of(command)
+    return request_of(of.parser().given([str(argument) for argument in arguments]), of.options)
+
+
+def asked(command, *arguments):
+    """What is asked for, complete."""
+    return asked_for(root_of(command), typed(command, *arguments).tree)

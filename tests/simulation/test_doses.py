@@ -17,7 +17,6 @@ from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.episodes import once
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.situations.situation import Situation
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
@@ -25,6 +24,7 @@ from glucoloop.pumps import occlusion
 from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import ENGINES
+from glucoloop.situations.situation import Situation
 
 PATIENT = gl.patient("hovorka-2004")
 SCENARIO = Scenario([Meal(50.0, 50.0, announced_g=40.0)], 300.0, announced=True, start_min=1410.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
-
 from glucoloop.config.trial import read_trial
+
 from glucoloop.control import Observation, design_open_loop
 from glucoloop.experiments.designs import controller_of
 from glucoloop.models.state_space import step_response

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 import polars as pl
 import pytest
+from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.config.trial import read_trial
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.patients.population import draw
 from glucoloop.storage.resumable import Work

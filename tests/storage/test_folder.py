@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage.folder import SUMS, output_folder
 
 
@@ -88,6 +89,32 @@ def test_link_to_a_folder_is_followed(tmp_path):
     write(tmp_path / "link", "two", overwrite=True)
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real" / "a.txt").read_text() == "two"
+
+
+def test_root_is_refused(tmp_path):
+    with pytest.raises(Refusal):
+        write(Path("/"), "one", overwrite=True)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="flock")
+def test_two_runs_at_once_are_refused(tmp_path):
+    with output_folder(tmp_path / "out", overwrite=False) as made:
+        made.write("a.txt", "one")
+        with pytest.raises(Refusal, match=rf"another run writes to .*out \(process {os.getpid()}\); wait for it"):
+            write(tmp_path / "out", "two")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out/a.txt").read_text() == "one"
+
+
+def test_what_a_killed_run_left_is_removed_or_put_back(tmp_path):
+    write(tmp_path / "out", "one")
+    (tmp_path / "out").rename(tmp_path / ".out.old.part")
+    (tmp_path / ".out.part").mkdir()
+    (tmp_path / ".out.part/a.txt").write_text("half")
+    (tmp_path / ".out.lock").write_text("99999999\n")
+    with pytest.raises(Refusal, match="holds an earlier result"):
+        write(tmp_path / "out", "two")
+    assert contents(tmp_path).keys() == {"out/a.txt", f"out/{SUMS}"}
 
 
 def test_folder_is_as_open_as_others(tmp_path):

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from glucoloop.storage.trials.folder import TrialFolder
 
 
+_SELDOM = ("sample_time_min", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min")
+"""Settings that the help of a study only names, unless the study says otherwise."""
+
+
 def command_of_study(study: Study) -> Command:
     """The command of a study."""
     return Command(study.name, study.help, study_options(study), functools.partial(_run, study), more=study.name)
@@ -56,7 +60,8 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
             "out": f"Folder of {study.what}; an unfinished one is resumed.",
             "overwrite": "Begin again in the folder.",
         }
-    words = {**study.words, "help": {**kept, **study.words.get("help", {})}}
+    rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
+    words = {**study.words, "help": {**kept, **study.words.get("help", {})}, "rare": rare}
     return tuple(reworded((*options, *short, *computed, *output), **words))
 
 

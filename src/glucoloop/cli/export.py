@@ -89,4 +89,4 @@ def _check(typed: Given) -> None:
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)
 
 
-EXPORT: Final = Command("export", HELP, OPTIONS, _export, more="run")
+EXPORT: Final = Command("export", HELP, OPTIONS, _export, more="export")

@@ -8,21 +8,33 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.parts.listing import listed, listing
+from glucoloop.studies.catalogue import STUDIES
 
 HELP: Final = (
     "List what there is: patients, sensors, pumps, faults, controllers, guards, models and metrics.\n\n"
     "With the name of a kind those of the kind are listed, and with the name of one its settings: their usual values, "
-    "bounds and units; run and trial list the settings of these. What other packages add is listed too.\n\n"
+    "bounds and units. With the name of a command every setting of it is listed, and with case what each controller "
+    "has beside its own settings. What other packages add is listed too.\n\n"
     "  glucoloop list\n\n"
     "  glucoloop list faults\n\n"
     "  glucoloop list mpc-se"
 )
 _WIDEST: Final = 100
+_REQUESTS: Final = {
+    "case": "glucoloop.situations.case:Case",
+    "run": "glucoloop.situations.run:Run",
+    "compare": "glucoloop.cli.run:Comparison",
+    "trial": "glucoloop.cohorts.trial:Trial",
+    "export": "glucoloop.studies.exported:Export",
+    "hil": "glucoloop.studies.hardware:Hil",
+    **{name: f"{entry.place}.request" for name, entry in STUDIES.items()},
+}
+"""Places of the settings that are listed by the name of a command."""
 
 
 def _list(typed: Given) -> None:
     """Print a description of each part."""
-    parts = listed(typed.get("what"))
+    parts = listed(typed.get("what"), _REQUESTS)
     if typed.get("json"):
         from glucoloop.storage.strict_json import json_text, with_version
 

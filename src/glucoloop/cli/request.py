@@ -12,6 +12,7 @@ from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOptio
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
+from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.parts.tree import as_table, over, put
 from glucoloop.refusal import Refusal
 
@@ -161,7 +162,8 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
 
 def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
     table = as_table(lower)
-    return isinstance(table, Mapping) and plain(table.get(NAME)) == plain(upper[NAME])
+    name = plain(table.get(NAME)) if isinstance(table, Mapping) else None
+    return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
 def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
@@ -229,7 +231,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
         leaf = found["model"]
         text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
-        model = MODELS.tree(leaf.value, leaf.where) if text else leaf
+        model = MODELS.tree(leaf.value, leaf.where) if text and plain(leaf) != NONE else leaf
         if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
             at = model["path"]
             model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}

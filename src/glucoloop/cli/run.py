@@ -329,4 +329,4 @@ def _notes_on_bound(asked: Comparison, outcomes: Mapping[str, Outcome], bound: O
 
 
 RUN: Final = Command("run", RUN_HELP, RUN_OPTIONS, run, more="run")
-COMPARE: Final = Command("compare", COMPARE_HELP, COMPARE_OPTIONS, compare, more="run")
+COMPARE: Final = Command("compare", COMPARE_HELP, COMPARE_OPTIONS, compare, more="compare")

@@ -80,7 +80,10 @@ OPTIONS: Final = (
             "point by default.",
             "seed": "The same seed gives the same people, meals and noise.",
         },
-        rare=dict.fromkeys(("sample_time_min", "design", "traces", "allow_unusual"), True),
+        rare=dict.fromkeys(
+            ("sample_time_min", "design", "traces", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min"),
+            True,
+        ),
     ),
     *SHORT,
     WORKERS,

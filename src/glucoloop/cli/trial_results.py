@@ -29,13 +29,6 @@ from glucoloop.units import MIN_PER_H, MU_PER_U
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
-_RANGE_METRICS: Final = (
-    "time_below_54_pct",
-    "time_below_70_pct",
-    "time_70_180_pct",
-    "time_above_180_pct",
-    "time_above_250_pct",
-)
 _SETTLING: Final = "settling_5pct_min"
 _FILES: Final = {
     "summary.json": "numbers of each controller",
@@ -124,7 +117,7 @@ def _case_report(
             if metric != _SETTLING or _one_meal(trial)
         },
         cvga_counts=summary.cvga_counts,
-        time_in_range_pct=ranges_pct(**{name: metrics[name]["mean"] for name in _RANGE_METRICS}),
+        time_in_range_pct=ranges_pct(lambda metric: metrics[metric]["mean"]),
         table=_headlines(summary, setpoint_mg_dl=trial.target_mg_dl, settling=_one_meal(trial)),
         worst=_worst(trial, label, summary, simulate),
         ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},

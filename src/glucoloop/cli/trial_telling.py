@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.request import Output
 from glucoloop.cli.screen import show
 from glucoloop.cli.telling import print_json
-from glucoloop.printable import glucose_text, how_many, percent
+from glucoloop.printable import NOT_AVAILABLE, glucose_text, how_many, percent
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from glucoloop.cohorts.trial import Trial
+    from glucoloop.report.table import Row
 
 _TABLE: Final = (
     ("time_70_180_pct", ("mean", "p5")),
@@ -37,6 +36,7 @@ _NAMED: Final = 10
 
 def tell(trial: Trial, summary: Mapping[str, Any], output: Output, out: Path) -> None:
     """Print a finished trial: its summary as one JSON object, or a table with notes."""
+    from glucoloop.report.table import lines_table
     from glucoloop.storage.trials.folder import CONFIGURATION, FINAL
 
     notes = tuple(_notes(summary))
@@ -44,41 +44,33 @@ def tell(trial: Trial, summary: Mapping[str, Any], output: Output, out: Path) ->
         summary = {key: value for key, value in summary.items() if key != "version"}
         print_json(summary, {name: str(out / name) for name in sorted((*FINAL, CONFIGURATION))}, notes)
         return
-    show(_table(summary))
+    show(lines_table("Over the people", summary["controllers"], list(_rows(summary))))
     for line in (*notes, *(_mmol_lines(summary) if output.mmol else ())):
         print(line)
     print(f"Wrote {', '.join(FINAL)} and {trial.shards} {'shard' if trial.shards == 1 else 'shards'} to {out}.")
 
 
-def _table(summary: Mapping[str, Any]) -> Table:
-    from rich import box
-    from rich.table import Table
-
+def _rows(summary: Mapping[str, Any]) -> Iterator[Row]:
     from glucoloop.parts.metrics import described
+    from glucoloop.report.table import Row
 
-    controllers = summary["controllers"]
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("Over the people")
-    table.add_column("")
-    for label in controllers:
-        table.add_column(label, justify="right")
-    table.add_column("Unit")
-    for metric, quantiles in _TABLE:
+    controllers = summary["controllers"].values()
+    for metric, statistics in _TABLE:
         how = described(metric)
-        for position, quantile in enumerate(quantiles):
-            values = (of["metrics"][metric][quantile] for of in controllers.values())
-            cells = ("n/a" if value is None else how.text(value, summary["setpoint_mg_dl"]) for value in values)
-            table.add_row("" if position else how.title, quantile, *cells, how.unit)
+        for position, statistic in enumerate(statistics):
+            values = (of["metrics"][metric][statistic] for of in controllers)
+            cells = (NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values)
+            yield Row("", "" if position else how.title, how.unit, tuple(cells), second=statistic)
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
-            counts = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers.values())
+            counts = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers)
             cells = (
-                "n/a" if of["share_pct"] is None else f"{of['people']} ({percent(of['share_pct'])})" for of in counts
+                NOT_AVAILABLE if of["share_pct"] is None else f"{of['people']} ({percent(of['share_pct'])})"
+                for of in counts
             )
-            table.add_row(f"People ever below {limit} mg/dl", "number", *cells, "")
-    if all("engine" in of for of in controllers.values()):  # earlier versions did not tell it
-        table.add_row("Engine", "", *(of["engine"] for of in controllers.values()), "")
-    return table
+            yield Row("", f"People ever below {limit} mg/dl", "", tuple(cells), second="number")
+    if all("engine" in of for of in controllers):  # earlier versions did not tell it
+        yield Row("", "Engine", "", tuple(of["engine"] for of in controllers))
 
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:

@@ -43,5 +43,3 @@ ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if entry.estima
 
 controller_entry: Final = CONTROLLERS.find
 """Function that returns a controller by name: of this package, of another one, or ``module:attribute``."""
-controller_names: Final = CONTROLLERS.names
-"""Function that returns the names of all controllers, those of other packages included."""

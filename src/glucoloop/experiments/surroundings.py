@@ -58,9 +58,7 @@ def sensor_of(situation: Situation) -> Sensor:
 def _chain(situation: Situation, parts: Iterable[SensorPart]) -> Sensor:
     site = situation.site
     sensor: Sensor = IdealSensor(site=site)
-    for place, part in enumerate(parts):
-        if isinstance(part, IdealSettings):
-            continue
+    for place, part in enumerate(part for part in parts if not isinstance(part, IdealSettings)):
         if place and not part.takes("inner"):
             raise Refusal(f"the sensor {part.called} has no other one inside; give it first, as the innermost")
         sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)

@@ -20,7 +20,7 @@ from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
-from glucoloop.parts.patients import PATIENTS, PatientPart
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import exponential
@@ -43,11 +43,6 @@ SEED: Final = 0
 """Seed of the people, who are those of ``glucoloop trial --seed 0``."""
 
 
-def entry_of(family: str) -> type[PatientPart]:
-    """Entry of a patient in the catalogue."""
-    return PATIENTS.find(family)
-
-
 def situation(family: str, operating_point: str, *, noisy: bool = False) -> Situation:
     """Situation of a patient of the page with the usual pump, and with noise-free readings or not."""
     patient, sensor = {"name": family, "operating_point": operating_point}, ["white-noise"] * noisy
@@ -63,13 +58,13 @@ def patient_id(family: str, operating_point: str) -> str:
 @functools.cache
 def patients(family: str) -> dict[str, SemilinearPatient]:
     """Patients of a family by operating point."""
-    return {point.name: situation(family, point.name).nominal for point in entry_of(family).operating_points}
+    return {point.name: situation(family, point.name).nominal for point in PATIENTS[family].operating_points}
 
 
 @functools.cache
 def people_of(family: str) -> Population:
     """Population whose people the page simulates beside the usual patient of a family: that of ``glucoloop trial``."""
-    return population(entry_of(family).usual_population, patient=family)
+    return population(PATIENTS[family].usual_population, patient=family)
 
 
 @functools.cache

@@ -23,9 +23,10 @@ from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of, nominal_model
-from glucoloop.lab.body import SAMPLE_TIME_MIN, entry_of, patients, situation
+from glucoloop.lab.body import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.parts.guard import GuardSettings, guard_of
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -70,7 +71,7 @@ def shortest_horizon(name: str, family: str) -> int:
         else:
             around = situation(family, operating_point)
             response = identified_response(nominal_model(around, usual_case(name, around)).model)
-        return least_horizon(*response) or LONGEST_HORIZON[entry_of(family).insulin_route]
+        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS[family].insulin_route]
 
     return max(map(of_patient, patients(family)))
 
@@ -79,7 +80,7 @@ def _with_room(name: str, family: str, operating_point: str) -> Any:
     around = situation(family, operating_point)
     controller: Any = controller_of(around, usual_case(name, around))
     moves, _ = controller.horizons
-    return controller.padded(moves, LONGEST_HORIZON[entry_of(family).insulin_route])
+    return controller.padded(moves, LONGEST_HORIZON[PATIENTS[family].insulin_route])
 
 
 def example_controller(name: str, family: str) -> Controller:
@@ -129,7 +130,7 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     bare = example_controller(name, family)
     if not guard:
         return Adjustable(bare)
-    return Adjustable(guarded(bare, guard_of(entry_of(family)), PARKER_1999_LIMITS))
+    return Adjustable(guarded(bare, guard_of(PATIENTS[family]), PARKER_1999_LIMITS))
 
 
 def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:

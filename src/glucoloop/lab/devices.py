@@ -25,33 +25,9 @@ from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.sensors import Reading, white_noise
 
-OFFERED: Final = (
-    "missing",
-    "late",
-    "repeated",
-    "out-of-order",
-    "spikes",
-    "stuck",
-    "drift",
-    "calibration",
-    "compression",
-    "saturation",
-    "nonsense",
-    "resolution",
-    "battery",
-    "missed-pulses",
-    "occlusion",
-    "unheard",
-)
-"""Faults of the page: all of the catalogue."""
 _OF_ANOTHER: Final = ("out-of-order",)
 """Faults that have no function of their own."""
 NOTICED: Final = "noticed"
-
-
-def offered() -> list[type[FaultPart]]:
-    """Faults of the page."""
-    return [FAULTS.find(name) for name in OFFERED]
 
 
 def part_name(of: FaultPart) -> str:
@@ -78,7 +54,7 @@ class _Passed:
 def sensor_parts() -> dict[str, CompiledPart]:
     """Noise, and the faults of a sensor, each with its state at the start."""
     found = {"noise": noise_part()}
-    for entry in offered():
+    for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             own = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
             found |= fault_parts(entry.partial({"start_min": 0.0, **own}).completed())
@@ -131,7 +107,7 @@ def pumps() -> dict[str, Pump]:
     """Pumps by the names of their functions: the usual one, and each fault around it."""
     usual = LimitedPump(limits=PARKER_1999_LIMITS)
     found: dict[str, Pump] = {"pump": usual}
-    for entry in offered():
+    for entry in FAULTS.values():
         if entry.part != "pump":
             continue
         times = {"start_min": 0.0} if entry.timed else {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -14,7 +15,6 @@ from glucoloop.lab.body import (
     GRID,
     SAMPLE_TIME_MIN,
     STEP_MIN,
-    entry_of,
     gut_numbers,
     inside,
     patient_id,
@@ -24,17 +24,18 @@ from glucoloop.lab.body import (
 )
 from glucoloop.lab.controllers import (
     CONTROLLERS,
-    FREE_LIMITS,
     LONGEST_HORIZON,
     shortest_horizon,
     usual_mpc,
     usual_mpc_se,
     usual_tuning,
 )
-from glucoloop.lab.devices import normals, offered
+from glucoloop.lab.devices import normals
 from glucoloop.lab.people import people_numbers
+from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.parts.guard import GuardSettings, guard_of
-from glucoloop.parts.patients import PatientPart
+from glucoloop.parts.part import Part
+from glucoloop.parts.patients import PATIENTS, PatientPart
 from glucoloop.parts.pumps import PumpPart
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.sensors import SENSORS
@@ -125,6 +126,8 @@ OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
     "noticed": (0, 1, 1),
 }
 """Settings of faults on the page, likewise."""
+_OF_DEFAULT: Final = re.compile(r" 0: .*|; that of the patient's pump\.")
+"""What a value of 0 means, which the page does not offer, and what is usual, which it shows."""
 CHAIN: Final = ("ideal", "white-noise", "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
@@ -136,14 +139,14 @@ def numbers() -> dict[str, Any]:
         "step_min": STEP_MIN,
         "inside_min": GRID.inside_min.tolist(),
         "longest_min": LONGEST_MIN,
-        "families": {family: _family(entry_of(family)) for family in FAMILIES},
+        "families": {family: _family(PATIENTS[family]) for family in FAMILIES},
         "patients": {
-            patient_id(family, point): _patient(entry_of(family), point, patient)
+            patient_id(family, point): _patient(PATIENTS[family], point, patient)
             for family in FAMILIES
             for point, patient in patients(family).items()
         },
         "sensors": {name: SENSORS[name]().values() for name in CHAIN},
-        "faults": _faults(),
+        "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
         "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
@@ -158,8 +161,8 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "points": {point.name: point.summary for point in entry.operating_points},
         "route": entry.insulin_route,
         "inside": [list(place) for place in inside(entry.name)],
-        "guard_limits": _guard_limits(entry),
-        "pump_limits": _pump_limits(entry),
+        "guard_limits": _offered(GuardSettings, OFFERED_GUARD, guard_of(entry).values()),
+        "pump_limits": _offered(PumpPart, OFFERED_PUMP, {name: getattr(entry, name) for name in OFFERED_PUMP}),
         "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
         "configuration": _configuration(entry),
     }
@@ -172,54 +175,32 @@ def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
     return {**used, "guard": controller["guard"], "model": controller["model"]}
 
 
-def _guard_limits(entry: type[PatientPart]) -> dict[str, Any]:
-    """Limits of the guard, with their bounds on the page."""
-    usual = guard_of(entry).values()
-    return {
-        name: {**_offered(GuardSettings.setting(name).summary, False, OFFERED_GUARD[name]), "usual": usual[name]}
-        for name in FREE_LIMITS
-    }
-
-
-def _pump_limits(entry: type[PatientPart]) -> dict[str, Any]:
-    """Limits of the pump, with their bounds on the page."""
-    return {
-        name: {
-            **_offered(PumpPart.setting(name).summary.partition(_OF_PATIENT)[0], False, bounds),
-            "usual": getattr(entry, name),
+def _offered(
+    part: type[Part], bounds: Mapping[str, tuple[float, float, float]], usual: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Settings of a part with their bounds on the page, and their usual values."""
+    found = {}
+    for name, of in bounds.items():
+        setting = part.setting(name)
+        found[name] = {
+            "summary": _OF_DEFAULT.sub("", setting.summary),
+            "whole": setting.kind in (int, bool),
+            **dict(zip(("least", "most", "step"), of, strict=True)),
+            **({} if usual is None else {"usual": usual[name]}),
         }
-        for name, bounds in OFFERED_PUMP.items()
-    }
+    return found
 
 
-def _faults() -> dict[str, Any]:
-    """Faults of the page with their settings."""
+def _fault(entry: type[FaultPart]) -> dict[str, Any]:
+    """A fault with its settings."""
+    usual = {name: setting.default.noise_free for name, setting in entry.own_settings().items()}
+    bounds = {name: OFFERED_FAULTS[name] for name in usual}
     return {
-        entry.name: {
-            "part": entry.part,
-            "summary": entry.summary,
-            "timed": entry.timed,
-            "settings": {
-                setting.name: {
-                    **_offered(setting.summary, setting.kind in (int, bool), OFFERED_FAULTS[setting.name]),
-                    "usual": setting.default.noise_free,
-                }
-                for setting in entry.own_settings().values()
-            },
-        }
-        for entry in offered()
+        "part": entry.part,
+        "summary": entry.summary,
+        "timed": entry.timed,
+        "settings": _offered(entry, bounds, usual),
     }
-
-
-_OF_ZERO: Final = " 0: "
-"""Begins what the value 0 of a horizon means; the page offers none."""
-_OF_PATIENT: Final = "; "
-"""Begins what a limit is by default, which the page shows."""
-
-
-def _offered(summary: str, whole: bool, bounds: tuple[float, float, float]) -> dict[str, Any]:
-    """A setting with its bounds on the page."""
-    return {"summary": summary, "whole": whole, **dict(zip(("least", "most", "step"), bounds, strict=True))}
 
 
 def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
@@ -290,13 +271,8 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
         bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)
-    offered = {
-        setting.name: _offered(setting.summary.partition(_OF_ZERO)[0], setting.kind is int, bounds[setting.name])
-        for setting in entry.settings().values()
-        if setting.name in bounds
-    }
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
         of_point = [usual_tuning(name, of_patient.name, point.name, noisy=noisy) for noisy in (False, True)]
         usual[point.name] = dict(zip(("noise_free", "noisy"), of_point, strict=True))
-    return {"summary": entry.summary, "settings": offered, "usual": usual}
+    return {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}

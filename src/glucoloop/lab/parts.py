@@ -13,11 +13,12 @@ from typing import Final
 import jax
 import numpy as np
 
-from glucoloop.lab.body import FAMILIES, entry_of, meal_part, plant_part
+from glucoloop.lab.body import FAMILIES, meal_part, plant_part
 from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, adjustable, controller_parts
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"
@@ -34,7 +35,7 @@ def parts() -> dict[str, CompiledPart]:
             f"{name}_person": person_part(family),
         }
     for route in LONGEST_HORIZON:
-        of_route = [family for family in FAMILIES if entry_of(family).insulin_route == route]
+        of_route = [family for family in FAMILIES if PATIENTS[family].insulin_route == route]
         for name in CONTROLLERS:
             for suffix, guard in (("", False), (GUARDED, True)):
                 first, *others = (adjustable(name, family, guard=guard) for family in of_route)

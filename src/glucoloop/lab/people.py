@@ -13,7 +13,6 @@ from glucoloop.lab.body import (
     SEED,
     STEP_MIN,
     driven_places,
-    entry_of,
     gut_numbers,
     patient_id,
     patients,
@@ -22,6 +21,7 @@ from glucoloop.lab.body import (
     plants,
 )
 from glucoloop.lab.part import CompiledPart, part
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
@@ -83,7 +83,7 @@ def person_part(family: str) -> CompiledPart:
 
 
 def _person_part(family: str, *, rests: bool) -> CompiledPart:
-    point = entry_of(family).usual_point
+    point = PATIENTS[family].usual_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]
     names, build = list(people_of(family).distributions()), patient_model(family).build
@@ -106,7 +106,7 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
 
 def people_numbers(family: str) -> dict[str, Any]:
     """Distributions of the people of a family, and constants of their plants, as the page reads them."""
-    point = entry_of(family).usual_point
+    point = PATIENTS[family].usual_point
     return {
         "population": people_of(family).name,
         "seed": SEED,

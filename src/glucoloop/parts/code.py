@@ -10,7 +10,6 @@ import contextlib
 import functools
 import hashlib
 import importlib
-import importlib.metadata
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -64,6 +63,8 @@ def _note_code(name: str, value: str) -> None:
 @functools.cache
 def entry_points(group: str) -> dict[str, str]:
     """Places that installed packages add to a group, ``"controllers"``, by name; nothing is imported."""
+    import importlib.metadata  # slow, and needed for names of other packages only
+
     return {point.name: point.value for point in importlib.metadata.entry_points(group=f"glucoloop.{group}")}
 
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
 from glucoloop.parts.ranges import Tuned
+from glucoloop.plausible import ANY_SETTING
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
@@ -25,6 +26,7 @@ class ControllerPart(Part):
     """
 
     kind: ClassVar = "controller"
+    any_number: ClassVar = ANY_SETTING
     design: ClassVar[str] = ""
     """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
     the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""

@@ -14,7 +14,7 @@ from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PatientPart
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import About, Default
-from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.plausible import ANY_SETTING, GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
 
 _limit = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
@@ -63,6 +63,7 @@ class GuardSettings(Part, name="usual"):
     """
 
     kind: ClassVar = "guard"
+    any_number: ClassVar = ANY_SETTING
 
     lowest_reading_mg_dl: Annotated[
         float,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from glucoloop.parts.catalogue import catalogues
@@ -16,14 +16,18 @@ from glucoloop.parts.setting import Setting, in_words, known_names, value_text
 from glucoloop.refusal import Refusal
 
 PATIENT: Final = "patient"
-ROOTS: Final = {"run": "glucoloop.situations.run:Run", "trial": "glucoloop.cohorts.trial:Trial"}
-"""Places of the settings of whole runs and trials, which are listed by name."""
 _NAME_WIDTH: Final = 18
 _SKIN: Final = "under the skin"
 
 
-def listed(asked: str | None = None) -> list[dict[str, Any]]:
+def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
     """Descriptions of all parts, of those of a kind, or of one by its name, as plain values.
+
+    Parameters
+    ----------
+    asked : str, optional
+    requests : mapping
+        Places ``module:Class`` of what else can be listed by name, such as the settings of a whole run.
 
     Raises
     ------
@@ -36,12 +40,12 @@ def listed(asked: str | None = None) -> list[dict[str, Any]]:
     kind = asked.removesuffix("s")
     if kind in kinds:
         return [described(kinds[kind].find(name)) for name in kinds[kind].names()]
-    if asked in ROOTS:
-        return [described(loaded(ROOTS[asked]))]
+    if asked in requests:
+        return [described(loaded(requests[asked]))]
     found = [described(of.find(asked)) for of in kinds.values() if asked in of.names()]
     if not found:
         names = [name for of in kinds.values() for name in of.names()]
-        told = known_names(asked, names, where=f"the kinds are: {', '.join((*kinds, *ROOTS))}")
+        told = known_names(asked, names, where=f"the kinds are: {', '.join((*kinds, *requests))}")
         raise Refusal(f"there is no part and no kind of parts {asked!r}; {told}")
     return found
 

@@ -22,6 +22,7 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
 from glucoloop.parts.setting import AMONG_SETTINGS, Default, Setting, described, known_names, usual, with_article
+from glucoloop.plausible import Quantity
 from glucoloop.refusal import Refusal
 
 _PLAIN: Final = (int, float, str, bool, type(None))
@@ -47,6 +48,8 @@ class Part:
     summary: ClassVar[str] = ""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
+    any_number: ClassVar[Quantity | None] = None
+    """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
 
@@ -308,7 +311,8 @@ def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: st
             setting, called = setting.renamed(at), ""
         values[key] = setting.check(value, called)
         if ask:
-            setting.ask(values[key], f"{called}: {setting.name}" if called else setting.name)
+            told = f"{called}: {setting.name}" if called else setting.name
+            setting.ask(values[key], told, part.any_number)
     return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
 
 

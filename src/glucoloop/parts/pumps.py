@@ -89,4 +89,3 @@ class ExpiringSettings(PumpPart, name="expiring"):
 PUMPS: Final = Catalogue(
     PumpPart, (LimitedSettings, ResolutionPumpSettings, ExpiringSettings), example="expiring, samples=3", unnamed=True
 )
-USUAL_PUMP: Final = PUMPS.usual

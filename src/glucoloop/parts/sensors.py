@@ -111,7 +111,6 @@ SENSORS: Final = Catalogue(
     (IdealSettings, WhiteNoiseSettings, CorrelatedNoiseSettings, LagSettings, DeadTimeSettings),
     example="white-noise, variance=1.45",
 )
-USUAL_SENSOR: Final = SENSORS.usual
 
 
 def whole_samples(minutes: float, sample_time_min: float, what: str) -> int:

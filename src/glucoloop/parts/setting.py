@@ -251,18 +251,19 @@ class Setting:
     def _typed(self, value: Any) -> Any:
         return float(value) if self.kind is float and isinstance(value, int | float) else value
 
-    def ask(self, value: object, called: str | None = None) -> None:
-        """Ask about a value that is possible and implausible.
+    def ask(self, value: object, called: str | None = None, otherwise: Quantity | None = None) -> None:
+        """Ask about a value that is possible and implausible; `otherwise` is the quantity of a number that has none.
 
         Raises
         ------
         Refusal
             With the unit that it looks like, if there is one.
         """
-        if self.about.quantity is None or value is None:
+        quantity = self.about.quantity or (otherwise if self.kind in (int, float) else None)
+        if quantity is None or value is None:
             return
         for number in value if isinstance(value, tuple | list) else (value,):
-            asked = doubt(float(number), self.about.quantity, called or self.name, CONFIRM_OPTION)
+            asked = doubt(float(number), quantity, called or self.name, CONFIRM_OPTION)
             if asked is not None:
                 raise Refusal(asked)
 

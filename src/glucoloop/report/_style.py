@@ -112,10 +112,10 @@ def dress_right(axes: Any) -> None:
     axes.yaxis.label.set_fontsize(FONT_PT)
 
 
-def write_above(axes: Axes, text: str, place: tuple[float, float], points: float, **how: Any) -> None:
-    """Write a text above a place, some points apart from it."""
-    style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": FONT_PT}
-    axes.annotate(text, place, xytext=(0, points), **style, **how)
+def write(axes: Axes, text: str, place: tuple[float, float], *, down: float = 0.0, **how: Any) -> None:
+    """Write a text at a place, by default above it, and so many points further down."""
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": FONT_PT, **how}
+    axes.annotate(text, place, xytext=(0, -down), textcoords="offset points", **style)
 
 
 def draw_bands(
@@ -125,14 +125,15 @@ def draw_bands(
     median: npt.ArrayLike,
     style: Mapping[str, Any],
     *,
-    step: Literal["post"] | None = None,
+    held: bool = False,
 ) -> list[Artist]:
-    """Bands, each from a lower to an upper edge with its opacity, and the median over them."""
+    """Bands, each from a lower to an upper edge with its opacity, and the median over them; in steps if held."""
+    step: Literal["post"] | None = "post" if held else None
     drawn: list[Artist] = [
         axes.fill_between(t, low, high, step=step, color=style["color"], alpha=opacity, linewidth=0.0, zorder=2)
         for low, high, opacity in bands
     ]
-    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if step else "default", zorder=3)]
+    return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if held else "default", zorder=3)]
 
 
 def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:

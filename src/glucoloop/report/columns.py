@@ -104,13 +104,8 @@ class Column:
 def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column]) -> pl.DataFrame:
     """Every column of every cell, in the order of the cells.
 
-    Parameters
-    ----------
-    people : polars.DataFrame
-        A row for each person (or run) of each cell, with the columns that name the cell.
-    cells : polars.DataFrame
-        A row for each cell, with nothing but the columns that name it.
-    columns : sequence of Column
+    `people` has a row for each person (or run) of each cell, with the columns that name the cell; `cells` a row for
+    each cell, with nothing but these columns.
     """
     by = cells.columns
     own = [column for column in columns if column.of is not None]
@@ -133,18 +128,10 @@ def terminal_table(
     *,
     caption: str = "",
 ) -> FittingTable:
-    """A table for the terminal.
+    """A table for the terminal, of the columns that have a heading for it.
 
-    Parameters
-    ----------
-    head : str
-        Heading of the names of the lines.
-    sections : sequence of (str, lines)
-        Name of each section, where an empty one is not shown, and its lines. The numbers of the cells of one line
-        stand side by side, as in ``"25|2"``.
-    columns : sequence of Column
-        Columns, of which those with a heading for the terminal are shown.
-    caption : str
+    `head` stands above the names of the lines. Each section has a name, where an empty one is not shown, and its lines;
+    the numbers of the cells of one line stand side by side, as in ``"25|2"``.
     """
     from rich import box
     from rich.table import Table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._runs import Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
-from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
 from glucoloop.simulation import Trace
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
@@ -137,8 +137,7 @@ def _draw_people(
     """Medians in bands of half of the people and of nine in ten."""
     for index, (label, run) in enumerate(runs.items()):
         insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
-        held: Literal["post"] = "post"
-        for axes, values, step in ((above, run.glucose_mg_dl, None), (below, insulin, held)):
+        for axes, values, held in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
             low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
             drawn = _style.draw_bands(
                 axes,
@@ -146,7 +145,7 @@ def _draw_people(
                 [(low, high, 0.15), (quarter, three_quarters, 0.3)],
                 median,
                 _style.line_style(index),
-                step=step,
+                held=held,
             )
             names = [f"{label}: {name}" for name in ("90 % of people", "50 % of people", "median")]
             entries |= dict(zip(names, drawn, strict=True))
@@ -179,15 +178,8 @@ def _draw_glucose_limits(
     axes: Axes, runs: Sequence[PlottedRun], lowest_mg_dl: float, entries: dict[str, Artist]
 ) -> None:
     """Words at the bound on glucose, and where a model is not valid; the axis has room for both."""
-    axes.annotate(
-        f"{lowest_mg_dl:g} mg/dl",
-        (0.01, lowest_mg_dl),
-        xycoords=axes.get_yaxis_transform(),
-        xytext=(0, -2),
-        textcoords="offset points",
-        va="top",
-        fontsize=FONT_PT,
-    )
+    at_the_left: Any = {"xycoords": axes.get_yaxis_transform(), "ha": "left", "va": "top"}
+    _style.write(axes, f"{lowest_mg_dl:g} mg/dl", (0.01, lowest_mg_dl), down=2, **at_the_left)
     for limit in limits_passed(runs):
         area = axes.axhspan(-1e6, limit, facecolor=GREY, alpha=0.18, linewidth=0, zorder=0)
         entries[f"model not valid, below {limit:.1f} mg/dl"] = area
@@ -210,7 +202,7 @@ def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float
     texts = [f"{carbs_g:.4g} g" for _, carbs_g in meals]
     upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
     for t, text in zip(t_min, texts, strict=True):
-        _style.write_above(axes, text, (t / divisor, 1.0), 4, xycoords=upper_edge, rotation=90 if upright else 0)
+        _style.write(axes, text, (t / divisor, 1.0), down=-4, xycoords=upper_edge, rotation=90 if upright else 0)
 
 
 def _draw_insulin(
@@ -246,7 +238,7 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
         right.plot(t, size, linestyle="none", marker="o", markersize=3.5, color=colour, zorder=4)
         if len(runs) == 1 and t.size <= _MOST_NAMED:
             for place, units in zip(t, size, strict=True):
-                _style.write_above(right, f"{units:.3g} U", (place, units), 3)
+                _style.write(right, f"{units:.3g} U", (place, units), down=-3)
     largest = max(size for run in runs for _, size in run.boluses)
     low, high = axes.get_ylim()
     # zero of both axes at one height

@@ -155,15 +155,8 @@ def _draw(axes: Axes, of: HeatMap, apart: str) -> list[float]:
         for across, column in enumerate(of.columns):
             cell = of.cell(row, column)
             axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
-            axes.annotate(
-                apart.join(filter(None, (cell.text, cell.mark))),
-                (across, place),
-                ha="center",
-                va="center",
-                color=cell.shade.ink or "black",
-                fontsize=FONT_PT,
-                linespacing=1.0,
-            )
+            text, ink = apart.join(filter(None, (cell.text, cell.mark))), cell.shade.ink or "black"
+            _style.write(axes, text, (across, place), va="center", color=ink, linespacing=1.0)
     axes.set_xlim(-0.5, len(of.columns) - 0.5)
     axes.set_ylim(places[-1] + 0.5, -0.5)
     return places

@@ -35,6 +35,8 @@ class Row:
     values: tuple[str, ...]
     mmol_l: tuple[str, ...] | None = None
     """The values in mmol/l, of a metric in mg/dl."""
+    second: str = ""
+    """Statistic over people, in the terminal."""
 
 
 def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
@@ -124,6 +126,9 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(head, no_wrap=True)
+    seconds = any(row.second for row in rows)
+    if seconds:
+        table.add_column("")
     for label in labels:
         # Text, since square brackets in a label would be taken for markup
         table.add_column(Text(label), justify="right")
@@ -135,5 +140,6 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
                 table.add_section()
             section = row.section
             table.add_row(Text(section, "bold"))
-        table.add_row(f"  {row.name}", *row.values, row.unit)
+        name = f"  {row.name}" if row.section else row.name
+        table.add_row(name, *([row.second] if seconds else []), *row.values, row.unit)
     return table

@@ -10,7 +10,6 @@ import base64
 import functools
 import hashlib
 import importlib.resources
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -63,23 +62,10 @@ def render(
     script: bool = False,
     **values: Any,
 ) -> str:
-    """A self-contained page.
+    """A self-contained page from a template that extends ``base.html``, which is given `values`.
 
-    Parameters
-    ----------
-    template : Path
-        Template that extends ``base.html``.
-    title : str
-    sentences : iterable of str
-        Results in words.
-    facts : mapping, optional
-        Everything that the results depend on, by name.
-    repeat : Repeat, optional
-        Command and configuration that repeat the results.
-    script : bool
-        Whether the page holds plots, which need the script.
-    **values
-        Further values of the template.
+    `sentences` are the results in words, `facts` everything that they depend on, by name, and `repeat` what repeats
+    them; a page with plots needs the `script`.
     """
     code = f"\n{_asset('page.js')}" if script else ""
     digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
@@ -115,11 +101,11 @@ def _environment(folder: Path) -> jinja2.Environment:
         "glucose_parts": _glucose_parts,
         "glucose_text": glucose_text,
         "headings": headings,
-        "mmol_text": mmol_text,
+        "mmol_text": lambda mg_dl: glucose_text(mg_dl / MG_DL_PER_MMOL_L, 2),
         "percent": percent,
         "quoted": lambda text: quote(text, safe=""),
         "settings_in_words": settings_in_words,
-        "thousands": thousands,
+        "thousands": _thousands,
         "toml": toml_text,
         "when_in_words": when_in_words,
         "with_code": with_code,
@@ -132,14 +118,9 @@ def _asset(name: str) -> Markup:
     return Markup(importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8"))
 
 
-def thousands(count: int) -> str:
+def _thousands(count: int) -> str:
     """Text of a number with its thousands separated."""
     return f"{count:,}".replace(",", "\u202f")
-
-
-def mmol_text(mg_dl: float) -> str:
-    """Text of a glucose in mmol/l; empty where it is no concentration."""
-    return f"{mg_dl / MG_DL_PER_MMOL_L:.2f}" if 0.0 <= mg_dl < math.inf else ""
 
 
 def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:

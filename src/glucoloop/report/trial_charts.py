@@ -18,8 +18,7 @@ from glucoloop.metrics.control_variability import (
 from glucoloop.parts.metrics import Result, described
 from glucoloop.printable import percent
 from glucoloop.report.charts import nice_ticks
-from glucoloop.report.template import mmol_text, thousands
-from glucoloop.report.trial_report import CaseReport, MetricDistribution, TrialReport
+from glucoloop.report.trial_report import CaseReport, Floats, MetricDistribution, TrialReport
 
 _SHADES: Final = 6
 """Number of shades of the grid, on a logarithmic scale."""
@@ -27,7 +26,7 @@ _SIDE: Final = 3 * CELLS
 
 
 @dataclass(frozen=True)
-class Grid:
+class VariabilityGrid:
     """The control-variability grid of a controller."""
 
     alt: str
@@ -43,7 +42,7 @@ class Grid:
     cells: int = CELLS
 
 
-def grid_of(case: CaseReport, most: float) -> Grid:
+def grid_of(case: CaseReport, most: float) -> VariabilityGrid:
     """The control-variability grid of a controller; `most` people in a cell have the strongest colour."""
     counts = np.asarray(case.cvga_counts, float)
     shade = np.zeros(counts.shape, int)
@@ -64,7 +63,7 @@ def grid_of(case: CaseReport, most: float) -> Grid:
     ]
     shares = {zone: percent(share) for zone, share in zone_pct(case.cvga_counts).items()}
     alt = "Control-variability grid: " + ", ".join(f"zone {zone} {share}" for zone, share in shares.items())
-    return Grid(alt, zones, people, _beyond(MINIMUM_LIMITS_MG_DL), _beyond(MAXIMUM_LIMITS_MG_DL), shares)
+    return VariabilityGrid(alt, zones, people, _beyond(MINIMUM_LIMITS_MG_DL), _beyond(MAXIMUM_LIMITS_MG_DL), shares)
 
 
 def _beyond(limits: tuple[float, ...]) -> list[str]:
@@ -74,18 +73,11 @@ def _beyond(limits: tuple[float, ...]) -> list[str]:
 
 @dataclass(frozen=True)
 class Outline:
-    """Distribution of a metric under a controller: its numbers, and the shares of the people as an outline."""
+    """Shares of the people under a controller, or the words in their place where they would show nothing."""
 
-    label: str
-    median: str
-    span: str
-    mmol_l: tuple[str, str] | None
-    """Median and span in mmol/l, of a metric in mg/dl."""
+    part: MetricDistribution
     words: str = ""
-    """Text in place of an outline that would show nothing."""
-    alt: str = ""
-    shares: str = ""
-    """Path of the outline; empty without one."""
+    path: str = ""
     places: Sequence[int] = ()
     """Places of what 5 % of the people stay below, of the median, and of what 5 % are above."""
     width: int = 1000
@@ -93,17 +85,17 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Distribution:
+class SpreadOfMetric:
     """Distributions of a metric under all controllers, on one axis."""
 
-    title: str
+    told: Result
+    outlines: Mapping[str, Outline]
     unit: str
-    outlines: Sequence[Outline]
     ticks: Sequence[tuple[str, str]]
     """Place in percent and text of each tick; none without an outline."""
 
 
-def distribution_of(report: TrialReport, metric: str) -> Distribution:
+def distribution_of(report: TrialReport, metric: str) -> SpreadOfMetric:
     """Distribution of a metric over the people."""
     told = described(metric)
     of_all = {label: case.metric_counts[metric] for label, case in report.cases.items()}
@@ -112,48 +104,30 @@ def distribution_of(report: TrialReport, metric: str) -> Distribution:
     first, last = (int(occupied[0]), int(occupied[-1])) if occupied.size else (0, edges.size - 2)
     shown = edges[first : last + 2]
     alike = first == last and all(told.text(part.p5) == told.text(part.p95) for part in of_all.values())
-    outlines = [
-        _outline(told, label, part, np.asarray(part.counts, float)[first : last + 1], shown, alike=alike)
+    outlines = {
+        label: _outline(part, told.divisor, np.asarray(part.counts, float)[first : last + 1], shown, alike=alike)
         for label, part in of_all.items()
-    ]
+    }
     zero = all(map(_all_zero, of_all.values()))
     ticks = [] if zero or alike else nice_ticks(float(shown[0]), float(shown[-1]), 5)
     places = 100.0 * (np.array(ticks) - shown[0]) / (shown[-1] - shown[0])
     marks = [(f"{place:.4g}", f"{tick:g}") for place, tick in zip(places, ticks, strict=True)]
-    return Distribution(told.title.strip(), "" if zero else told.unit, outlines, marks)
+    return SpreadOfMetric(told, outlines, "" if zero else told.unit, marks)
 
 
-def _outline(
-    told: Result, label: str, part: MetricDistribution, counts: np.ndarray, edges: np.ndarray, *, alike: bool
-) -> Outline:
-    quantiles = (part.median, part.p5, part.p95)
-    median, low, high = map(told.text, quantiles)
-    mmol_l = None
-    if told.unit == "mg/dl":
-        middle, least, most = map(mmol_text, quantiles)
-        mmol_l = middle, f"({least} – {most}) mmol/l"
-    span = f"({low} – {high})" + (" mg/dl" if mmol_l else "")
+def _outline(part: MetricDistribution, divisor: float, counts: Floats, edges: Floats, *, alike: bool) -> Outline:
     if _all_zero(part):
-        return Outline(label, median, span, mmol_l, "0 for everybody")
-    people = counts.sum()
-    if not people:
-        return Outline(label, median, span, mmol_l)
+        return Outline(part, "0 for everybody")
+    if not counts.any():
+        return Outline(part)
     if alike:
-        return Outline(label, median, span, mmol_l, "the same for everybody")
+        return Outline(part, "the same for everybody")
     width, height = Outline.width, Outline.height
     x = np.rint(width * (edges - edges[0]) / (edges[-1] - edges[0])).astype(int)
     y = np.rint(height * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
     steps = "".join(f"V{up}H{right}" for up, right in zip(y.tolist(), x[1:].tolist(), strict=True))
-    return Outline(
-        label,
-        median,
-        span,
-        mmol_l,
-        alt=f"{told.title.strip()} under {label}, of {thousands(int(people))} {'person' if people == 1 else 'people'}: "
-        f"median {median}, 5 % below {low}, 5 % above {high} {told.unit}",
-        shares=f"M0 {height}{steps}V{height}z",
-        places=[round(at) for at in np.interp(np.array([part.p5, part.median, part.p95]) / told.divisor, edges, x)],
-    )
+    places = np.interp(np.array([part.p5, part.median, part.p95]) / divisor, edges, x)
+    return Outline(part, path=f"M0 {height}{steps}V{height}z", places=[round(at) for at in places])
 
 
 def _all_zero(part: MetricDistribution) -> bool:

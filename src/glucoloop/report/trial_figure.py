@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
         _draw_bands(glucose, case.bands_t_min / divisor, case.glucose_quantiles, index)
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
         held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / divisor
-        _draw_bands(insulin, held_t, held, index, step="post")
+        _draw_bands(insulin, held_t, held, index, held=True)
         setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
         bound = glucose.axhline(
             report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
@@ -129,11 +129,9 @@ def _sheet(people: int, title: str, width: Width) -> tuple[Figure, dict[str, Axe
     return figure, figure.subplot_mosaic(mosaic, height_ratios=heights), columns
 
 
-def _draw_bands(
-    axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, step: Literal["post"] | None = None
-) -> None:
+def _draw_bands(axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, *, held: bool = False) -> None:
     bands = [(quantiles[low], quantiles[high], opacity) for low, high, opacity in BANDS]
-    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, step=step)
+    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, held=held)
 
 
 def _legend_of_bands() -> dict[str, Artist]:
@@ -153,18 +151,12 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
     from matplotlib.colors import LinearSegmentedColormap, LogNorm, to_rgba
     from matplotlib.patches import Rectangle
 
-    for place, region in enumerate(region_pct(case.cvga_counts)):
-        corner = (CELLS * (place // 3), CELLS * (place % 3))
+    for number, region in enumerate(region_pct(case.cvga_counts)):
+        corner = (CELLS * (number // 3), CELLS * (number % 3))
         tint = (ZONE_COLOURS[region[-1]], 0.16)
         axes.add_patch(Rectangle(corner, CELLS, CELLS, facecolor=tint, edgecolor=GREY, linewidth=0.5, zorder=1))
-        axes.annotate(
-            region[-1],
-            (corner[0] + CELLS - 1.0, corner[1] + CELLS - 1.0),
-            ha="left",
-            va="top",
-            fontsize=FONT_PT,
-            zorder=4,
-        )
+        place = (corner[0] + CELLS - 1.0, corner[1] + CELLS - 1.0)
+        _style.write(axes, region[-1], place, ha="left", va="top", zorder=4)
     counts = np.ma.masked_less(np.asarray(case.cvga_counts, float).T, 0.5)
     colours = LinearSegmentedColormap.from_list("people", [to_rgba(of_case, 0.3), to_rgba(of_case, 1.0)])
     edges = np.arange(3 * CELLS + 1)
@@ -198,29 +190,19 @@ def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], wi
     # beside the times that stand on the right, where there is room for them
     room = int(_style.WIDTHS_MM[width] / _CHARACTER_MM * (0.5 if width == "double" else 0.9))
     for index, (label, case) in enumerate(report.cases.items()):
+        times = [float(case.time_in_range_pct[name]) for name in RANGES]
         left = 0.0
-        for name in RANGES:
-            time = float(case.time_in_range_pct[name])
+        for name, time in zip(RANGES, times, strict=True):
             bar = axes.barh(index, time, left=left, height=0.42, color=RANGE_COLOURS[name], linewidth=0.0)
             entries.setdefault(f"{name} mg/dl", bar[0])
             if time >= _LEAST_SHARE_TOLD:
-                axes.annotate(
-                    percent(time), (left + time / 2.0, index), ha="center", va="center_baseline", fontsize=FONT_PT
-                )
+                _style.write(axes, percent(time), (left + time / 2.0, index), va="center_baseline")
             left += time
         name_told = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
-        axes.annotate(name_told, (0.0, index - 0.26), ha="left", va="bottom", fontsize=FONT_PT, fontweight="bold")
-        if width == "single":
-            continue
-        below = sum(float(case.time_in_range_pct[name]) for name in RANGES[:2])
-        above = sum(float(case.time_in_range_pct[name]) for name in RANGES[3:])
-        axes.annotate(
-            f"below 70: {percent(below)}   above 180: {percent(above)}",
-            (100.0, index - 0.26),
-            ha="right",
-            va="bottom",
-            fontsize=FONT_PT,
-        )
+        _style.write(axes, name_told, (0.0, index - 0.26), ha="left", fontweight="bold")
+        if width == "double":
+            told = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
+            _style.write(axes, told, (100.0, index - 0.26), ha="right")
     _style.dress(axes)
     axes.spines["left"].set_visible(False)
     axes.set_yticks([])

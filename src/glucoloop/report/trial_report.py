@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -17,8 +17,14 @@ Floats = npt.NDArray[np.float64]
 QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 """Quantiles between which bands are drawn."""
 
-RANGES: Final = ("below 54", "54 to 70", "70 to 180", "180 to 250", "above 250")
-"""Ranges of glucose [mg/dl] over which the time is distributed."""
+RANGES: Final = {
+    "below 54": ("time_below_54_pct",),
+    "54 to 70": ("time_below_70_pct", "time_below_54_pct"),
+    "70 to 180": ("time_70_180_pct",),
+    "180 to 250": ("time_above_180_pct", "time_above_250_pct"),
+    "above 250": ("time_above_250_pct",),
+}
+"""Ranges of glucose [mg/dl] over which the time is distributed: the metric of each, less the one that it includes."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,11 @@ class MetricDistribution:
     """The metric that 5 % of the people stay below."""
     median: float
     p95: float
+
+    @property
+    def people(self) -> int:
+        """Number of people."""
+        return int(np.sum(self.counts))
 
 
 @dataclass(frozen=True)
@@ -113,20 +124,7 @@ class TrialReport:
         return max(float(case.bands_t_min[-1]) for case in self.cases.values())
 
 
-def ranges_pct(
-    *,
-    time_below_54_pct: float,
-    time_below_70_pct: float,
-    time_70_180_pct: float,
-    time_above_180_pct: float,
-    time_above_250_pct: float,
-) -> dict[str, float]:
-    """Times in `RANGES`, from the metrics of these names, which include one another; they add up to 100."""
-    times = (
-        time_below_54_pct,
-        time_below_70_pct - time_below_54_pct,
-        time_70_180_pct,
-        time_above_180_pct - time_above_250_pct,
-        time_above_250_pct,
-    )
-    return dict(zip(RANGES, (max(0.0, time) for time in times), strict=True))
+def ranges_pct(time_pct: Callable[[str], float]) -> dict[str, float]:
+    """Times in `RANGES` from those of the metrics, which include one another; they add up to 100."""
+    parts = {name: list(map(time_pct, of)) for name, of in RANGES.items()}
+    return {name: max(0.0, whole - sum(included)) for name, (whole, *included) in parts.items()}

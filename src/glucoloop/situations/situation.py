@@ -7,10 +7,9 @@ patient; what was given stays apart, see `parts.part.Part`.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.parts.clock_text import parse_time_of_day
@@ -310,11 +309,11 @@ class Situation(Part):
         noise = WhiteNoiseSettings(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
         return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
 
-    def without_noise(self) -> Self:
-        """The same situation without white noise of the readings."""
-        return dataclasses.replace(
-            self, sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
-        )
+    def without_noise(self) -> Situation:
+        """The situation alone, without white noise of the readings."""
+        own = {name: getattr(self, name) for name in Situation.settings()}
+        quiet = tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
+        return Situation(**{**own, "sensor": quiet})
 
     @property
     def nominal(self) -> SemilinearPatient:

@@ -107,7 +107,7 @@ def is_part(name: str, *of: str) -> bool:
 
 def part_of(path: Path) -> Path:
     """Temporary path of a file or folder while it is made or removed."""
-    return path.with_name(f".{path.name}{PART}")
+    return path.parent / f".{path.name}{PART}"
 
 
 def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
@@ -389,7 +389,7 @@ def _replace(place: Path, part: Path) -> None:
 
 
 def _old(place: Path) -> Path:
-    return part_of(place.with_name(f"{place.name}.old"))
+    return part_of(place.parent / f"{place.name}.old")
 
 
 def _remove_tree(folder: Path) -> None:

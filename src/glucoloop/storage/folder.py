@@ -45,7 +45,7 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
         try:
             place = path.resolve()
             stack.enter_context(disk.made_folders(place.parent))
-            stack.enter_context(disk.locked(place.with_name(f".{place.name}.lock"), path))
+            stack.enter_context(disk.locked(place.parent / f".{place.name}.lock", path))
             disk.recover(place)
             _refuse_taken(path, place, overwrite=overwrite)
         except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, in Python before 3.13

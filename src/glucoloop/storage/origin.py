@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.parts.code import outside_code
-from glucoloop.refusal import Refusal
 from glucoloop.storage.strict_json import json_text
 
 
@@ -30,39 +28,6 @@ class Origin:
         """Origin of work that begins now."""
         given = {key: value for key, value in config.items() if value is not None}
         return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
-
-    def refuse_another(self, here: Origin, folder: Path, what: str, may_change: frozenset[str]) -> None:
-        """Raise ValueError, with the first difference, unless this is the same version and configuration.
-
-        Keys in `may_change` may differ.
-        """
-        if self.version != here.version:
-            raise Refusal(
-                f"{folder} was begun by glucoloop {self.version}, and this is {here.version}; "
-                f"go on with {self.version}, or choose another folder with --out"
-            )
-        there, now = ({key: value for key, value in of.config.items() if key not in may_change} for of in (self, here))
-        for name, before, after in differences(there, now):
-            raise Refusal(
-                f"{folder} holds another {what}: {name} is {before} there and {after} here; choose another folder with "
-                "--out, or add --overwrite to replace it"
-            )
-
-    def other_arithmetic(self, here: Origin, folder: Path, record: Path) -> str | None:
-        """Difference of its arithmetic from that of this process, a sentence without its full stop.
-
-        A ValueError tells that the record is gone or damaged.
-        """
-        if self.arithmetic is None or here.arithmetic is None:
-            raise Refusal(
-                f"{record} is damaged or gone, so it is not known how what is done was computed; "
-                "choose another folder with --out, or add --overwrite to begin again"
-            )
-        found = arithmetic.difference(self.arithmetic, here.arithmetic)
-        if found is None:
-            return None
-        name, before, now = found
-        return f"{folder} was computed with {name} {before}, and here it is {now}"
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:

@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from glucoloop import arithmetic
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import kept_text
-from glucoloop.storage.origin import Origin
+from glucoloop.storage.origin import Origin, differences
 
 ARITHMETIC: Final = "arithmetic.json"
 """Record of the arithmetic, where the first file of a folder does not hold it."""
@@ -194,25 +195,51 @@ class ResumableFolder(ABC):
     def _load(self) -> None:
         """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
         there = self._read_origin()
-        there.refuse_another(self.here, self.path, self.work.what, self.work.may_change)
+        goes_further = self._refuse_another(there)
         self._read_done()
-        whole = self._is_whole() and all(
-            there.config.get(key) == self.here.config.get(key) for key in self.work.may_change
-        )
-        other = None
-        if whole or self.anything_done or there.arithmetic is not None:
-            other = there.other_arithmetic(self.here, self.path, self.path / ARITHMETIC)
-        if other is not None and not whole:
-            raise Refusal(
-                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
-                "add --overwrite to begin again"
-            )
-        if other is not None:
-            self.notes = (f"{other}.", *self.notes)
+        whole = self._is_whole() and not goes_further
+        self._compare_arithmetic(there, whole=whole)
         if not whole:
             # something was taken away, or the work goes further: what rests on it is made again
             disk.remove(self.path / SUMS)
             self._describe()
+
+    def _refuse_another(self, there: Origin) -> bool:
+        """Refuse another version or configuration; returns whether a key differs that may."""
+        if there.version != self.here.version:
+            raise Refusal(
+                f"{self.path} was begun by glucoloop {there.version}, and this is {self.here.version}; "
+                f"go on with {there.version}, or choose another folder with --out"
+            )
+        differing = list(differences(there.config, self.here.config))
+        for name, before, now in differing:
+            if name not in self.work.may_change:
+                raise Refusal(
+                    f"{self.path} holds another {self.work.what}: {name} is {before} there and {now} here; choose "
+                    "another folder with --out, or add --overwrite to replace it"
+                )
+        return bool(differing)
+
+    def _compare_arithmetic(self, there: Origin, *, whole: bool) -> None:
+        """Refuse results of another arithmetic, or of one that is not known; those of whole work are noted."""
+        if there.arithmetic is None:
+            if whole or self.anything_done:
+                raise Refusal(
+                    f"{self.path / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
+                    "choose another folder with --out, or add --overwrite to begin again"
+                )
+            return
+        found = arithmetic.difference(there.arithmetic, self.here.arithmetic or {})
+        if found is None:
+            return
+        name, before, now = found
+        other = f"{self.path} was computed with {name} {before}, and here it is {now}"
+        if not whole:
+            raise Refusal(
+                f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
+                "add --overwrite to begin again"
+            )
+        self.notes = (f"{other}.", *self.notes)
 
     def _is_whole(self) -> bool:
         """Whether there are all files of the list of digests, and no result is missing.

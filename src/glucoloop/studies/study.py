@@ -23,7 +23,7 @@ and, by its kind:
   ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
   ``search(asked)`` prepares a `RowSearch`, which makes the missing rows and sums them up. Example:
-  ``tests/cli/test_declared.py``.
+  ``studies/adversary``.
 - `PlainStudy`: it is carried out in one go by ``found(asked, progress)``. A folder is written whole or not at all, with
   what was found, what was drawn and the configuration. Where ``holds`` is False among the findings, the exit code is
   1; where ``interrupted`` is true, 130. Examples: ``studies/tuning``, and ``studies/verification``, which counts its
@@ -65,8 +65,8 @@ class Study:
     """Module that does the work, imported when it runs."""
     request: type[Part]
     """What it asks for: its own settings, and those of the run or the trial that it extends."""
-    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"

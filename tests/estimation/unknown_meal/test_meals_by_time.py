@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from glucoloop.config.trial import read_trial
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.config.trial import read_trial
 from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.daily import daily_rates, earlier

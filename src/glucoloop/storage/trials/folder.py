@@ -7,11 +7,11 @@ digests appears, which marks a trial as finished.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final
 
@@ -126,10 +126,9 @@ class TrialFolder(ResumableFolder):
         super().clear()
 
 
-@contextlib.contextmanager
 def trial_folder(
     path: Path, trial: Trial, *, overwrite: bool = False, work: Work | None = None
-) -> Iterator[TrialFolder]:
+) -> AbstractContextManager[TrialFolder]:
     """Open the folder of a trial, new or begun, for writing; see `opened`.
 
     The shards are computed for a work, that of ``glucoloop trial`` by default.
@@ -137,8 +136,7 @@ def trial_folder(
     if work is None:
         keys = trial.tree(whole=True)
         work = Work(command="trial", what="trial", keys=keys, given=trial.tree(), final=FINAL, summary=SUMMARY)
-    with opened(TrialFolder(path, trial, work), overwrite=overwrite) as folder:
-        yield folder
+    return opened(TrialFolder(path, trial, work), overwrite=overwrite)
 
 
 def done_shards(folder: Path, header: Header) -> list[Path]:
@@ -199,16 +197,13 @@ def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
     place = _shard_path(folder, index)
     shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
     try:
-        disk.is_folder(place)
         sums = disk.read_sums(place)
-        names = [name for name in disk.names(place) if name != SUMS]
-        changed = [name for name in sums if disk.digest(place / name) != sums[name]]
-        if SHARD not in sums or names != sorted(sums):
-            changed.append(SUMS)
+        there = {name: disk.digest(place / name) for name in disk.names(place) if name != SUMS}
     except ValueError as error:
         raise Refusal(f"{shard} is damaged: {str(error).partition(';')[0]}; {mend}") from None
-    if changed:
-        raise Refusal(f"{shard} is damaged: {changed[0]} is not as it was written; {mend}")
+    if sums != there or SHARD not in sums:
+        changed = next((name for name in sums if there.get(name) != sums[name]), SUMS)
+        raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
     told = _told(place / SHARD)
     for name, value in _identity(header, index).items():
         if told.get(name) != value:
@@ -217,7 +212,7 @@ def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
                 f"{mend}"
             )
     rows = told.get("rows")
-    if not isinstance(rows, dict) or sorted([SHARD, *rows]) != names:
+    if not isinstance(rows, dict) or {SHARD, *rows} != there.keys():
         raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
     return sums
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -41,21 +40,16 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 
-@dataclass(frozen=True)
-class ErrorSearch:
+class ErrorSearch(NamedTuple):
     """One search: a controller, guarded or not, under errors of one size."""
 
+    key: dict[str, Any]
+    """Values that tell it from all other searches, by the names of their columns."""
     trial: Trial
     """Trial with one case, the controller."""
     space: ErrorSpace
     settings: Adversary
     """Settings, with the number of generations for the controller."""
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """Values that tell it from all other searches, by the names of their columns."""
-        (case,) = self.trial.cases
-        return {"controller": case.label, "guarded": case.guard is not None, "error_pct": 100.0 * self.space.error}
 
 
 def _called(row: Mapping[str, Any]) -> str:
@@ -90,8 +84,9 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
         usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
         settings = dataclasses.replace(asked, generations=asked.generations or usual)
         for guarded in WITH_GUARD[asked.guards]:
-            tried = asked.with_cases((asked.with_guard(case, guarded),))
-            yield [ErrorSearch(tried, space, settings) for space in spaces]
+            alone = asked.with_cases((asked.with_guard(case, guarded),))
+            key = {"controller": case.label, "guarded": guarded}
+            yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space, settings) for space in spaces]
 
 
 def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
@@ -277,8 +272,8 @@ def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
         above[0].set(ylabel="Glucose\n(mg/dl)", ylim=(0.0, highest))
         below[0].set(ylabel="Insulin\n(mU/min)", ylim=(0.0, most))
         for glucose, insulin, (numbers, loop) in zip(above, below, row, strict=True):
-            lowest = glucose_text(numbers["lowest_mg_dl"], 0)
-            name = f"{_name(numbers)}\n{numbers['below_54_min']:.0f} min below 54, lowest {lowest} mg/dl"
+            below_min, lowest = (column.value_text(numbers) for column in _COLUMNS[:2])
+            name = f"{_name(numbers)}\n{below_min} min below 54, lowest {lowest} mg/dl"
             glucose.set_title(name, fontsize=FONT_PT, loc="left")
             entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop)
     horizon = float(_edges(worst)[-1])

@@ -18,8 +18,6 @@ from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from glucoloop.meals.plan import MealPlan
     from glucoloop.simulation.plant import SampleGrid
 
@@ -112,11 +110,6 @@ class Detection(Trial):
         asked = own if self.estimates_by is None else self.estimates_by
         return asked.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
 
-    @property
-    def settings_of_estimators(self) -> Mapping[str, Any]:
-        """All settings of every estimator."""
-        return {name: getattr(self.estimating, name) for name in ESTIMATING.estimator_settings}
-
     @functools.cached_property
     def trial(self) -> Trial:
         """The trial of one day, with a case for each estimator, by its name, where the controller rests on it."""
@@ -146,11 +139,6 @@ class Detection(Trial):
         from glucoloop.simulation.closed_loop import sample_grid
 
         return sample_grid(self.trial.plan.horizon_min, self.sample_time_min)
-
-    def case_of(self, estimator: str) -> Case:
-        """The case under whose doses an estimator is tried."""
-        cases = self.trial.cases
-        return next((case for case in cases if case.label == estimator), cases[0])
 
 
 DETECT: Final = PlainStudy(

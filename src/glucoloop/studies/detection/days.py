@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +30,11 @@ from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY
 
+T = TypeVar("T")
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
+
+_MOST_AT_ONCE: Final = 64
 
 
 def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
@@ -75,43 +80,59 @@ class Days:
     """`MealEstimates` along them, of an estimator."""
 
 
-class DayLoop:
-    """A controller of a trial with its loop, compiled, for days of its people."""
+def recorded_days(
+    detection: Detection, case: Case, person: Numbers, day: Numbers, progress: Callable[[str], None]
+) -> dict[bool, Days]:
+    """Days of people under a controller, by whether they are fasting days, which have noise of their own."""
+    trial, grid = detection.trial, detection.grid
+    controller = controller_of(trial, case)
+    loop = PeopleLoop(
+        trial,
+        controller,
+        people_of(trial, [trial.first_person]),
+        grid,
+        Recorder(sample_time_min=grid.sample_time_min, samples=grid.samples),
+        meals=None,
+        own=with_basal_of_each(controller),
+        around=surroundings_of(trial, case.faults),
+        engine="xla",
+    )
 
-    def __init__(self, detection: Detection, case: Case) -> None:
-        trial, grid = detection.trial, detection.grid
-        controller = controller_of(trial, case)
-        self._detection = detection
-        self._loop = PeopleLoop(
-            trial,
-            controller,
-            people_of(trial, [trial.first_person]),
-            grid,
-            Recorder(sample_time_min=grid.sample_time_min, samples=grid.samples),
-            meals=None,
-            own=with_basal_of_each(controller),
-            around=surroundings_of(trial, case.faults),
-            engine="xla",
-        )
-
-    def run(self, person: Numbers, day: Numbers, *, fasting: bool, size: int) -> Days:
-        """Carry people through a day each, of which `size` are computed at once; a fasting day has its own noise."""
-        trial, n = self._detection.trial, person.size
-        whose, which = np.resize(person, size), np.resize(day, size)
+    def block(fasting: bool, place: Numbers) -> Days:
+        whose, which = person[place], day[place]
         with one_at_a_time:
             drawn = people_of(trial, whose)
-            meals = _meals(self._detection, whose, which, fasting=fasting)
+            meals = _meals(detection, whose, which, fasting=fasting)
             keys = jax.vmap(jax.random.fold_in)(keys_of_people(trial.seed, whose), jnp.asarray(2 * which + fasting))
-        run = self._loop.run(drawn, keys, meals=meals)
+        run = loop.run(drawn, keys, meals=meals)
         return Days(
-            person=person,
-            day=day,
-            meals=jax.tree.map(lambda part: part[:, :n], meals),
-            basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
-            reading_mg_dl=run.fold["reading"][:, :n],
-            insulin_mU_min=run.fold["reported"][:, :n],
-            glucose_mg_dl=np.asarray(run.glucose_mg_dl, np.float64)[:-1, :n],
+            person=whose,
+            day=which,
+            meals=meals,
+            basal_insulin_mU_min=drawn.basal_insulin_mU_min,
+            reading_mg_dl=run.fold["reading"],
+            insulin_mU_min=run.fold["reported"],
+            glucose_mg_dl=np.asarray(run.glucose_mg_dl, np.float64)[:-1],
         )
+
+    # without meals in the plan, days with meals would be fasting days too
+    kinds = {False: "days", True: "fasting days"} if trial.plan.meals else {True: "fasting days"}
+    return {
+        fasting: _in_blocks(person.size, functools.partial(block, fasting), progress, f"{case.label}: {what}")
+        for fasting, what in kinds.items()
+    }
+
+
+def _in_blocks(n: int, run: Callable[[Numbers], T], progress: Callable[[str], None], what: str) -> T:
+    """Results at n places, which trail, in blocks as even as can be; the last block is filled up."""
+    blocks = -(-n // _MOST_AT_ONCE)
+    size = -(-n // blocks)
+    parts = []
+    for start in range(0, n, size):
+        parts.append(run(np.resize(np.arange(start, min(start + size, n)), size)))
+        progress(f"{what}, {len(parts)} of {blocks} blocks")
+    together: T = jax.tree.map(lambda *of: np.concatenate(of, axis=-1)[..., :n], *parts)
+    return together
 
 
 def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool) -> Eaten:
@@ -136,34 +157,27 @@ def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
     return np.repeat(held, day.size), np.tile(day, held.size), int((~feasible).sum())
 
 
-class Estimator:
-    """An estimator of unknown meals, with the settings of the controller that uses it, over recorded days."""
+def with_estimates(
+    detection: Detection, name: str, recorded: Mapping[bool, Days], progress: Callable[[str], None]
+) -> dict[bool, Days]:
+    """Days with the estimates of an estimator, with the settings of the controller that uses it."""
+    trial, t_min = detection.trial, jnp.asarray(detection.grid.t_min)
+    known, estimating = trial.cases[0].known_dead_time, detection.estimating
+    controller = dataclasses.replace(typing.cast(Any, estimating), estimator=name)
+    case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
+    controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
 
-    def __init__(self, detection: Detection, name: str) -> None:
-        trial = detection.trial
-        known = trial.cases[0].known_dead_time
-        estimating: Any = detection.estimating
-        controller = dataclasses.replace(estimating, estimator=name)
-        case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
-        self._controller, self._detection = controller_of(trial, case), detection
-        self._late = trial.dead_time_samples if known else 0
+    def estimated(days: Days) -> Days:
+        basal, rates = days.basal_insulin_mU_min, _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
 
-    def over(self, days: Days, *, size: int) -> Days:
-        """Days with the estimates along them, of which `size` are computed at once."""
-        n, detection = days.person.size, self._detection
-        place = np.resize(np.arange(n), size)
-        rates = _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
-        with one_at_a_time:
-            told = _of_days(
-                self._controller,
-                jnp.asarray(detection.grid.t_min),
-                jnp.asarray(days.basal_insulin_mU_min[place]),
-                jnp.asarray(days.reading_mg_dl[:, place]),
-                jnp.asarray(rates[:, place]),
-                detection.trial.start_min,
-                late=self._late,
-            )
-            return dataclasses.replace(days, told=jax.tree.map(lambda leaf: np.asarray(leaf)[..., :n], told))
+        def block(place: Numbers) -> Any:
+            own = (jnp.asarray(of[..., place]) for of in (basal, days.reading_mg_dl, rates))
+            return _of_days(controller, t_min, *own, trial.start_min, late=late)
+
+        return dataclasses.replace(days, told=_in_blocks(days.person.size, block, progress, f"{name}: estimates"))
+
+    with one_at_a_time:
+        return {fasting: estimated(days) for fasting, days in recorded.items()}
 
 
 @functools.partial(jax.jit, static_argnames="late")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import jax
@@ -11,9 +11,8 @@ import polars as pl
 
 from glucoloop.meals import absorb, emptying_mg_min, meal_model_of
 from glucoloop.refusal import Refusal
-from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import DayLoop, Days, Estimator, Numbers, people_of, who_and_when
+from glucoloop.studies.detection.days import Days, people_of, recorded_days, who_and_when, with_estimates
 from glucoloop.studies.detection.scores import (
     AFTERMATH_MIN,
     Array,
@@ -31,7 +30,6 @@ QUANTILES: Final = (0.1, 0.5, 0.9)
 TOLD_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
 LONGEST_AFTER_MIN: Final = 240.0
-_MOST_AT_ONCE: Final = 64
 
 
 class Score(NamedTuple):
@@ -65,37 +63,16 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
             f"no basal rate holds any of the {detection.trial.people} people at {detection.trial.target_mg_dl:g} "
             "mg/dl; give more people or another setpoint"
         )
-    size = -(-person.size // -(-person.size // _MOST_AT_ONCE))  # blocks as even as can be
-    blocks = [(person[at : at + size], day[at : at + size]) for at in range(0, person.size, size)]
-    recorded: dict[str, dict[bool, list[Days]]] = {}
+    recorded: dict[str, dict[bool, Days]] = {}
+    cases = {case.label: case for case in detection.trial.cases}
     scores = {}
     for name in detection.estimators:
-        case = detection.case_of(name)
+        case = cases.get(name, detection.trial.cases[0])
         if case.label not in recorded:
-            recorded[case.label] = _recorded(detection, case, blocks, progress)
-        estimator = Estimator(detection, name)
-        estimated: dict[bool, Days] = {}
-        for fasting, parts in recorded[case.label].items():
-            beside = [estimator.over(days, size=size) for days in parts]
-            estimated[fasting] = jax.tree.map(lambda *of: np.concatenate(of, axis=-1), *beside)
-        progress(f"{name}: estimates")
-        scores[name] = score(detection, estimated.get(False), estimated[True])
+            recorded[case.label] = recorded_days(detection, case, person, day, progress)
+        days = with_estimates(detection, name, recorded[case.label], progress)
+        scores[name] = score(detection, days.get(False), days[True])
     return Scores(scores, person.size, infeasible)
-
-
-def _recorded(
-    detection: Detection, case: Case, blocks: Sequence[tuple[Numbers, Numbers]], progress: Callable[[str], None]
-) -> dict[bool, list[Days]]:
-    """Days under a controller, by whether they are fasting days."""
-    loop, size = DayLoop(detection, case), blocks[0][0].size
-    recorded: dict[bool, list[Days]] = {}
-    # without meals in the plan, days with meals would be fasting days too
-    for fasting in (False, True) if detection.trial.plan.meals else (True,):
-        recorded[fasting] = []
-        for number, (person, day) in enumerate(blocks, 1):
-            recorded[fasting].append(loop.run(person, day, fasting=fasting, size=size))
-            progress(f"{case.label}: {number} of {len(blocks)} blocks of {'fasting days' if fasting else 'days'}")
-    return recorded
 
 
 def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:

@@ -221,8 +221,15 @@ ROBUST: Final = SearchStudy(
         "panel": {"population": "People and noise"},
         "rare": dict.fromkeys(
             (
-                *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
-                *("sampler", "top", "announce_meals", "sample_time_min", "allow_unusual"),
+                "people_seed",
+                "first_seed",
+                "check_people_seed",
+                "check_first_seed",
+                "sampler_seed",
+                "announce_meals",
+                "batch",
+                "top",
+                "prefer",
             ),
             True,
         ),

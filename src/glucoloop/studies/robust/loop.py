@@ -41,31 +41,17 @@ _PROBES: Final = (0.0, 0.37, 1.0)
 
 
 class TuningLoop:
-    """A controller of a trial with its compiled loop.
+    """A controller of a trial with its compiled loop; Refusal if it cannot be designed.
 
-    Parameters
-    ----------
-    trial : Trial
-        The situation. All people eat its meals, each on days of their own.
-    case : Case
-    space : sequence of Tuned
-        Ranges of the tuned numbers; empty for a fixed controller.
-    example : Subjects
-        Some of the subjects, which show the values that differ between them.
-
-    Raises
-    ------
-    ValueError
-        If a controller cannot be designed.
+    The ranges of the tuned numbers, `space`, are empty for a fixed controller. `example` holds some of the subjects,
+    which show the values that differ between them.
     """
 
     def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
         self._case, self._design_of = case, design_of(trial, case)
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-        setpoint = trial.target_mg_dl
-        self._fold = RunningMetrics(
-            setpoint_mg_dl=setpoint, limits=trial.limits, inside_min=tuple(self._grid.inside_min.tolist())
-        )
+        inside_min = tuple(self._grid.inside_min.tolist())
+        self._fold = RunningMetrics(setpoint_mg_dl=trial.target_mg_dl, limits=trial.limits, inside_min=inside_min)
         self._controller = self._design({})
         probes = [self._design({of.name: of.at(share) for of in space}) for share in _PROBES] if space else []
         self._tuned = [

@@ -57,10 +57,6 @@ class SearchEngine:
     """A search that was prepared: its people are drawn, and the reference controllers tried.
 
     Loops are compiled when they are first needed; Refusal if one cannot be closed.
-
-    Parameters
-    ----------
-    asked : Search
     """
 
     def __init__(self, asked: Search) -> None:
@@ -83,10 +79,7 @@ class SearchEngine:
     def missing(self, before: Sequence[Candidate]) -> Iterator[Candidate]:
         """Yield the candidates that are still missing, each as soon as it is known.
 
-        Raises
-        ------
-        ValueError
-            For a sampler that is not installed, or that asks for other tunings than it did before.
+        Refusal for a sampler that asks for other tunings than it did before.
         """
         asked, known = self.asked, list(before)
         own = asked

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from glucoloop.control.catalogue import SEARCHED
+from glucoloop.parts.setting import known_names
 from glucoloop.printable import NOT_AVAILABLE, how_many
+from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.situations.case import Case
@@ -25,8 +27,12 @@ from glucoloop.tuning.samplers import library
 
 def notes(asked: Search) -> tuple[str, ...]:
     """Refuse what is missing before anything is drawn; who is left out is known when people are."""
-    for name in (*asked.objectives, *(name for name, _ in asked.bounds)):
+    for name in asked.objectives:
         objective(name)
+    for name, most in asked.bounds:
+        if name not in OBJECTIVES:
+            told = known_names(name, OBJECTIVES)
+            raise Refusal(f"--at-most is '{name}={most}': unknown objective {name!r}; {told}")
     if asked.sampler != "random":
         library()
     return ()

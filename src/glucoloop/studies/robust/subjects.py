@@ -51,16 +51,10 @@ class Subjects:
 
 
 def draw_subjects(trial: Trial, *, people: int, people_seed: int, seeds: int, first_seed: int) -> Subjects:
-    """Draw people and the noise of the nominal patient; Refusal if none of the people has a basal rate.
+    """Draw people and the noises of the nominal patient, at whose setpoint all rest.
 
-    Parameters
-    ----------
-    trial : Trial
-        Population, and the nominal patient, at whose setpoint all rest.
-    people, people_seed : int
-        Persons 0 to ``people - 1`` of a seed, each with the same noise as in a trial of that seed.
-    seeds, first_seed : int
-        Number of noises of the nominal patient, those of ``glucoloop run --seed`` from ``first_seed`` on.
+    Persons 0 to ``people - 1`` of a seed have the same noise as in a trial of that seed. The noises of the nominal
+    patient are those of ``glucoloop run --seed`` from ``first_seed`` on. Refusal if nobody has a basal rate.
     """
     nominal, population = trial.nominal, trial.population
     setpoint_mg_dl = float(nominal.setpoint_mg_dl)

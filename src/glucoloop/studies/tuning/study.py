@@ -34,7 +34,6 @@ from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MOST_ROWS: Final = 200
 """Largest number of tunings in the list on the page; all are in ``surface.csv``."""
-_USUAL_SEEDS: Final = 5
 _ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
