@@ -217,7 +217,7 @@ def test_settings_of_the_estimator_are_not_the_controllers():
         Detection, controller="mpc-se, move_weight=2", estimates_by={"name": "meal-mpc", "measurement_variance": 3.0}
     )
     (case,) = asked.trial.cases
-    assert asked.settings_of_estimators["measurement_variance"] == 3.0
+    assert asked.estimating.measurement_variance == 3.0
     assert case.tuning["measurement_variance"] == 1.45
     assert case.tuning["move_weight"] == 2.0
     assert case.label == "mpc-se"

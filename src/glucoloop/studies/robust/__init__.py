@@ -186,7 +186,10 @@ def _bound(text: str, beside: tuple[str, ...]) -> tuple[str, float | str]:
     except ValueError:
         number = float("nan")
     if number != number:
-        raise Refusal(f"--at-most is {text!r}; give a number, or the name of a controller that stands beside")
+        known = ", ".join(beside) or "there is none"
+        raise Refusal(
+            f"--at-most is {text!r}; {most!r} is neither a number nor a controller that stands beside: {known}"
+        )
     return name, number
 
 
