@@ -220,7 +220,7 @@ def test_settings_of_the_estimator_are_not_the_controllers():
     assert asked.estimating.measurement_variance == 3.0
     assert case.tuning["measurement_variance"] == 1.45
     assert case.tuning["move_weight"] == 2.0
-    assert case.label == "mpc-se"
+    assert case.label == "mpc-se, move_weight=2"
 
 
 @pytest.mark.parametrize(

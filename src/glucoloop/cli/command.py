@@ -26,5 +26,5 @@ class Command:
         return Parser(f"glucoloop {self.name}", self.intro, self.options, self.more)
 
     def help(self) -> str:
-        """Its help."""
+        """Help of the command."""
         return self.parser().format_help()

@@ -40,7 +40,7 @@ class CommandOption:
 
     @property
     def text(self) -> str:
-        """What the help says of it."""
+        """Sentence of the help, with the default."""
         return f"{self.help} Default: {self.default}." if self.default else self.help
 
 

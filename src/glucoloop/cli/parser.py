@@ -104,7 +104,7 @@ class Parser(argparse.ArgumentParser):
         raise Refusal(f"{message}; {see}")
 
     def _put_otherwise(self, word: str) -> str:
-        """What to write in place of an option that is none: a part that is left out, or a setting of a part."""
+        """Words in place of an option that is none: a part that is left out, or a setting of a part."""
         from glucoloop.parts.catalogue import catalogues
 
         flags = {option.flag: option for option in self._options}

@@ -1,4 +1,4 @@
-"""From what was typed to what is asked for: options and a file become one tree, and the results get their place."""
+"""Requests from what was typed: options and a file become one tree, and the results get their place."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ class Output:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for, as a tree of given values, and what to do with the results."""
+    """A tree of given values, and what to do with the results."""
 
     tree: Tree
     output: Output
     config: Path | None = None
     of_file: Tree = field(default_factory=dict)
-    """What the file says alone."""
+    """Tree of the file alone."""
     used: Mapping[str, Any] | None = None
     """Values that were used when the configuration file was written, if it tells them."""
 
@@ -118,7 +118,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
 
 
 def _leaf(option: CommandOption, value: Any) -> Any:
-    """What an option gives: a value, a part, or a list of either."""
+    """The value, the part, or the list of either that an option gives."""
     setting = option.setting
     is_part = setting is not None and setting.is_part
     texts = [text for text in (value if option.many else [value]) if isinstance(text, str)]
@@ -245,7 +245,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
 
 def completed(request: Request, read: Callable[[Tree], Any], used: Callable[[Any], Mapping[str, Any]] = used_by) -> Any:
-    """What is asked for, once the simulator is imported; with a note on what a file leaves out and is other now.
+    """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now.
 
     Parameters
     ----------

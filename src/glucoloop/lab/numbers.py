@@ -127,7 +127,7 @@ OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
 }
 """Settings of faults on the page, likewise."""
 _OF_DEFAULT: Final = re.compile(r" 0: .*|; that of the patient's pump\.")
-"""What a value of 0 means, which the page does not offer, and what is usual, which it shows."""
+"""Sentences on a value of 0, which the page does not offer, and on what is usual, which it shows."""
 CHAIN: Final = ("ideal", "white-noise", "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
@@ -169,7 +169,7 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
 
 
 def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
-    """What a run without options uses, with a guard: the page compares with it what a file tells that it loads."""
+    """Values of a run without options, with a guard: the page compares with them those of a file that it loads."""
     used = configured(Run, patient=entry.name, guard="usual").tree(whole=True)
     [controller] = used.pop("controller")
     return {**used, "guard": controller["guard"], "model": controller["model"]}

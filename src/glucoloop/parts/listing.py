@@ -88,7 +88,7 @@ def _setting(part: Any, setting: Setting) -> dict[str, Any]:
 
 
 def _of_patient(entry: type[PatientPart]) -> dict[str, Any]:
-    """What is usual for a patient."""
+    """Points, populations, pump and identification of a patient."""
     return {
         "insulin_route": entry.insulin_route,
         "operating_points": {point.name: point.summary for point in entry.operating_points},

@@ -97,7 +97,7 @@ class Case(Part):
 
     @property
     def identified(self) -> IdentifiedPart:
-        """How its model is identified, where it is."""
+        """Settings of the identification of its model."""
         return self.model if isinstance(self.model, IdentifiedPart) else IdentifiedPart()
 
 

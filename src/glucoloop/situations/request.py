@@ -18,7 +18,7 @@ P = TypeVar("P", bound=Part)
 
 
 def read_root(root: type[P], tree: Mapping[str, Any]) -> P:
-    """What is asked for, with bounds and types checked; implausible values are asked about unless that was allowed.
+    """A request with bounds and types checked; implausible values are asked about unless that was allowed.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def read_root(root: type[P], tree: Mapping[str, Any]) -> P:
 
 
 def complete(asked: P) -> P:
-    """What is asked for with everything that is usual, and asked about where it is implausible together.
+    """A request with everything that is usual, and asked about where it is implausible together.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def parted(
     refused : collection of str
         Settings that none of them has here.
     what : str
-        What is asked for, in messages: ``"a stress test"``.
+        Name of the request in messages: ``"a stress test"``.
 
     Raises
     ------

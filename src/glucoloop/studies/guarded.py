@@ -47,8 +47,9 @@ class GuardedTrial(Trial):
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The trial with everything that is usual."""
-        for asked in (self, *self.controller):
-            if "guard" in asked.given and asked.guard is None:
+        asked: tuple[GuardedTrial | Case, ...] = (self, *self.controller)
+        for of in asked:
+            if "guard" in of.given and of.guard is None:
                 raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
         return super().completed(usual, noisy=noisy)
 

@@ -1,4 +1,4 @@
-"""What an identification asks for: an experiment on the simulated patient or the record of a real one, and the fit."""
+"""Request of an identification: an experiment on the simulated patient or the record of a real one, and the fit."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Study:
     module: str
     """Module that does the work, imported when it runs."""
     request: type[Part]
-    """What it asks for: its own settings, and those of the run or the trial that it extends."""
+    """Class of its requests: its own settings, and those of the run or the trial that it extends."""
     words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()

@@ -224,15 +224,8 @@ ROBUST: Final = SearchStudy(
         "panel": {"population": "People and noise"},
         "rare": dict.fromkeys(
             (
-                "people_seed",
-                "first_seed",
-                "check_people_seed",
-                "check_first_seed",
-                "sampler_seed",
-                "announce_meals",
-                "batch",
-                "top",
-                "prefer",
+                *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
+                *("sampler", "top", "announce_meals"),
             ),
             True,
         ),

@@ -196,8 +196,6 @@ def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
         return []
     worst = np.array([person["person"] for person in summary.worst], np.int64)
     again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
-        engine.prepare(trial), label, np.array([person["person"] for person in summary.worst], np.int64), traces=True
-    )
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
     t_min = times(trial)

@@ -25,7 +25,7 @@ _key = functools.partial(Option, panel="Campaign")
 
 
 class Verification(Part):
-    """What a campaign, or a nonsense test, asks for."""
+    """A campaign, or a nonsense test."""
 
     kind: ClassVar = "verification"
 
