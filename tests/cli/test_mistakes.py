@@ -10,103 +10,121 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from glucoloop.config import run as run_config
 
 from glucoloop.cli import main
 from glucoloop.cli.mistakes import BUG
+from glucoloop.situations import run as situation
 
 MISTAKES = {
-    "run --controller mcp": ["unknown controller 'mcp'", "did you mean 'mpc'?"],
-    "run --operating-point here": ["unknown operating point 'here'", "setpoint-81, nominal-22"],
+    "run --controller mcp": ["--controller: unknown controller 'mcp'", "did you mean 'mpc'?"],
+    "run --patient operating_point=here": ["unknown operating point 'here'", "setpoint-81, nominal-22"],
+    "run --patient nominal-22": ["is an operating point of parker-1999 and no patient; write 'parker-1999, operating"],
+    "run --operating-point nominal-22": ["no option --operating-point; write --patient 'operating_point=...'"],
+    "run --site interstitial": ["there is no option --site; write --sensor 'ideal, site=...'"],
+    "run --max-insulin 50": ["there is no option --max-insulin; write --pump 'max_insulin_mU_min=...'"],
+    "run --guard-max-hour 3": ["there is no option --guard-max-hour; write --guard 'max_hour=...'"],
     "run --meal 50q@x": ["'50q@x' is not a meal", "50g@50min"],
     "run --meal nang@50": ["is not a meal"],
     "run --meal 1e9g@50": ["1e+09 g", "at most 1000 g"],
     "run --meal 0@50": ["0 g", "more than 0"],
     "run --meal 50@-3": ["-3 min", "0 min or later"],
     "run --meal 50g@700": ["700 min", "600 min"],
-    "run --meal 50g@50 --no-meal": ["--meal and --no-meal"],
+    "run --meal 50g@50 --no-meal": ["there is no option --no-meal; write --meal none"],
+    "run --meal 50g@50 --meal none": ["--meal none leaves all of them out; give it alone"],
     "run --meal 50@50": ["'50@50'", "write 50g@50min", "--allow-unusual"],
     "run --meal ٥٠g@50": ["is not a meal"],
     "bound --meal 50@50": ["write 50g@50min"],
-    "bound --duration 5d --duration 1h": ["--duration is given 2 times", "give it once"],
-    "run --guard --no-guard": ["--guard or --no-guard is given 2 times"],
-    "run --controller pid --step-mU-min 1e-300": ["a step of 1e-300 mU/min", "give a larger step"],
+    "bound --duration 5d --duration 1h": ["--duration is given twice; leave one out"],
+    "run --guard --no-guard": ["there is no option --no-guard; write --guard none"],
+    "run --controller pid,step_mU_min=1e-300": ["a step of 1e-300 mU/min", "give a larger step"],
     "hil --chip /dev/null": ["/dev/null is no serial port", "--chip"],
     "hil --chip /tmp": ["the serial port /tmp cannot be opened", "--chip"],
     "trial --out a --meal 50@50": ["write 50g@50min"],
-    "run --setpoint 1_00": ["'1_00'", "in digits from 0 to 9"],
-    "run --setpoint ١٠٠": ["'١٠٠'", "in digits from 0 to 9"],
-    "run --seed 1_0": ["'1_0'", "a whole number, in digits"],
-    "run --controller pid --setting gain=1_0": ["gain is '1_0'; give a finite number"],
-    "run --fault missing,start_min=1_0": ["start_min is '1_0'; give a finite number"],
-    "trial --out a --traces ١٠": ["give none, all, or the number"],
-    "tune --move-horizon ١:٢ --prediction-horizon 2": ["write it like 1:4"],
-    "robust --out a --move-weight 1_0:20": ["write it like .1:2"],
-    "run --move-weight 1e9": ["1e+09", "usually from -1e+06 to 1e+06", "--allow-unusual"],
-    "run --move-weight 1e300": ["move_weight is 1e+300; give a number", "of a size up to 1e+30"],
-    "run --controller pid --gain 1e9": ["1e+09 mU/min per mg/dl", "usually from 0.001 to 100", "--allow-unusual"],
-    "run --controller mpc-se --other-process-noise 1e150": [
-        "1e+150",
-        "other_process_noise is 1e+150; give a number of a size up to 1e+30",
+    "run --setpoint 1_00": ["--setpoint is '1_00'; give a number above 0 mg/dl"],
+    "run --setpoint ١٠٠": ["--setpoint is '١٠٠'; give a number"],
+    "run --seed 1_0": ["--seed is '1_0'; give a whole number"],
+    "run --controller pid,gain=1_0": ["--controller: pid: gain is '1_0'; give a finite number"],
+    "run --fault missing,start_min=1_0": ["--fault: missing: start_min is '1_0'; give a finite number"],
+    "trial --out a --traces ١٠": ["--traces is '١٠'; give none, all, or the number"],
+    "run --controller move_weight=1e9": ["1e+09", "usually from -1e+06 to 1e+06", "--allow-unusual"],
+    "run --controller move_weight=1e300": ["move_weight is 1e+300; give a number", "of a size up to 1e+30"],
+    "run --controller pid,gain=1e9": ["pid: gain is 1e+09 mU/min per mg/dl", "from 0.001 to 100", "--allow-unusual"],
+    "run --controller mpc-se,other_process_noise=1e150": [
+        "mpc-se: other_process_noise is 1e+150; give a number of a size up to 1e+30",
     ],
-    "compare --case a:pid,gain=1e9 --case b:pid": ["case 'a'", "gain is 1e+09", "--allow-unusual"],
     "bound --known-after 1e300": ["to 527040 min"],
-    "run --duration 10x": ["'10x'", "minutes, or a time with its unit like 1.5h"],
+    "run --duration 10x": ["--duration is '10x'; give a number above 0 min and up to 527040 min"],
     "run --duration 1000d": ["up to 527040 min"],
     "run --duration 10h --sample-time 7min": ["600 min", "7 min"],
     "run --fault missing,start_min=11h": ["660 min", "600 min"],
-    "run --noise abc": ["--noise is 'abc'", "a number"],
+    "run --noise abc": ["--noise is 'abc'; give a number from 0 to 10000"],
     "run --noise nan": ["--noise is nan", "from 0 to 10000"],
     "run --noise -1": ["--noise is -1", "from 0 to 10000"],
     "run --noise 1e9": ["--noise is 1e+09", "from 0 to 10000"],
-    "run --noise-bound 0": ["--noise-bound is 0", "above 0"],
+    "run --sensor white-noise,bound_mg_dl=0": ["--sensor: white-noise: bound_mg_dl is 0 mg/dl", "above 0"],
+    "run --sensor lag_min=3": ["--sensor: no sensor is named; begin with its name"],
+    "run --sensor=": ["--sensor is empty"],
     "run --dead-time 7": ["7 min", "5 or 10 min"],
+    "run --dead-time -5": ["--dead-time is -5 min; give a number from 0 to 1440 min"],
     "run --duration 0": ["--duration is 0", "above 0"],
     "run --duration inf": ["--duration is inf", "above 0 min and up to 527040 min"],
     "run --duration 603": ["603 min", "or --duration 605"],
     "run --sample-time 7.3": ["600 min", "7.3 min", "give --sample-time 7.5 or --duration 598.6"],
     "bound --in-advance --sample-time 7": ["give --sample-time 7.5 or --duration 602"],
     "trial --out a --days 2 --sample-time 7": ["2880 min", "give --sample-time 7.2."],
-    "detect --out a --sample-time 7": ["1440 min", "give --sample-time 7.2."],
+    "detect --out a --sample-time 7": ["1440 min", "give --sample-time 7.2"],
     "run --sample-time 0": ["--sample-time is 0 min", "from 0.1 to 120 min"],
     "run --seed -1": ["--seed is -1", "from 0 to 4294967295"],
     "run --seed 1.5": ["--seed is '1.5'", "a whole number"],
-    "run --move-horizon 0": ["move_horizon is 0; give a whole number from 1 to 50", "from 1 to"],
-    "run --move-horizon 9": ["prediction horizon of 8", "from 9 to"],
-    "run --output-weight 0": ["output_weight is 0; give a finite number above 0", "above 0"],
-    "run --move-weight -1": ["move_weight is -1; give a finite number of 0 or more", "0 or more"],
-    "run --constraints lp": ["'lp'", "constraints is 'lp'; give clip or qp"],
+    "run --seed": ["--seed has no value; give one after it"],
+    "run --controller move_horizon=0": ["--controller: move_horizon is 0; give a whole number from 1 to 50"],
+    "run --controller mpc,move_horizon=0": ["--controller: mpc: move_horizon is 0; give a whole number from 1 to 50"],
+    "run --controller move_horizon=9": ["prediction horizon of 8", "from 9 to"],
+    "run --controller output_weight=0": ["output_weight is 0; give a finite number above 0", "above 0"],
+    "run --controller move_weight=-1": ["move_weight is -1; give a finite number of 0 or more", "0 or more"],
+    "run --controller constraints=lp": ["constraints is 'lp'; give clip or qp"],
+    "run --controller mpc,move_weight": ["'move_weight' in 'mpc,move_weight' is no setting with a value"],
+    "run --controller mpc,move_weight=1,move_weight=2": ["move_weight is given twice"],
+    "run --move-weight 1": ["there is no option --move-weight; write --controller 'move_weight=...'"],
+    "run --set controller.move_weigt=1": ["--set: the controller mpc has no setting 'move_weigt'; did you mean"],
+    "run --set seed": ["--set 'seed' has no value; write it like --set controller.move_weight=.2"],
+    "run --set wobble=1": ["--set: a run has no setting 'wobble'"],
     "run --integrator euler": ["--integrator is 'euler'", "give fast or adaptive"],
-    "run --max-insulin 0": ["--max-insulin is 0", "above 0"],
-    "run --min-insulin 80": ["80 to 66.9"],
-    "run --max-rate-change 0": ["--max-rate-change is 0", "above 0"],
-    "run --pump-resolution 0": ["--pump-resolution is 0", "above 0"],
+    "run --start 25:00": ["'25:00' is no time of day; write it like 07:30"],
+    "run --pump max_insulin_mU_min=0": ["--pump: max_insulin_mU_min is 0 mU/min; give", "above 0"],
+    "run --pump min_insulin_mU_min=80": ["80 to 66.9"],
+    "run --pump max_change_mU_min=0": ["max_change_mU_min is 0", "above 0"],
+    "run --pump resolution_mU_min=0": ["resolution_mU_min is 0", "above 0"],
     "run --setpoint 0": ["--setpoint is 0", "above 0"],
     "run --initial-glucose 500": ["500 mg/dl", "190.83"],
-    "run --laguerre-pole 1": ["--laguerre-pole is 1", "below 1"],
-    "run --laguerre-functions 40": ["40 Laguerre functions", "at most 36"],
-    "run --memory 1": ["--memory is 1", "from 2 to 2000"],
-    "run --model absent.json --memory 20": ["--memory", "absent.json", "leave out one"],
+    "run --model laguerre_pole=1": ["--model: laguerre_pole is 1", "below 1"],
+    "run --model laguerre_functions=40": ["40 Laguerre functions", "at most 36"],
+    "run --model memory=1": ["--model: memory is 1", "from 2 to 2000"],
+    "run --model absent.json,memory=20": ["absent.json,memory=20 cannot be read as a model: No such file"],
+    "run --model memory=20 --controller pid": ["none of these controllers uses one: pid; leave it out"],
+    "run --controller mpc --controller pid": ["there are 2 controllers (mpc, pid); give one, or use glucoloop compare"],
     "run --overwrite": ["--overwrite", "--out"],
     "run --out=": ["--out is empty"],
-    "run --foo": ["--foo", "glucoloop run --help"],
+    "run --wobble": ["there is no option --wobble; see glucoloop run --help"],
     "run extra": ["extra"],
     "ruun": ["ruun", "'run'"],
-    "compare": ["0 cases", "from 2"],
-    "compare --case mpc": ["1 case ", "from 2"],
-    "compare --case mpc --case mpc": ["two cases are called 'mpc'"],
-    "compare --case mpc --case a:mpc,noise_variance=1": ["case 'a'", "noise_variance", "share"],
-    "compare --case mpc --case a:mpc,move_wait=1": ["case 'a'", "did you mean 'move_weight'"],
-    "compare --case mpc --case a:mpc,move_weight": ["move_weight=1"],
-    "compare --case mpc --case a:mpc,move_weight=1,move_weight=2": ["given twice"],
-    "compare --case mpc --case a:mpx": ["case 'a'", "unknown controller 'mpx'"],
-    "compare --case mpc --case a:mpc,move_weight=high": ["case 'a'", "'high'", "a finite number"],
-    "compare --case mpc --case a:mpc,prediction_horizon=1": ["case 'a'", "prediction horizon of 1"],
-    "compare --case mpc --case=": ["'' is not a case"],
+    "--foo": ["there is no option --foo before a command"],
+    "compare": ["1 case ", "give --controller for each of 2 or more"],
+    "compare --controller mpc": ["1 case ", "give --controller for each of 2 or more"],
+    "compare --controller mpc --controller mpc": ["two cases are called 'mpc'", "like label=careful"],
+    "compare --controller mpc --controller mpc,noise_variance=1": [
+        "the controller mpc has no setting 'noise_variance'"
+    ],
+    "compare --controller mpc --controller mpc,move_wait=1": ["did you mean 'move_weight'"],
+    "compare --controller mpc --controller move_weight=1": ["once without a name; name the controller"],
+    "compare --controller mpc --controller mpx": ["unknown controller 'mpx'"],
+    "compare --controller mpc --controller mpc,label=a,move_weight=high": ["mpc: move_weight is 'high'", "a finite"],
+    "compare --controller mpc --controller mpc,label=a,prediction_horizon=1": ["case 'a'", "prediction horizon of 1"],
+    "compare --controller mpc --controller=": ["--controller is empty"],
     "identify --data absent.csv": ["absent.csv", "No such file"],
     "identify --amplitude 30": ["30 mU/min", "at most 25.61"],
     "identify --samples 10": ["10 samples", "72"],
-    "identify --noise 1 --data record.csv": ["--noise", "leave one out"],
+    "identify --noise 1 --data record.csv": ["leave"],
     "identify --method csrs": ["--method", "--data"],
     "identify --best-pole --laguerre-pole .8": ["pole", "leave one out"],
     "identify --best-pole --laguerre-functions 0": ["no pole to search for"],
@@ -127,24 +145,30 @@ CONFIGURATIONS = {
     b"\x00\x01": "is not text",
     b"\xff\xfe": "is not text",
     b"a = [": "is not TOML",
-    b"prediction_horzon = 8": "did you mean 'prediction_horizon'",
-    b"prediction_horizon = '8'": "prediction_horizon is '8'; give a whole number",
-    b"prediction_horizon = true": "prediction_horizon is True",
-    b"sample_time_min = 7": "give sample_time_min = 7.5 or duration_min = 602",
-    b"zzqqx = 3": "known ones is like it; --help of the command has each as an option",
-    b"insulin_upper = 3": "those like it are: min_insulin_mU_min, max_insulin_mU_min",
-    b"duration_min = '10x'": "duration_min is '10x'",
-    b"duration_min = '0d'": "duration_min is 0 min; give",
+    b"setpoint_mgdl = 8": "a.toml: a run has no setting 'setpoint_mgdl'; did you mean 'setpoint_mg_dl'",
+    b"controller = {prediction_horzon = 8}": "a.toml: the controller mpc has no setting 'prediction_horzon'",
+    b"controller = {prediction_horizon = '8'}": "a.toml: prediction_horizon is '8'; give a whole number",
+    b"controller = {name = 'pid', gain = true}": "a.toml: pid: gain is True; give a finite number",
+    b"controller = 'mpc, prediction_horizon=x'": "a.toml: mpc: prediction_horizon is 'x'; give a whole number",
+    b"sample_time_min = 7": "give --sample-time 7.5 or --duration 602",
+    b"zzqqx = 3": "known ones is like it; --help of the command has each",
+    b"pump = {insulin_upper = 3}": "the pump limited has no setting 'insulin_upper'; the known ones are: max_change",
+    b"duration_min = '10x'": "a.toml: duration_min is '10x'",
+    b"duration_min = '0d'": "a.toml: duration_min is 0 min; give",
     b"duration_min = '1h'\nfaults = ['missing, start_min=2h']": "begins at 120 min, but the run ends at 60 min",
-    b"noise_variance = nan": "noise_variance is nan (mg/dl)²; give a number from 0 to 10000",
-    b"seed = 1.0": "seed is 1; give a whole number",
-    b"meals = '50@50'": "meals is '50@50'; give a list",
-    b"meals = [50]": "give a text",
-    b"controller = 3": "controller is 3; give a text, the name of one",
-    b"controller = {name = 'pid'}": "controller is {'name': 'pid'}; give a text, the name of one",
-    b"noise = 1.45": "unknown key 'noise'; in a file it is 'noise_variance'",
-    b"model = 3": "model is 3; give a text",
-    b"[[case]]": "unknown key 'case'; give a file with cases to glucoloop compare or glucoloop trial",
+    b"sensor = {name = 'white-noise', variance = nan}": "variance is nan (mg/dl)\u00b2; give a number from 0 to 10000",
+    b"seed = 1.0": "a.toml: seed is 1; give a whole number",
+    b"meals = '50@50'": "a.toml: meals is '50@50'; give a list",
+    b"meals = [50]": "a.toml: meals is 50; give a text",
+    b"meals = [['50g@50min']]": "give a text",
+    b"controller = 3": "a.toml: 3 is no controller; give a text like 'mpc-se, move_horizon=2', or a table",
+    b"controller = {name = 3}": "a.toml: 3 names no controller; begin with its name",
+    b"guard = true": "a.toml: True is no guard; give a text like 'usual, max_hour=2', or a table",
+    b"patient = 3": "a.toml: 3 is no patient",
+    b"model = 3": "a.toml: 3 is no model",
+    b"noise = 1.45": "a.toml: a run has no setting 'noise'",
+    b"[[case]]": "a run has no setting 'case'",
+    b"used = 3": "used is 3 in a.toml; it is the table of what was used",
 }
 
 
@@ -229,8 +253,8 @@ def test_model_that_holds_another_dead_time_is_refused(refused, tmp_path, model_
     model = json.loads(model_text)
     model["provenance"]["dead_time_min"] = 15.0
     (tmp_path / "m.json").write_text(json.dumps(model))
-    told = refused("run", "--model", "m.json", "--dead-time", 10, "--known-dead-time")
-    assert "--dead-time 15 or --unknown-dead-time" in told
+    told = refused("run", "--model", "m.json", "--dead-time", 10, "--controller", "known_dead_time=true")
+    assert "run with --dead-time 15 or without known_dead_time" in told
 
 
 RECORDS = {
@@ -260,7 +284,7 @@ def test_record_is_refused(refused, tmp_path, text):
 
 
 def test_folder_that_is_taken_is_refused_before_anything_is_computed(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
     (tmp_path / "file").write_text("mine")
@@ -288,7 +312,7 @@ def test_full_disk_leaves_the_old_folder(glucoloop, refused, tmp_path, monkeypat
 
 
 def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monkeypatch):
-    def interrupt(_):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", interrupt)
@@ -300,10 +324,10 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 LONG_WORK = {
     "identify": "glucoloop.studies.identified.identify",
-    "bound": "glucoloop.studies.bounded.work_out",
+    "bound": "glucoloop.studies.bound.study._bounds",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.study.found",
-    "compare --case mpc --case pid": "glucoloop.studies.closed_loop.close_the_loop",
+    "compare --controller mpc --controller pid": "glucoloop.studies.closed_loop.close_the_loop",
 }
 
 
@@ -316,7 +340,7 @@ def test_interrupt_of_long_work_leaves_nothing_half_written(glucoloop, tmp_path,
 
 
 def test_interrupt_of_a_search_keeps_what_was_tried(glucoloop, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.cli.robust._finish", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("glucoloop.studies.robust.search.SearchEngine.missing", raising(KeyboardInterrupt()))
     answer = glucoloop("robust", "--people", "50", "--out", "out")
     assert (answer.code, answer.out) == (130, "")
     assert answer.err.startswith("glucoloop: interrupted; 0 of ")
@@ -366,7 +390,7 @@ REFUSED_BY_THE_MACHINE = {
 @pytest.mark.parametrize("what", REFUSED_BY_THE_MACHINE)
 def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monkeypatch, what):
     fail, told = REFUSED_BY_THE_MACHINE[what]
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: fail())
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: fail())
     assert told in refused("run", "--out", "out")
     assert list(tmp_path.iterdir()) == []
 
@@ -384,7 +408,7 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
     outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict, given=None))
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: outcome)
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: outcome)
     monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
     monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))
     answer = glucoloop("run", "--out", "out")
@@ -393,7 +417,7 @@ def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, m
 
 
 def test_folder_behind_links_that_lead_nowhere_is_refused(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     for out in ("a", "a/out"):
@@ -448,15 +472,15 @@ def test_platform_that_jax_does_not_have_is_told(tmp_path):
 
 def test_bug_keeps_its_traceback(monkeypatch):
     """A ValueError from outside the library was not foreseen."""
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda _: int("bug"))
+    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: int("bug"))
     with pytest.raises(ValueError, match="invalid literal"):
         main(["run"])
 
 
 def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
     made: dict = {}
-    exec(compile("def bug(*_, **__):\n    return float('abc')\n", run_config.__file__, "exec"), made)
-    monkeypatch.setattr("glucoloop.config.run.read_run", made["bug"])
+    exec(compile("def bug(*_, **__):\n    return float('abc')\n", situation.__file__, "exec"), made)
+    monkeypatch.setattr("glucoloop.cli.run.read_root", made["bug"])
     with pytest.raises(ValueError, match="could not convert") as raised:
         main(["run"])
     assert raised.value.__notes__ == [BUG]

@@ -3,7 +3,6 @@
 import html
 import re
 from html.parser import HTMLParser
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -291,9 +290,12 @@ def make_stress(make_stress_row):
 @pytest.fixture(scope="session")
 def stress_page():
     """A function that makes the page of a stress test."""
+    from glucoloop.situations.situation import configured
+    from glucoloop.studies.stress import StressTest
     from glucoloop.studies.stress.study import page
 
-    return lambda found: page(SimpleNamespace(keys=dict, given=None), found)
+    asked = configured(StressTest)
+    return lambda found: page(asked, found)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import matplotlib.colors
 import pytest
 
 from glucoloop.report.heat import SHADES_PCT as SHADES
-from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress import STANDARD_FAULTS
 from glucoloop.studies.stress.study import plot_stress
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"

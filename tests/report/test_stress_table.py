@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress import STANDARD_FAULTS
 from glucoloop.studies.stress.study import tables
 
 STUCK = "stuck, start_min=60, duration_min=90"

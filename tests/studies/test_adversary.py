@@ -5,12 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.studies.adversary import AdversarySettings
+from glucoloop.situations.situation import configured
+from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.attack import Harm
 from glucoloop.studies.adversary.search import generations
 from glucoloop.studies.adversary.space import ErrorSpace
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
+
+
+def effort_of(**settings):
+    return configured(Adversary, settings)
 
 
 def toy(errors, stuck_from):
@@ -34,20 +39,20 @@ def test_errors_hold_and_keep_their_bound():
 
 
 def test_the_search_finds_the_known_worst_errors():
-    *_, last = generations(toy, SPACE, AdversarySettings(generations=60, starts=2, sequences=16, search_seed=3))
+    *_, last = generations(toy, SPACE, effort_of(generations=60, starts=2, sequences=16, search_seed=3))
     assert last.best_score == pytest.approx(MOST, rel=1e-3)
     np.testing.assert_allclose(SPACE.stuck_from(last.best[None])[:, 0], 17.0)
 
 
 def test_it_finds_more_than_chance_does_with_as_many_tries():
-    effort = AdversarySettings(generations=40, starts=2, sequences=16, search_seed=4)
+    effort = effort_of(generations=40, starts=2, sequences=16, search_seed=4)
     *_, last = generations(toy, SPACE, effort)
     points = SPACE.random_points(4, np.arange(40 * effort.lanes))
     assert last.best_score > toy(SPACE.errors(points), SPACE.stuck_from(points)).max()
 
 
 def test_a_search_that_was_cut_short_goes_on_to_the_same_bits():
-    effort = AdversarySettings(generations=30, starts=2, sequences=8, search_seed=5)
+    effort = effort_of(generations=30, starts=2, sequences=8, search_seed=5)
     whole = list(generations(toy, SPACE, effort))
     asked = []
 
@@ -64,7 +69,7 @@ def test_a_search_that_was_cut_short_goes_on_to_the_same_bits():
 
 def test_larger_errors_are_never_found_to_do_less():
     """The worst of smaller errors is the first sequence that is tried of larger ones, and where a start goes on."""
-    effort = AdversarySettings(generations=20, starts=2, sequences=8, search_seed=6)
+    effort = effort_of(generations=20, starts=2, sequences=8, search_seed=6)
     *_, small = generations(toy, SPACE, effort)
     large = dataclasses.replace(SPACE, error=0.3)
     known = large.points_of(SPACE, small.best)
@@ -80,7 +85,7 @@ def test_larger_errors_are_never_found_to_do_less():
 
 
 def test_another_seed_asks_for_other_sequences():
-    first, second = (next(generations(toy, SPACE, AdversarySettings(search_seed=seed))).score for seed in (1, 2))
+    first, second = (next(generations(toy, SPACE, effort_of(search_seed=seed))).score for seed in (1, 2))
     assert not np.array_equal(first, second)
 
 
@@ -92,7 +97,7 @@ def test_what_is_not_a_number_is_no_harm():
             peak_mg_dl=np.zeros(errors.shape[1]),
         ).score
 
-    *_, last = generations(broken, SPACE, AdversarySettings(generations=20, starts=1, sequences=8))
+    *_, last = generations(broken, SPACE, effort_of(generations=20, starts=1, sequences=8))
     assert np.isfinite(last.best_score)
     assert SPACE.errors(last.best[None])[0, 0] <= 0.0
 

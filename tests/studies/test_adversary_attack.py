@@ -12,15 +12,17 @@ from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.control import Status
 from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
-from glucoloop.studies.adversary import AdversarySettings
+from glucoloop.situations.situation import configured
+from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.attack import Attack
 from glucoloop.studies.adversary.search import random_errors, worst_errors
 from glucoloop.studies.adversary.space import ErrorSpace
-from glucoloop.studies.adversary.study import read as read_adversary
+from glucoloop.studies.adversary.study import searches_of
 
-ASKED = read_adversary(
+ASKED = configured(
+    Adversary,
     {
-        "controllers": ["pid"],
+        "controller": ["pid"],
         "guards": "without",
         "errors_pct": [30.0],
         "duration_min": 240.0,
@@ -28,7 +30,7 @@ ASKED = read_adversary(
         "generations": 8,
         "starts": 1,
         "sequences": 4,
-    }
+    },
 )
 
 
@@ -39,13 +41,13 @@ def pid():
 
 @pytest.fixture(scope="module")
 def attack(pid):
-    (search,) = ASKED.searches().values()
+    (search,) = searches_of(ASKED).values()
     return Attack(search.trial, pid, search.space, lanes=4)
 
 
 @pytest.fixture(scope="module")
 def space():
-    (search,) = ASKED.searches().values()
+    (search,) = searches_of(ASKED).values()
     return search.space
 
 
@@ -62,9 +64,9 @@ def test_it_is_the_loop_of_simulate(attack, pid, space):
 
 
 def test_carbohydrate_is_announced_as_people_count_it():
-    keys = {"controllers": ["basal-bolus"], "guards": "without", "duration_min": 120.0, "people": 3, "seed": 5}
+    keys = {"controller": ["basal-bolus"], "guards": "without", "duration_min": 120.0, "people": 3, "seed": 5}
     told = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -20.0}
-    (search,) = read_adversary({**keys, **told, "errors_pct": [10.0]}).searches().values()
+    (search,) = searches_of(configured(Adversary, {**keys, **told, "errors_pct": [10.0]})).values()
     trial = search.trial
     attack = Attack(trial, controller_of(trial, trial.cases[0]), search.space, lanes=4)
     none, never = np.zeros((trial.samples, 3)), np.full((search.space.stretches, 3), float(trial.samples))
@@ -85,7 +87,7 @@ def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, s
 
 
 def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
-    worst = worst_errors(attack, attack.person(3), space, AdversarySettings(generations=8, starts=1, sequences=4))
+    worst = worst_errors(attack, attack.person(3), space, ASKED)
     assert np.abs(worst.errors).max() <= 0.3
     assert worst.tried == 32
     fresh = attack.harm(attack.person(3), worst.errors[:, None], worst.stuck_from[:, None])
@@ -105,6 +107,5 @@ def test_what_does_not_fit_is_refused(pid):
     space = ErrorSpace(samples=10, error=0.1)
     with pytest.raises(ValueError, match="errors of 10 samples do not fit a run of 48"):
         Attack(ASKED.base, pid, space)
-    varied = dataclasses.replace(ASKED.base.plan, size_spread_pct=10.0)
     with pytest.raises(ValueError, match="leave their spreads at 0"):
-        Attack(dataclasses.replace(ASKED.base, plan=varied), pid, space)
+        Attack(dataclasses.replace(ASKED.base, meal_size_spread_pct=10.0), pid, space)

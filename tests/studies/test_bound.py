@@ -8,7 +8,8 @@ from rich.console import Console
 
 from glucoloop.bounds import HedgedDoses, OptimalDoses
 from glucoloop.meals import Meal
-from glucoloop.studies.bound import study
+from glucoloop.situations.situation import configured
+from glucoloop.studies.bound import BoundRequest, study
 from glucoloop.studies.bound.figure import plot_bound
 
 
@@ -102,7 +103,7 @@ def test_nothing_to_draw_is_refused(plans):
 
 def test_table(plans, hedged, monkeypatch):
     monkeypatch.setattr(study, "_bounds", lambda *_: study.Bounds(plans, hedged))
-    asked = study.read({})
+    asked = configured(BoundRequest)
     console = Console(width=200, record=True)
     with console.capture() as captured:
         console.print(*study.tables(asked, study.found(asked, print)))

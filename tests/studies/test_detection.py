@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from glucoloop.meals import Eaten, draw_meals
+from glucoloop.situations.situation import configured
+from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.days import who_and_when
 from glucoloop.studies.detection.evaluate import evaluate
 from glucoloop.studies.detection.scores import (
@@ -17,7 +19,7 @@ from glucoloop.studies.detection.scores import (
     told_at,
     under_way,
 )
-from glucoloop.studies.detection.study import findings, read
+from glucoloop.studies.detection.study import findings
 
 # Scores, by hand ------------------------------------------------------------------------------------------------------
 
@@ -105,16 +107,18 @@ def test_meals_of_a_day_are_put_in_order():
 
 @pytest.fixture(scope="module")
 def asked():
-    return read(
-        {
-            "days": 3,
-            "noise_variance": 0.0,
-            "controller": "basal",
-            "estimators": ["moving-horizon"],
+    return configured(
+        Detection,
+        days=3,
+        sensor=[],
+        controller="basal",
+        estimators=["moving-horizon"],
+        estimates_by={
+            "name": "meal-mpc",
             "meals_per_h": 0.05,
             "disturbance_variance": 0.1,
             "fast_meals": 0.0,  # nobody's gut is another than the model's, and without noise nothing else tells so
-        }
+        },
     )
 
 
@@ -144,7 +148,7 @@ def test_true_meals_are_all_found_and_sized(result):
 @pytest.mark.long
 def test_meals_are_those_of_the_plan(asked, result):
     (of,) = result.of.values()
-    drawn = draw_meals(asked.plan, asked.trial.seed, [0])
+    drawn = draw_meals(asked.all_days, asked.seed, [0])
     np.testing.assert_allclose(of.tables["meals"]["carbs_g"], drawn.carbs_g[:, 0])
     np.testing.assert_allclose(of.tables["meals"]["t_min"] + 1440.0 * of.tables["meals"]["day"], drawn.t_min[:, 0])
     assert of.tables["meals"]["day"].to_list() == [0, 0, 1, 1, 2, 2]
@@ -181,7 +185,7 @@ def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
 
 @pytest.mark.long
 def test_without_meals_there_is_no_number_of_them():
-    asked = read({"days": 1, "meals": [], "meal_size_spread_pct": 0.0, "controller": "basal", "estimators": ["kalman"]})
+    asked = configured(Detection, days=1, meals=[], meal_size_spread_pct=0.0, controller="basal", estimators=["kalman"])
     summary = findings(asked, evaluate(asked, lambda done: None)).plain["estimators"]["kalman"]
     assert (summary["meals"], summary["delay_median_min"], summary["missed_pct"]) == (0, None, None)
     assert summary["false_alarms_between_per_day"] is None
@@ -191,53 +195,56 @@ def test_without_meals_there_is_no_number_of_them():
 # What is asked for ----------------------------------------------------------------------------------------------------
 
 
-def test_a_test_is_read_again_from_its_keys(asked):
-    for detection in (asked, read({}), read({"people": 7, "population": "parker2000"})):
-        again = read(detection.keys())
-        assert again == detection
-        assert again.keys() == detection.keys()
+def test_a_test_is_read_again_from_its_tree(asked):
+    for detection in (asked, configured(Detection), configured(Detection, people=7, population="parker2000")):
+        again = configured(Detection, detection.tree())
+        assert again.tree(whole=True) == detection.tree(whole=True)
 
 
 def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
-    one, many = read({}), read({"people": 30, "population": "parker2000", "seed": 3})
-    assert (one.trial.people, one.own.days, one.own.estimators) == (1, 100, ("moving-horizon", "kalman"))
-    assert (many.trial.people, many.own.days) == (30, 1)
-    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.own.estimators)
-    twice = dataclasses.replace(many, own=dataclasses.replace(many.own, days=2))
+    one, many = configured(Detection), configured(Detection, people=30, population="parker2000", seed=3)
+    assert (one.people, one.number_of_days, one.estimators) == (1, 100, ("moving-horizon", "kalman"))
+    assert (many.people, many.number_of_days) == (30, 1)
+    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.estimators)
+    twice = dataclasses.replace(many, days=2)
     person, day_of, infeasible = who_and_when(twice)
     assert day_of.tolist() == [0, 1] * (person.size // 2)
     assert person.size // 2 + infeasible == 30
 
 
 def test_settings_of_the_estimator_are_not_the_controllers():
-    asked = read({"controller": "mpc-se", "measurement_variance": 3.0, "move_weight": 2.0})
+    asked = configured(
+        Detection, controller="mpc-se, move_weight=2", estimates_by={"name": "meal-mpc", "measurement_variance": 3.0}
+    )
     (case,) = asked.trial.cases
-    assert asked.settings["measurement_variance"] == 3.0
+    assert asked.estimating.measurement_variance == 3.0
     assert case.tuning["measurement_variance"] == 1.45
     assert case.tuning["move_weight"] == 2.0
-    assert case.label == "mpc-se"
+    assert case.label == "mpc-se, move_weight=2"
 
 
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ({"estimators": []}, "estimators names none; give one or more of moving-horizon, kalman"),
-        ({"estimators": ["kalmen"]}, "estimators has the unknown 'kalmen'; did you mean 'kalman'?"),
-        ({"estimators": ["kalman", "kalman"]}, "estimators has 'kalman' twice; leave one out"),
+        ({"estimators": []}, "--estimator names none; give one or more of moving-horizon, kalman"),
+        ({"estimators": ["kalmen"]}, "--estimator has the unknown 'kalmen'; did you mean 'kalman'?"),
+        ({"estimators": ["kalman", "kalman"]}, "--estimator has 'kalman' twice; leave one out"),
         ({"threshold": 0.0}, "threshold is 0; give a number above 0 and below 1"),
         ({"threshold": 1.0}, "threshold is 1; give a number above 0 and below 1"),
         ({"days": 0}, "days is 0; give"),
         ({"days": 366, "people": 1000}, "366 days of 1000 people are too many; give at most 100000 days in all"),
-        ({"estimator": "kalman"}, "the controller meal-mpc is tried with each of the estimators"),
+        ({"controller": "meal-mpc, estimator=kalman"}, "the controller meal-mpc is tried with each of the estimators"),
         ({"announce_meals": False}, "announce_meals is no part of a test of estimators"),
-        ({"duration_min": 100.0}, "unknown key 'duration_min' of a test of estimators"),
+        ({"duration_min": 100.0}, "duration_min is no part of a test of estimators"),
         ({"controller": "mcp"}, "unknown controller 'mcp'"),
-        ({"controller": "basal", "move_weight": 1.0}, "the controller basal has no setting 'move_weight'"),
-        ({"meal_horizon": 2.5}, "meal_horizon is 2.5; give a whole number"),
+        ({"controller": "basal, move_weight=1"}, "the controller basal has no setting 'move_weight'"),
+        ({"estimates_by": {"name": "meal-mpc", "meal_horizon": 2.5}}, "meal_horizon is 2.5; give a whole number"),
+        ({"estimates_by": {"name": "pid"}}, "--estimates-by is pid; give settings of meal-mpc"),
+        ({"controller": ["basal", "imc"]}, "there are 2 controllers (basal, imc); give one"),
         ({"sample_time_min": 7.0}, "a horizon of 1440 min is not a whole number of samples of 7 min"),
     ],
 )
 def test_what_cannot_be_is_refused(keys, sentence):
     with pytest.raises(ValueError, match=r"^.*$") as refused:
-        read(keys)
+        configured(Detection, keys)
     assert sentence in str(refused.value)

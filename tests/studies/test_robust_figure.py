@@ -7,14 +7,16 @@ import polars as pl
 import pytest
 from rich.console import Console
 
+from glucoloop.situations.situation import configured
 from glucoloop.storage.findings import Findings
+from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.front import Bound, judged
 from glucoloop.studies.robust.objectives import NO_SCORES
 from glucoloop.studies.robust.search import SearchEngine
-from glucoloop.studies.robust.study import read, tables
+from glucoloop.studies.robust.study import tables
 
-ASKED = read({"at_most": ["peak-median=95"], "batch": 40, "rounds": 1})
+ASKED = configured(Search, at_most=["peak-median=95"], batch=40, rounds=1)
 SCORES = dict.fromkeys(NO_SCORES, 1.0)
 
 
@@ -23,7 +25,7 @@ def candidates():
     for place in range(40):
         trade, worse = random.random(2)
         found = {"undershoot_p95_mg_dl": 2.0 + 8.0 * trade + worse, "peak_median_mg_dl": 98.0 - 10.0 * trade + worse}
-        tuning = ASKED.start if place == 0 else {of.name: of.at(random.random()) for of in ASKED.space}
+        tuning = ASKED.initial if place == 0 else {of.name: of.at(random.random()) for of in ASKED.space}
         yield {"candidate": place, "round": 0, **tuning, **(NO_SCORES if place == 5 else {**SCORES, **found})}
 
 
@@ -73,13 +75,11 @@ def test_tables_hold_the_front_and_the_others(found):
     table = found.tables["candidates.csv"]
     assert not table["keeps_the_bounds"][5]
     assert table.equals(
-        judged(
-            table.drop("chosen", "on_the_front", "keeps_the_bounds"), [Bound("peak-median", 95.0)], ASKED.own.objectives
-        )
+        judged(table.drop("chosen", "on_the_front", "keeps_the_bounds"), [Bound("peak-median", 95.0)], ASKED.objectives)
     )
     console = Console(width=200, record=True)
     with console.capture() as captured:
-        console.print(*tables(read({"at_most": ["peak-median=95"], "top": 3}), Findings(found.plain)))
+        console.print(*tables(configured(Search, at_most=["peak-median=95"], top=3), Findings(found.plain)))
     first, second = captured.get().split("Never seen before")
     rows = [line.split() for line in first.splitlines()]
     assert [row[0] for row in rows if row[:1] in (["chosen"], ["mpc-se"])] == ["chosen", "mpc-se"]

@@ -4,26 +4,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from glucoloop.config.trial import read_trial
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts import blocks
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.parts.ranges import Tuned
-from glucoloop.refusal import Refusal
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
-from glucoloop.studies.robust import RANGES, HowFar, RobustSettings
+from glucoloop.situations.situation import configured
+from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.loop import TuningLoop
 from glucoloop.studies.robust.objectives import METRICS
-from glucoloop.studies.robust.search import Search, SearchEngine
-from glucoloop.studies.robust.study import read
+from glucoloop.studies.robust.search import SearchEngine, tuning_of
+from glucoloop.studies.robust.study import notes
 from glucoloop.studies.robust.subjects import draw_subjects
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0
+FIXED = {name: 1.0 for name, of in RANGES.items() if of.unasked}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -33,10 +34,8 @@ def _designed_at_once():
     def design_of(trial, case):
         del trial, case
 
-        def design(tuning):
-            if tuning["filter_min"] <= 0.0:
-                raise Refusal("a filter of no length is not possible")
-            return proportional(tuning["filter_min"])
+        def design(controller):
+            return proportional(controller.filter_min)
 
         return design
 
@@ -66,9 +65,14 @@ def proportional(filter_min):
 
 @pytest.fixture(scope="module")
 def trial():
-    return read_trial(
-        {"duration_min": MINUTES, "meals": ["40g@30min"], "noise_variance": 1.45, "people": 3, "seed": 7},
-        [{"label": "imc", "controller": "imc"}],
+    return configured(
+        Trial,
+        duration_min=MINUTES,
+        meals=["40g@30min"],
+        sensor=["white-noise, variance=1.45"],
+        people=3,
+        seed=7,
+        controller=["imc"],
     )
 
 
@@ -110,7 +114,7 @@ def test_blocks_make_no_difference(subjects, loop, monkeypatch):
 
 
 class ClosedForm:
-    """Stands for the loop: subject i undershoots by what the filter is away from his own best."""
+    """Stands for the loop: subject i undershoots by what the weight is away from their own best."""
 
     def __init__(self, trial, case, space, example):
         pass
@@ -118,29 +122,30 @@ class ClosedForm:
     def run(self, subjects, tunings=({},)):
         own = np.linspace(1.0, 3.0, subjects.number) + float(subjects.basal_insulin_mU_min[0]) / 100.0
         for tuning in tunings:
-            undershoot = np.abs(tuning["filter_min"] - own)
-            metrics = (undershoot, 81.1 - undershoot, 90.0 + tuning["filter_min"] + own, own)
+            undershoot = np.abs(tuning["move_weight"] - own)
+            metrics = (undershoot, 81.1 - undershoot, 90.0 + tuning["move_weight"] + own, own)
             yield dict(zip(METRICS, metrics, strict=True))
 
 
-def test_a_search_goes_on_to_the_same_candidates(trial, monkeypatch):
+def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
     monkeypatch.setattr("glucoloop.studies.robust.search.TuningLoop", ClosedForm)
-    own = RobustSettings(
-        people=2, people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,
-        sampler_seed=1,
+    search = configured(
+        Search, controller={"name": "meal-mpc", **FIXED, "move_weight": "0.1:20"}, duration_min=MINUTES, people=2,
+        people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,
+        sampler_seed=1, rounds=2, beside=[],
     )  # fmt: skip
-    search = Search(trial=trial, space=SPACE, own=own, far=HowFar(rounds=2))
+    assert [of.name for of in search.space] == ["move_weight"]
     engine = SearchEngine(search)
     whole = list(engine.missing([]))
     assert [of["candidate"] for of in whole] == list(range(8))
     assert [of["round"] for of in whole] == [0] * 4 + [1] * 4
-    assert search.tuning(whole[0]) == search.start
+    assert tuning_of(search, whole[0]) == search.initial
     assert list(engine.missing(whole[:3])) == whole[3:]
     assert list(engine.missing(whole)) == []
-    other = {**whole[2], "filter_min": 1.23}
+    other = {**whole[2], "move_weight": 1.23}
     with pytest.raises(ValueError, match="candidate 2 of the search was another tuning than tpe proposes now"):
         next(engine.missing([*whole[:2], other]))
-    table, scores = engine.check(search.tuning(whole[3]))
+    table, scores = engine.check(tuning_of(search, whole[3]))
     assert scores.keys() == {"chosen", "as it was"}
     assert table.group_by("controller", "group", maintain_order=True).len().rows() == [
         (label, group, 2) for label in scores for group in ("people", "noise")
@@ -151,7 +156,7 @@ def test_a_search_goes_on_to_the_same_candidates(trial, monkeypatch):
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        (dict.fromkeys((name for name, of in RANGES.items() if of.unasked), 1.0), "nothing is tuned"),
+        ({"controller": {"name": "meal-mpc", **FIXED}}, "nothing is tuned"),
         ({"objectives": ["peak-p95", "peak-p95"]}, "give two objectives that differ"),
         ({"objectives": ["peak-p95", "peaks"]}, "unknown objective 'peaks'"),
         ({"at_most": ["peak-p95=mpc"]}, "'mpc' is neither a number nor a controller that stands beside: mpc-se"),
@@ -162,4 +167,4 @@ def test_a_search_goes_on_to_the_same_candidates(trial, monkeypatch):
 )
 def test_searches_that_are_refused(keys, sentence):
     with pytest.raises(ValueError, match=sentence):
-        read(keys)
+        notes(configured(Search, keys))

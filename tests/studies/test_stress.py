@@ -8,8 +8,11 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.people import PeopleRows
+from glucoloop.cohorts.trial import fingerprint
+from glucoloop.situations.situation import configured
 from glucoloop.storage.trials.shard import people_table
-from glucoloop.studies.stress.cells import StressCell, cell_table, read
+from glucoloop.studies.stress import STANDARD_FAULTS, StressTest
+from glucoloop.studies.stress.cells import StressCell, cell_table, cells_of, trial_of
 from glucoloop.studies.stress.reasons import reason_of
 
 FAULTS = [
@@ -25,18 +28,18 @@ PEOPLE = np.arange(5)
 
 @pytest.fixture(scope="module")
 def asked():
-    keys = {"people": 5, "controllers": ["imc"], "duration_min": 200.0, "faults": FAULTS, "guards": "without"}
-    return read({**keys, "seed": 4})
+    keys = {"people": 5, "controller": ["imc"], "duration_min": 200.0, "faults": FAULTS, "guards": "without"}
+    return configured(StressTest, {**keys, "seed": 4})
 
 
 @pytest.fixture(scope="module")
 def prepared(asked):
-    return engine.prepare(asked.trial)
+    return engine.prepare(trial_of(asked))
 
 
 @pytest.fixture(scope="module")
 def results(asked, prepared):
-    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in asked.cells}
+    return {cell.label: engine.run_people(prepared, cell.label, PEOPLE) for cell in cells_of(asked)}
 
 
 @pytest.mark.long
@@ -49,8 +52,9 @@ def test_cells_that_differ_in_a_fault_share_a_loop(asked, prepared):
 @pytest.mark.parametrize("fault", [FAULTS[0], FAULTS[4], FAULTS[5]])
 @pytest.mark.long
 def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
-    cell = next(cell for cell in asked.cells if cell.fault == fault)
-    alone = dataclasses.replace(asked.base, faults=(fault,) if fault else ())
+    cell = next(cell for cell in cells_of(asked) if cell.fault == fault)
+    alone = dataclasses.replace(asked.base, faults=tuple(of for of in asked.faults if of.text == fault))
+    assert alone.fault_texts == (fault,)
     told = engine.run_people(engine.prepare(alone), alone.cases[0].label, PEOPLE)
     for name in ("minimum_mg_dl", "peak_mg_dl", "insulin_total_mU", "samples_saturated"):
         np.testing.assert_allclose(results[cell.label].metrics[name], told.metrics[name], rtol=1e-12)
@@ -58,7 +62,7 @@ def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
 
 @pytest.mark.long
 def test_faults_are_met_by_the_same_people_and_noise(asked, results):
-    without = results[asked.cells[0].label]
+    without = results[cells_of(asked)[0].label]
     for result in results.values():
         np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
     # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
@@ -67,7 +71,7 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
 
 @pytest.mark.long
 def test_the_worst_person_is_simulated_again(asked, prepared, results):
-    cell = asked.cells[1]
+    cell = cells_of(asked)[1]
     minimum = results[cell.label].metrics["minimum_mg_dl"]
     person = int(np.argmin(minimum))
     reason = reason_of(prepared, cell.label, person)
@@ -149,36 +153,45 @@ def test_the_worst_off_come_first_and_equals_in_their_order():
 # ------------------------------------------------------------------------------------------- configuration
 
 
-def test_a_test_is_read_again_from_its_keys(asked):
-    keys = asked.keys()
-    again = read({key: value for key, value in keys.items() if key != "case"}, keys["case"])
-    assert again == asked
-    assert again.keys() == keys
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_test_is_read_again_from_its_tree(asked, whole):
+    again = configured(StressTest, asked.tree(whole=whole))
+    assert again.tree(whole=True) == asked.tree(whole=True)
+    assert fingerprint(trial_of(again)) == fingerprint(trial_of(asked))
 
 
 def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
-    asked = read({})
-    assert [case.controller for case in asked.base.cases] == ["imc", "mpc", "mpc-se", "nlqdmc-se"]
+    asked = configured(StressTest)
+    assert [case.controller.name for case in asked.base.cases] == ["imc", "mpc", "mpc-se", "nlqdmc-se"]
     assert asked.base.noise_variance == 1.45
-    assert len(asked.cells) == 4 * 2 * (1 + len(asked.faults))
-    labels = [cell.label for cell in asked.cells]
+    assert (asked.people, len(asked.faults)) == (100, len(STANDARD_FAULTS))
+    assert len(cells_of(asked)) == 4 * 2 * (1 + len(asked.faults))
+    labels = [cell.label for cell in cells_of(asked)]
     assert len(set(labels)) == len(labels)
+
+
+def test_a_controller_has_its_own_guard_or_that_of_all():
+    own, other = "pid, guard=(usual, max_hour=2)", "imc"
+    asked = configured(StressTest, controller=[own, other], guard="max_hour=3", faults=["stuck"], people=2)
+    guards = {cell.label: case.guard for cell, case in zip(cells_of(asked), trial_of(asked).cases, strict=True)}
+    assert {case.guard for case in asked.base.cases} == {None}
+    assert [None if of is None else of.max_hour for of in guards.values()] == [*[None] * 2, 2, 2, *[None] * 2, 3, 3]
 
 
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
         ({"guards": "some"}, "guards is 'some'; give both, with or without"),
-        ({"traces": "all"}, "traces is no part of a stress test"),
-        ({"guard": True}, "guard is no part of a stress test"),
+        ({"traces": "all"}, "traces is no part of a stress test; leave it out"),
+        ({"guard": "none"}, "--guard is none; let --guards say whether there is one"),
+        ({"controller": ["mpc, guard=none"]}, "let --guards say whether there is one"),
         ({"faults": ["stuck", "stuck"]}, "the fault 'stuck' is given twice"),
-        ({"faults": "stuck"}, "faults is 'stuck'; give a list"),
-        ({"faults": []}, "faults is []; give a list of faults"),
-        ({"guard_fastest_mg_dl_min": "fast"}, "guard_fastest_mg_dl_min is 'fast'; give a number"),
+        ({"faults": []}, "there is no fault to try; give one or more"),
+        ({"guard": {"fastest_mg_dl_min": "fast"}}, "fastest_mg_dl_min is 'fast'; give a number"),
         ({"faults": ["stuck, start_min=900"]}, "the fault stuck begins at 900 min, but the run ends at 600 min"),
     ],
 )
 def test_what_cannot_be_is_refused(keys, sentence):
     with pytest.raises(ValueError, match=r"^.*$") as refused:
-        read(keys)
+        configured(StressTest, keys)
     assert sentence in str(refused.value)

@@ -37,7 +37,6 @@ _RESULTS: Final = "Results"
 COMMANDS: Final = {
     "run": CommandEntry("glucoloop.cli.run:RUN", SIMULATE, "Close the loop: a controller, a virtual patient, meals."),
     "compare": CommandEntry("glucoloop.cli.run:COMPARE", SIMULATE, "Close it with several controllers, side by side."),
-    "trial": CommandEntry("glucoloop.cli.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."),
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
     "list": CommandEntry("glucoloop.cli.listing:LIST", _MODELS, "List all parts, and the settings of each."),
     "identify": CommandEntry("glucoloop.cli.identify:IDENTIFY", _MODELS, "Identify a model, also from your own CSV."),

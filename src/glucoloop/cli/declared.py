@@ -6,17 +6,30 @@ import contextlib
 import functools
 import importlib
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from glucoloop.cli.command import Command
+from glucoloop.cli.computing import Computing, compute, computing
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.option import JSON, OUTPUT, SHORT, WORKERS, CommandOption, Given, options_of, reworded, without
+from glucoloop.cli.option import (
+    DASK,
+    JSON,
+    MMOL,
+    OUTPUT,
+    SHORT,
+    WORKERS,
+    CommandOption,
+    Given,
+    options_of,
+    reworded,
+    without,
+)
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
 from glucoloop.cli.screen import note, stage, stages
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_results
-from glucoloop.cli.trial import Computing, compute, computing
 from glucoloop.printable import how_many
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.studies.study import (
@@ -37,6 +50,10 @@ if TYPE_CHECKING:
     from glucoloop.storage.trials.folder import TrialFolder
 
 
+_SELDOM = ("sample_time_min", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min")
+"""Settings that the help of a study only names, unless the study says otherwise."""
+
+
 def command_of_study(study: Study) -> Command:
     """The command of a study."""
     return Command(study.name, study.help, study_options(study), functools.partial(_run, study), more=study.name)
@@ -47,7 +64,9 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     root = study.request
     options: tuple[CommandOption, ...] = without(options_of(root), root.refused)
     short = SHORT if "sensor" in root.settings() and "sensor" not in root.refused else ()
-    computed = (WORKERS,) if isinstance(study, TrialStudy) else ()
+    computed: tuple[CommandOption, ...] = ()
+    if isinstance(study, TrialStudy):
+        computed = (WORKERS, *((DASK,) if study.on_clusters else ()), *((MMOL,) if study.in_mmol else ()))
     if isinstance(study, PlainStudy):
         output, kept = OUTPUT if study.keeps_files else (JSON,), {}
     else:
@@ -56,7 +75,8 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
             "out": f"Folder of {study.what}; an unfinished one is resumed.",
             "overwrite": "Begin again in the folder.",
         }
-    words = {**study.words, "help": {**kept, **study.words.get("help", {})}}
+    rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
+    words = {**study.words, "help": {**kept, **study.words.get("help", {})}, "rare": rare}
     return tuple(reworded((*options, *short, *computed, *output), **words))
 
 
@@ -104,16 +124,23 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
 
-    work, trial = _work(study, "trial", asked, ()), module.trial_of(asked)
+    work, trial, began = _work(study, "trial", asked, ()), module.trial_of(asked), time.monotonic()
+    if output.overwrite:
+        from glucoloop.cohorts.engine import prepare
+
+        with stage("Designing controllers"):
+            prepare(trial)  # what cannot be designed must not cost earlier work
 
     def finish(folder: TrialFolder) -> Findings:
         if folder.finished:
             return Findings.read(folder.path / study.summary)
+        before = folder.people_done()
         compute(folder, where)
         with stage("Summing up"):
             found = module.found(asked, folder)
         with stage("Drawing"):
             folder.finish({**found.files(study.summary), **module.drawn(asked, found)})
+        note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - began:.1f} s."])
         return found
 
     found = carried_out(trial_folder(out, trial, overwrite=output.overwrite, work=work), finish)
@@ -199,4 +226,6 @@ def _tell(
     notes = tuple(found.plain.get("notes", ()))
     tables = () if output.json else module.tables(asked, found)
     lines = () if output.json else (*module.sentences(asked, found), *notes)
+    if output.mmol and not output.json:
+        lines = (*lines, *module.mmol_lines(found))  # type: ignore[attr-defined]
     tell_results(output, found.plain, files, tables, lines, notes=notes, written=written)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.option import MMOL, OUTPUT, SHORT, Given, options_of
+from glucoloop.cli.option import MMOL, OUTPUT, SHORT, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.run import tell, write_outcome
@@ -29,7 +29,11 @@ HELP: Final = (
     "  glucoloop hil --controller pid --duration 1440 --power-cuts 1000 --damaged 100 --outages 5 --out night\n\n"
     "  glucoloop hil --config first/run.toml --chip /dev/ttyACM0 --real-time"
 )
-OPTIONS: Final = (*options_of(Hil), *SHORT, *OUTPUT, MMOL)
+_SELDOM: Final = (
+    "precision", "form", "baud", "damaged", "lost", "doubled", "late", "initial_glucose_mg_dl", "announce_meals",
+    "sample_time_min", "allow_unusual",
+)  # fmt: skip
+OPTIONS: Final = (*reworded(options_of(Hil), rare=dict.fromkeys(_SELDOM, True)), *SHORT, *OUTPUT, MMOL)
 
 
 def _hil(typed: Given) -> None:

@@ -231,7 +231,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 
         leaf = found["model"]
         text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
-        model = MODELS.tree(leaf.value, leaf.where) if text else leaf
+        model = MODELS.tree(leaf.value, leaf.where) if text and plain(leaf) != NONE else leaf
         if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
             at = model["path"]
             model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}

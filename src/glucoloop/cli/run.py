@@ -20,6 +20,7 @@ from glucoloop.situations.option import CONTROLLER_PANEL, Option
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.situations.run import Run
 from glucoloop.storage.strict_json import with_version
+from glucoloop.studies.study import PARTS_TOLD
 
 if TYPE_CHECKING:
     from glucoloop.bounds import Distance, OptimalDoses
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
     from glucoloop.studies.closed_loop import Outcome
 
 _FEWEST: Final = 2
-PARTS_TOLD: Final = (
-    "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
-    "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one."
-)
-"""Paragraph of the help of every command that takes parts."""
 RUN_HELP: Final = (
     "Simulate a controller in closed loop with a virtual patient and a meal.\n\n"
     "Without options it is the noise-free loop of Parker, Doyle and Peppas (1999): 50 g of carbohydrate at 50 min, "

@@ -100,7 +100,8 @@ def _value_text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     text = repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
-    return text if _BARE.fullmatch(text) and text == text.strip() else f'"{text}"'
+    quote = "'" if '"' in text else '"'
+    return text if _BARE.fullmatch(text) and text == text.strip() else f"{quote}{text}{quote}"
 
 
 def given(plain: Any, where: str) -> Any:

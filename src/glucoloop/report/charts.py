@@ -75,7 +75,7 @@ class TimeAxis:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlottedCurve:
     """A line, a band, or dots."""
 
     path: str
@@ -105,13 +105,13 @@ class Panel:
     """Class, corner, width and height of rectangles."""
     levels: list[tuple[str, int]] = field(default_factory=list)
     """Class and place of horizontal lines."""
-    curves: list[Curve] = field(default_factory=list)
+    curves: list[PlottedCurve] = field(default_factory=list)
     legend: list[tuple[str, str]] = field(default_factory=list)
     """Class and words of the horizontal lines."""
 
     def line(self, t_min: npt.ArrayLike, values: npt.ArrayLike, kind: str, **named: Any) -> None:
-        """Draw a curve, with gaps where values are not finite; `named` as for `Curve`."""
-        self.curves.append(Curve(self._path(np.asarray(t_min), np.asarray(values)), kind, **named))
+        """Draw a curve, with gaps where values are not finite; `named` as for `PlottedCurve`."""
+        self.curves.append(PlottedCurve(self._path(np.asarray(t_min), np.asarray(values)), kind, **named))
 
     def steps(self, t_min: npt.ArrayLike, values: npt.ArrayLike, kind: str, **named: Any) -> None:
         """Draw values that are held until the next time; the last time ends the last one."""
@@ -129,7 +129,7 @@ class Panel:
             return
         t, below, above = t[finite], below[finite], above[finite]
         path = self._path(np.concatenate([t, t[::-1]]), np.concatenate([above, below[::-1]]))
-        self.curves.append(Curve(path, kind, name, band=True))
+        self.curves.append(PlottedCurve(path, kind, name, band=True))
 
     def level(self, values: Iterable[float], kind: str, words: str = "") -> None:
         """Draw horizontal lines, which `words` name in a legend."""
@@ -226,7 +226,7 @@ def colour(index: int) -> str:
 
 
 @dataclass(frozen=True)
-class Lane:
+class TimeLane:
     """A line of time with rows of periods in min, each row with the class of its colour."""
 
     title: str
@@ -239,4 +239,4 @@ class Plot:
 
     name: str
     panels: Sequence[Panel]
-    lanes: Sequence[Lane] = ()
+    lanes: Sequence[TimeLane] = ()

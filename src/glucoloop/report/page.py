@@ -14,7 +14,19 @@ from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
-from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
+from glucoloop.report.charts import (
+    BOLUS,
+    GLUCOSE,
+    INSULIN,
+    Panel,
+    Plot,
+    TimeAxis,
+    TimeLane,
+    colour,
+    extent,
+    looks,
+    thinned,
+)
 from glucoloop.report.facts import fault_in_words
 from glucoloop.report.fault_words import window_of
 from glucoloop.report.table import metric_rows
@@ -120,7 +132,7 @@ def interactive_page(
 
 
 def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = ", ") -> str:
-    """Name of a line, with the label of the run where there are several."""
+    """Text on a run, with the label of the run where there are several."""
     return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 
@@ -239,14 +251,14 @@ def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple
             yield fault, window
 
 
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> Iterator[Lane]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> Iterator[TimeLane]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     for fault, window in _windows(faults, end_min):
-        yield Lane(f"Fault: {fault_in_words(FAULTS.choose(fault))}", [([window], colour(1))])
+        yield TimeLane(f"Fault: {fault_in_words(FAULTS.choose(fault))}", [([window], colour(1))])
     for name in STATUS_WORDS.values():
         rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
         if any(periods for periods, _ in rows):
-            yield Lane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]])
+            yield TimeLane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]])
 
 
 def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:

@@ -26,7 +26,7 @@ _SIDE: Final = 3 * CELLS
 
 
 @dataclass(frozen=True)
-class Grid:
+class VariabilityGrid:
     """The control-variability grid of a controller."""
 
     alt: str
@@ -42,7 +42,7 @@ class Grid:
     cells: int = CELLS
 
 
-def grid_of(case: CaseReport, most: float) -> Grid:
+def grid_of(case: CaseReport, most: float) -> VariabilityGrid:
     """The control-variability grid of a controller; `most` people in a cell have the strongest colour."""
     counts = np.asarray(case.cvga_counts, float)
     shade = np.zeros(counts.shape, int)
@@ -63,7 +63,7 @@ def grid_of(case: CaseReport, most: float) -> Grid:
     ]
     shares = {zone: percent(share) for zone, share in zone_pct(case.cvga_counts).items()}
     alt = "Control-variability grid: " + ", ".join(f"zone {zone} {share}" for zone, share in shares.items())
-    return Grid(alt, zones, people, _beyond(MINIMUM_LIMITS_MG_DL), _beyond(MAXIMUM_LIMITS_MG_DL), shares)
+    return VariabilityGrid(alt, zones, people, _beyond(MINIMUM_LIMITS_MG_DL), _beyond(MAXIMUM_LIMITS_MG_DL), shares)
 
 
 def _beyond(limits: tuple[float, ...]) -> list[str]:
@@ -85,7 +85,7 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Distribution:
+class SpreadOfMetric:
     """Distributions of a metric under all controllers, on one axis."""
 
     told: Result
@@ -95,7 +95,7 @@ class Distribution:
     """Place in percent and text of each tick; none without an outline."""
 
 
-def distribution_of(report: TrialReport, metric: str) -> Distribution:
+def distribution_of(report: TrialReport, metric: str) -> SpreadOfMetric:
     """Distribution of a metric over the people."""
     told = described(metric)
     of_all = {label: case.metric_counts[metric] for label, case in report.cases.items()}
@@ -112,7 +112,7 @@ def distribution_of(report: TrialReport, metric: str) -> Distribution:
     ticks = [] if zero or alike else nice_ticks(float(shown[0]), float(shown[-1]), 5)
     places = 100.0 * (np.array(ticks) - shown[0]) / (shown[-1] - shown[0])
     marks = [(f"{place:.4g}", f"{tick:g}") for place, tick in zip(places, ticks, strict=True)]
-    return Distribution(told, outlines, "" if zero else told.unit, marks)
+    return SpreadOfMetric(told, outlines, "" if zero else told.unit, marks)
 
 
 def _outline(part: MetricDistribution, divisor: float, counts: Floats, edges: Floats, *, alike: bool) -> Outline:

@@ -387,7 +387,8 @@ def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: st
     Refusal
         For a key or a value that is not possible.
     """
-    return read(root, given_values({**(keys or {}), **more}, where), where="").completed()
+    tree = given_values({**(keys or {}), **more}, where)
+    return read(root, getattr(root, "prepared", dict)(tree), where="").completed()
 
 
 def usual_situation(patient: str = USUAL_PATIENT.name, operating_point: str | None = None) -> Situation:

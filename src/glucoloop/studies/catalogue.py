@@ -19,6 +19,9 @@ SIMULATE: Final = "Simulate"
 SAFETY: Final = "Safety"
 LIMITS: Final = "Limits of what is possible"
 STUDIES: Final = {
+    "trial": CommandEntry(
+        "glucoloop.studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."
+    ),
     "tune": CommandEntry(
         "glucoloop.studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."
     ),

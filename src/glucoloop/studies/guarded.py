@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.guard import GuardSettings, guard_of
+from glucoloop.parts.setting import Default
+from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, Option
 
@@ -22,24 +24,41 @@ WITH_GUARD: Final[Mapping[Guards, tuple[bool, ...]]] = {"both": (False, True), "
 
 
 class GuardedTrial(Trial):
-    """A trial whose controllers are tried with a guard, without one, or both; `guard` holds the settings of all."""
+    """A trial whose controllers are tried with a guard, without one, or both; `guard` has the settings of the guard.
+
+    Raises
+    ------
+    Refusal
+        For a guard that is none, which `guards` says.
+    """
 
     kind: ClassVar = "guarded trial"
     refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
 
+    guard: Annotated[
+        GuardSettings | None,
+        Option(
+            "Settings of the guard, like 'max_on_board=2'; by default those usual for the patient.",
+            panel=CONTROLLER_PANEL,
+            alone="usual",
+        ),
+    ] = None
     guards: GuardsSetting = "both"
 
-    @property
-    def limits_of_guard(self) -> GuardSettings:
-        """All settings of the guard."""
-        return guard_of(self.patient, self.guard)
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The trial with everything that is usual."""
+        asked: tuple[GuardedTrial | Case, ...] = (self, *self.controller)
+        for of in asked:
+            if "guard" in of.given and of.guard is None:
+                raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
+        return super().completed(usual, noisy=noisy)
 
-    @property
-    def bare_cases(self) -> tuple[Case, ...]:
-        """The controllers without a guard."""
-        return tuple(dataclasses.replace(case, guard=None) for case in self.cases)
+    def with_guard(self, case: Case, guarded: bool) -> Case:
+        """A controller with the guard that it has of its own or with that of all, or without one."""
+        guard = case.guard or guard_of(self.patient, self.guard)
+        return dataclasses.replace(case, guard=guard if guarded else None)
 
     @property
     def base(self) -> Trial:
         """The trial without a guard and without faults."""
-        return self.with_cases(self.bare_cases, faults=())
+        return self.with_cases(tuple(self.with_guard(case, False) for case in self.cases), faults=())

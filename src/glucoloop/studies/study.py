@@ -41,7 +41,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from glucoloop.parts.part import Part
 
@@ -50,6 +50,13 @@ if TYPE_CHECKING:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import Rows
     from glucoloop.storage.trials.folder import TrialFolder
+
+
+PARTS_TOLD: Final = (
+    "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
+    "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one."
+)
+"""Paragraph of the help of every command that takes parts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +72,8 @@ class Study:
     """Module that does the work, imported when it runs."""
     request: type[Part]
     """Class of its requests: its own settings, and those of the run or the trial that it extends."""
-    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Texts of options by field and key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
+    words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
@@ -76,6 +83,11 @@ class Study:
 @dataclass(frozen=True, kw_only=True)
 class TrialStudy(Study):
     """A study whose cells are cases of a trial: it keeps the folder of that trial, and sums it up in its own way."""
+
+    on_clusters: bool = False
+    """Whether it can be computed on a cluster."""
+    in_mmol: bool = False
+    """Whether glucose is told in mmol/l as well, by a function ``mmol_lines(found)`` of its module."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from glucoloop.config.run import read_run
-from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts import engine
+from glucoloop.cohorts.trial import Trial
 from glucoloop.papers.meal_aware.loops import bound_of, close_loops
 from glucoloop.papers.meal_aware.measures import numbers_by_minute
 from glucoloop.papers.meal_aware.situations import MISMATCHES, SITUATIONS, Extent
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.tuning.oscillation import oscillation
 
@@ -25,7 +26,8 @@ def loops():
 
 
 def _run(seed, **other):
-    return close_the_loop(read_run({**DEAD_TIME.of("mpc", seed), **other}))
+    run = configured(Run, {**DEAD_TIME.of("mpc", seed), **other})
+    return close_the_loop(run, run.case)
 
 
 def test_a_seed_is_the_run_of_that_seed(loops):
@@ -37,9 +39,9 @@ def test_a_seed_is_the_run_of_that_seed(loops):
 
 
 def test_oscillation_is_that_of_the_same_controller_without_noise(loops):
-    noisy = read_run(DEAD_TIME.of("mpc", 11)).case
-    of_noise = {**noisy.tuning, "model_noise_variance": noisy.model_noise_variance}
-    alone = oscillation(_run(11, noise_variance=0.0, **of_noise).trace)
+    noisy = configured(Run, DEAD_TIME.of("mpc", 11))
+    tuned = {"controller": noisy.case.tree(whole=True), "sensor": ["dead-time, minutes=10"]}
+    alone = oscillation(_run(11, **tuned).trace)
     found = [loops.numbers[name].tolist() for name in ("quiet_crossings", "quiet_turns")]
     assert found == [[int(alone.crossings)], [int(alone.turns)]]
 
@@ -48,7 +50,7 @@ def test_people_are_those_of_a_trial():
     ((_, _, loops),) = close_loops(Extent(seed=11, people=3), [PEOPLE], controllers=("basal",))
     assert loops.run.tolist() == [0, 1, 2]
     assert loops.infeasible == 0
-    trial = read_trial({**PEOPLE.of_people("basal", 11, 3), "controllers": ["basal"]})
+    trial = configured(Trial, PEOPLE.of_people("basal", 11, 3))
     one = engine.run_people(engine.prepare(trial), "basal", [1], traces=True)
     assert loops.numbers["overshoot_mg_dl"][1] == pytest.approx(float(one.metrics["overshoot_mg_dl"][0]))
     within = np.abs(np.asarray(one.glucose_mg_dl)[:, 0] - trial.target_mg_dl) <= 15.0

@@ -12,15 +12,13 @@ import { among, checked, checkedFault, patientId, tuningOf, usual } from "./situ
 
 /** Key under which links and files tell the version. */
 export const VERSION = "glucoloop";
-/** Keys that say nothing about what happens to the person whom the page simulates, those of a trial among them. */
+/** Keys that say nothing about what happens to the person whom the page simulates, those of trials and comparisons among them. */
 const OF_NO_EFFECT = [
   VERSION, "metrics", "allow_unusual", "people", "first_person", "population", "design", "traces", "shard_people",
-  "precision", "arithmetic",
+  "precision", "arithmetic", "bound",
 ];
 /** Usual values of what a run does not have. */
 const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
-/** Settings of sensors that the page has. */
-const OF_SENSORS = ["variance", "minutes"];
 const MIN_PER_DAY = 1440;
 const MIN_PER_H = 60;
 
@@ -76,6 +74,70 @@ function mealOf(text) {
 const listed = (told) => [told ?? []].flat();
 
 /**
+ * Settings that are not the usual ones, of those that the page offers.
+ * @param {string} where the part stands in the tree, for phrases
+ * @param {Tree} given
+ * @param {Tree} standard usual values
+ * @param {string[]} offered
+ * @param {string[]} unlike gets a phrase for each other one
+ * @returns {Tree}
+ */
+function taken(where, given, standard, offered, unlike) {
+  const other = Object.entries(given).filter(([name, value]) => !Object.hasOwn(standard, name) || JSON.stringify(value) !== JSON.stringify(standard[name]));
+  for (const [name, value] of other) if (!offered.includes(name)) unlike.push(`${where}${name} = ${JSON.stringify(value)}`);
+  return Object.fromEntries(other.filter(([name]) => offered.includes(name)));
+}
+
+/**
+ * Noise and dead time of a chain of sensors.
+ * @param {Tree[]} chain from the innermost outwards
+ * @param {Data} data
+ * @param {string[]} unlike gets a phrase for each sensor that the page has not, or has in another order
+ * @returns {{noise_variance: number, dead_time_min: number}}
+ */
+function ofChain(chain, { sensors }, unlike) {
+  const found = { variance: 0, minutes: 0 };
+  let inner = -1;
+  for (const part of chain) {
+    const { name, ...given } = part, place = Object.keys(sensors).indexOf(name);
+    if (place <= inner) unlike.push(`the sensor ${partText(part)}`);
+    else {
+      inner = place;
+      const told = { ...sensors[name], ...taken("sensor.", given, sensors[name], Object.keys(found), unlike) };
+      found.variance = told.variance ?? found.variance;
+      found.minutes = told.minutes ?? found.minutes;
+    }
+  }
+  return { noise_variance: found.variance, dead_time_min: found.minutes };
+}
+
+/**
+ * Faults that the page has.
+ * @param {Tree[]} parts
+ * @param {number} duration_min of the run
+ * @param {Data} data
+ * @param {string[]} unlike gets a phrase for each other one
+ * @returns {Fault[]}
+ */
+function faultsOf(parts, duration_min, data, unlike) {
+  return parts.flatMap((part) => {
+    const { name, start_min = 0, duration_min: lasts_min = null, ...given } = part;
+    /** @type {Tree} */
+    const { settings: known = {} } = data.faults[name] ?? {};
+    const settings = Object.fromEntries(Object.entries(given).filter(([key, value]) => known[key]?.usual !== value));
+    const fault = { name, start_min, duration_min: lasts_min, settings };
+    try {
+      checkedFault(fault, duration_min, data);
+      return [fault];
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      unlike.push(`the fault ${partText(part)}`);
+      return [];
+    }
+  });
+}
+
+/**
  * The situation that is nearest to what a link or a file tells.
  * @param {Tree} told root keys, with parts as texts or tables
  * @param {Data} data
@@ -84,79 +146,44 @@ const listed = (told) => [told ?? []].flat();
  */
 export function situationOf(told, data) {
   const begun = usual(data);
-  const { patient: of_patient, controller: cases, meals, days, duration_min, seed, sensor, pump, faults, ...root } = told;
-  const { name: family = data.patients[begun.patient].family, operating_point, ...unknown } = partOf(of_patient ?? {});
+  const { patient, controller, guard, model, meals, days, duration_min, seed, sensor, pump, faults, ...root } = told;
+  const { name: family = data.patients[begun.patient].family, operating_point, ...of_patient } = partOf(patient ?? {});
   among("the patient", family, Object.keys(data.families));
   const { points, controllers, guard_limits, pump_limits, configuration } = data.families[family];
   const point = operating_point ?? Object.keys(points)[0];
   among(`the operating point of ${family}`, point, Object.keys(points));
-  const {
-    name: controller = begun.controller, label, settled, guard = root.guard, model = root.model, faults: own_faults, ...settings
-  } = partOf(listed(cases)[0] ?? {});
-  among("the controller", controller, Object.keys(controllers));
-
+  // Among the settings of a controller are its own guard, model and faults, a label, and what was settled at its design.
+  const of_case = partOf(listed(controller)[0] ?? {});
+  const { name = begun.controller, label, settled, guard: own_guard, model: own_model, faults: own_faults, ...settings } = of_case;
+  among("the controller", name, Object.keys(controllers));
   /** @type {string[]} */
   const unlike = [];
-  /**
-   * Settings that are not the usual ones, of those that the page offers; the others are left out.
-   * @param {string} where
-   * @param {Tree} given
-   * @param {Tree} standard
-   * @param {string[]} offered
-   */
-  const taken = (where, given, standard, offered) => {
-    const other = Object.entries(given).filter(([name, value]) => !Object.hasOwn(standard, name) || JSON.stringify(value) !== JSON.stringify(standard[name]));
-    for (const [name, value] of other) if (!offered.includes(name)) unlike.push(`${where}${name} = ${JSON.stringify(value)}`);
-    return Object.fromEntries(other.filter(([name]) => offered.includes(name)));
-  };
-
+  taken("patient.", of_patient, {}, [], unlike);
+  const length_min = days !== undefined ? days * MIN_PER_DAY : duration_min ?? begun.duration_min;
   /** @type {Situation} */
   const situation = {
     ...begun,
     patient: patientId(family, point),
-    controller,
+    controller: name,
     meals: meals === undefined ? begun.meals : listed(meals).filter(Boolean).map(mealOf),
-    duration_min: days !== undefined ? days * MIN_PER_DAY : duration_min ?? begun.duration_min,
+    duration_min: length_min,
     seed: seed ?? begun.seed,
+    ...ofChain(listed(sensor).map(partOf), data, unlike),
+    faults: faultsOf([...listed(faults), ...listed(own_faults)].map(partOf), length_min, data, unlike),
+    pump_limits: taken("pump.", partOf(pump ?? {}), configuration.pump, Object.keys(pump_limits), unlike),
   };
-  taken("patient.", unknown, {}, []);
-  const chain = Object.keys(data.sensors);
-  let inner = -1;
-  for (const part of listed(sensor).map(partOf)) {
-    const { name, ...given } = part, place = chain.indexOf(name);
-    if (place <= inner) unlike.push(`the sensor ${partText(part)}`);
-    else {
-      inner = place;
-      const { variance, minutes } = { ...data.sensors[name], ...taken("sensor.", given, data.sensors[name], OF_SENSORS) };
-      situation.noise_variance = variance ?? situation.noise_variance;
-      situation.dead_time_min = minutes ?? situation.dead_time_min;
-    }
-  }
-  const { settings: offered } = controllers[controller];
-  situation.tuning = taken("controller.", settings, { known_dead_time: false, ...tuningOf(situation, data) }, Object.keys(offered));
-  if (guard !== undefined && partOf(guard).name !== "none") {
+  const standard = { known_dead_time: false, ...tuningOf(situation, data) };
+  situation.tuning = taken("controller.", settings, standard, Object.keys(controllers[name].settings), unlike);
+  const guarding = partOf(own_guard ?? guard ?? "none");
+  if (guarding.name !== "none") {
     situation.guard = true;
-    situation.guard_limits = taken("guard.", partOf(guard), configuration.guard, Object.keys(guard_limits));
+    situation.guard_limits = taken("guard.", guarding, configuration.guard, Object.keys(guard_limits), unlike);
   }
-  const identified = controller === "mpc" ? { noise_variance: situation.noise_variance } : {};
-  taken("model.", partOf(model ?? identified), configuration.model, []);
-  situation.pump_limits = taken("pump.", partOf(pump ?? {}), configuration.pump, Object.keys(pump_limits));
-  for (const part of [...listed(faults), ...listed(own_faults)].map(partOf)) {
-    const { name, start_min = 0, duration_min = null, ...given } = part;
-    /** @type {Tree} */
-    const entry = data.faults[name] ?? {};
-    const settings = Object.fromEntries(Object.entries(given).filter(([key, value]) => entry.settings?.[key]?.usual !== value));
-    const fault = { name, start_min, duration_min, settings };
-    try {
-      checkedFault(fault, situation.duration_min, data);
-      situation.faults = [...situation.faults, fault];
-    } catch (error) {
-      if (!(error instanceof RangeError)) throw error;
-      unlike.push(`the fault ${partText(part)}`);
-    }
-  }
-  const others = Object.entries(root).filter(([name]) => !["guard", "model", ...OF_NO_EFFECT].includes(name));
-  taken("", Object.fromEntries(others), { ...configuration, ...USUAL_OF_A_TRIAL }, []);
+  // Linear MPC has a model that is as noisy as the readings, unless another one is told.
+  const identified = name === "mpc" ? { noise_variance: situation.noise_variance } : {};
+  taken("model.", partOf(own_model ?? model ?? identified), configuration.model, [], unlike);
+  const others = Object.entries(root).filter(([key]) => !OF_NO_EFFECT.includes(key));
+  taken("", Object.fromEntries(others), { ...configuration, ...USUAL_OF_A_TRIAL }, [], unlike);
   return { situation: checked(situation, data), unlike };
 }
 

@@ -111,8 +111,13 @@ ADVERSARY: Final = SearchStudy(
     words={
         "help": {
             "people": "Number of people with random errors, for comparison.",
+            "duration_min": "Length of the run.",
+            "seed": "The same seed gives the same people and noise.",
             "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
-        }
+        },
+        "rare": dict.fromkeys(
+            ("setpoint_mg_dl", "announce_meals", "sample_time_min", "model", "starts", "search_seed"), True
+        ),
     },
     files=("adversary.csv", "worst.parquet", "worst.pdf", "worst.png", "worst.svg"),
     summary="adversary.json",

@@ -80,12 +80,14 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
         )
         for error in sorted(asked.errors_pct)
     ]
-    for case in asked.bare_cases:
+    for case in asked.cases:
         usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
         settings = dataclasses.replace(asked, generations=asked.generations or usual)
         for guarded in WITH_GUARD[asked.guards]:
-            tried = dataclasses.replace(case, guard=asked.limits_of_guard if guarded else None)
-            alone, key = asked.with_cases((tried,)), {"controller": case.label, "guarded": guarded}
+            alone, key = (
+                asked.with_cases((asked.with_guard(case, guarded),)),
+                {"controller": case.label, "guarded": guarded},
+            )
             yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space, settings) for space in spaces]
 
 

@@ -157,5 +157,12 @@ DETECT: Final = PlainStudy(
     ),
     module="glucoloop.studies.detection.study",
     request=Detection,
+    words={
+        "help": {
+            "controller": "Controller that gives the doses, like 'meal-mpc, meals_per_h=0.1'. Without a name the "
+            "settings are those of the controller that is there.",
+            "seed": "The same seed gives the same people, meals and noise.",
+        }
+    },
     summary="detect.json",
 )

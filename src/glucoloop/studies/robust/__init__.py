@@ -214,11 +214,18 @@ ROBUST: Final = SearchStudy(
     words={
         "help": {
             "controller": "Controller that is tuned, with ranges or kept numbers: "
-            f"'{SEARCHED.name}, gut_doubt=.1:2, caution_weight=7.5'.",
+            f"'{SEARCHED.name}, move_weight=.1:2, caution_weight=7.5'.",
             "duration_min": "Length of the run.",
             "meals": "Carbohydrate and time, like 50g@50min; repeat it for more meals.",
         },
         "panel": {"population": "People and noise"},
+        "rare": dict.fromkeys(
+            (
+                *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
+                *("sampler", "top", "announce_meals", "sample_time_min", "allow_unusual"),
+            ),
+            True,
+        ),
     },
     files=("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg"),
     summary="robust.json",

@@ -97,6 +97,13 @@ STRESS: Final = TrialStudy(
     ),
     module="glucoloop.studies.stress.study",
     request=StressTest,
-    words={"default": {"faults": "23 usual ones"}},
+    words={
+        "default": {"faults": "23 usual ones"},
+        "help": {
+            "seed": "The same seed gives the same people, meals and noise.",
+            "workers": "Threads that compute.",
+        },
+        "rare": dict.fromkeys(("meal_size_spread_pct", "meal_time_spread_min", "design"), True),
+    },
     files=("stress.csv", "stress.parquet", "stress.html", "figure.pdf", "figure.png", "figure.svg"),
 )

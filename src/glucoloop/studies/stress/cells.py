@@ -48,16 +48,13 @@ def cells_of(asked: StressTest) -> list[StressCell]:
 
 def trial_of(asked: StressTest) -> Trial:
     """Trial with a case for each cell."""
-    of, faults = (
-        {case.label: case for case in asked.bare_cases},
-        dict(zip(asked.fault_texts, asked.faults, strict=True)),
-    )
+    of = {case.label: case for case in asked.cases}
+    faults = dict(zip(asked.fault_texts, asked.faults, strict=True))
     return asked.with_cases(
         tuple(
             dataclasses.replace(
-                of[cell.controller],
+                asked.with_guard(of[cell.controller], cell.guarded),
                 label=cell.label,
-                guard=asked.limits_of_guard if cell.guarded else None,
                 faults=(faults[cell.fault],) if cell.fault else (),
             )
             for cell in cells_of(asked)

@@ -1,0 +1,123 @@
+"""Every command: its help fits on two screens, and what is asked for is the same from options, a file and both."""
+
+import re
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glucoloop.cli.app import command_of, names
+from glucoloop.cli.request import request_of
+from glucoloop.parts.setting import Setting
+from glucoloop.refusal import Refusal
+from glucoloop.situations.request import asked_for, read_root
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import toml_text
+from glucoloop.studies.catalogue import STUDIES
+from requests_read import ROOTS, asked, root_of
+
+MOST_LINES, MOST_OPTIONS, WIDTH = 80, 30, 100
+ASKING = (*ROOTS, *STUDIES)
+
+
+@pytest.mark.parametrize("command", names())
+def test_help_fits_on_two_screens(glucoloop, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", str(WIDTH))
+    answer = glucoloop(command, "--help")
+    lines = answer.out.splitlines()
+    assert answer.code == 0
+    assert lines[0].startswith(f"Usage: glucoloop {command}")
+    assert max(map(len, lines)) <= WIDTH
+    assert len([line for line in lines if re.match(r"  --", line)]) <= MOST_OPTIONS
+    assert len(lines) <= MOST_LINES
+    for option in command_of(command).options:
+        assert option.flag in answer.out
+
+
+@pytest.mark.parametrize("command", names())
+def test_every_option_is_a_sentence(command):
+    flags = [option.flag for option in command_of(command).options]
+    assert len(flags) == len(set(flags))
+    for option in command_of(command).options:
+        assert option.help.endswith("."), option.flag
+
+
+@pytest.mark.parametrize("command", names())
+def test_an_unknown_option_is_refused_with_the_likely_one(refused, command):
+    assert re.match("there is no option --wobble; (see glucoloop|did you mean --)", refused(command, "--wobble", "1"))
+
+
+NUMBERS = [
+    (command, option)
+    for command in ASKING
+    for option in command_of(command).options
+    if option.setting is not None and option.setting.kind in (int, float)
+]
+
+
+@pytest.mark.parametrize(("command", "option"), NUMBERS, ids=lambda of: getattr(of, "flag", of))
+def test_a_number_is_refused_by_the_name_of_its_option(command, option):
+    setting: Setting = option.setting
+    beyond = [
+        number
+        for number in (setting.about.at_most * 2, setting.about.at_least - 1, setting.about.above - 1)
+        if abs(number) < 5e5 and not setting.about.allows(number)
+    ]
+    for value in ("wobble", *(str(round(number)) for number in beyond)):
+        typed = command_of(command).parser().given([option.flag, value])
+        with pytest.raises(Refusal) as refused:
+            read_root(root_of(command), request_of(typed, command_of(command).options).tree)
+        assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value)), str(refused.value)
+        assert "; give " in str(refused.value)
+
+
+# Arguments of a run that a file may hold as well.
+ARGUMENTS = {
+    "--setpoint": st.integers(80, 150).map(str),
+    "--noise": st.sampled_from(["1.45", "2"]),
+    "--dead-time": st.sampled_from(["5", "10min"]),
+    "--meal": st.sampled_from(["none", "50g@50min", "30g@1h/10min"]),
+    "--duration": st.sampled_from(["300", "5h"]),
+    "--seed": st.integers(0, 2**32 - 1).map(str),
+    "--guard": st.sampled_from(["none", "usual", "max_hour=2", "usual, low_mg_dl=70"]),
+    "--patient": st.sampled_from(["parker-1999", "operating_point=nominal-22", "hovorka-2004"]),
+    "--pump": st.sampled_from(["limited", "max_insulin_mU_min=60", "expiring, samples=3", "resolution_mU_min=1"]),
+    "--fault": st.sampled_from(["none", "missing, start_min=1h", "spikes"]),
+    "--model": st.sampled_from(["none", "noise_variance=0", "identified, laguerre_functions=3"]),
+    "--controller": st.sampled_from(
+        ["mpc", "move_weight=2", "mpc, move_weight=3, label=own", "mpc, guard=none", "mpc, guard=(max_hour=2)"]
+    ),
+    "--integrator": st.sampled_from(["fast", "adaptive"]),
+}
+several = st.fixed_dictionaries({}, optional=ARGUMENTS)
+
+
+def typed(options):
+    return [f"{flag}={value}" for flag, value in options.items()]
+
+
+@settings(max_examples=60)
+@given(of_file=several, over=several)
+def test_a_file_and_options_are_the_same_as_options_at_once(tmp_path_factory, of_file, over):
+    lower = asked("run", *typed(of_file), "--allow-unusual")
+    place = tmp_path_factory.mktemp("asked") / "a.toml"
+    place.write_text(toml_text(lower.tree(whole=True), "run", lower.tree()), encoding="utf-8")
+    assert asked("run", "--config", place) == lower
+    assert asked("run", "--config", place).tree() == lower.tree()
+    disjoint = {flag: value for flag, value in over.items() if flag not in of_file}
+    if {"--noise", "--dead-time"} & set(of_file):  # what comes first is inside
+        disjoint = {flag: value for flag, value in disjoint.items() if flag not in ("--noise", "--dead-time")}
+    both = asked("run", "--config", place, *typed(disjoint), "--allow-unusual")
+    at_once = asked("run", *typed({**of_file, **disjoint}), "--allow-unusual")
+    assert both == at_once
+    assert both.cases == at_once.cases
+    assert both.tree() == at_once.tree()
+    assert both.given.keys() == at_once.given.keys()
+
+
+@given(options=several)
+def test_options_are_those_of_python(options):
+    found = asked("run", *typed(options), "--allow-unusual")
+    again = asked_for(Run, found.tree())
+    assert again == found
+    assert Run(**{name: getattr(found, name) for name in found.given}) == found
