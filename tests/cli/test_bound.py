@@ -75,7 +75,7 @@ def test_noise_on_several_meals_is_told_to_be_left_out(glucoloop):
         (["--objective", "glory"], "--objective is 'glory'; give deviation, undershoot, peak or sse."),
         (["--duration", "6000"], "a plan of 1200 doses is too long"),
         (["--config", "nothing.toml"], "nothing is asked for; give --known-after or --in-advance, or one meal and"),
-        (["--config", "c.toml"], "unknown key 'controller'"),
+        (["--config", "c.toml"], "controller is no part of a bound; leave it out"),
     ],
 )
 def test_what_cannot_be_is_refused(refused, tmp_path, arguments, told):
@@ -86,7 +86,7 @@ def test_what_cannot_be_is_refused(refused, tmp_path, arguments, told):
 
 @pytest.mark.long
 def test_comparison_tells_the_distance_to_the_bound(glucoloop, tmp_path):
-    arguments = ("compare", "--bound", "--case", "basal", "--case", "idle: basal", *EARLY)
+    arguments = ("compare", "--bound", "--controller", "basal", "--controller", "basal, label=idle", *EARLY)
     cases = glucoloop(*arguments, "--out", "c", "--json").json
     bound = cases["bound"]
     assert bound["deviation_mg_dl"] == pytest.approx(0.153, abs=0.01)
@@ -102,7 +102,7 @@ def test_comparison_tells_the_distance_to_the_bound(glucoloop, tmp_path):
 
 @pytest.mark.long
 def test_a_controller_that_gives_boluses_has_no_distance_to_a_bound_of_rates(glucoloop):
-    cases = ("--case", "basal-bolus", "--case", "basal", "--announce-meals")
+    cases = ("--controller", "basal-bolus", "--controller", "basal", "--announce-meals")
     arguments = ("compare", "--bound", "--patient", "hovorka-2004", "--meal", "80g@60min", "--duration", 300)
     answer = glucoloop(*arguments, *cases, "--json")
     bound = answer.json["bound"]

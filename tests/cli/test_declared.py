@@ -1,61 +1,56 @@
 """Commands made from declarations: a search that resumes, and a study that is carried out in one go."""
 
 import dataclasses
+import functools
 import json
 import sys
 import tomllib
 import types
-from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import polars as pl
 import pytest
-import typer
-from glucoloop.config.checked import checked
-from glucoloop.config.key import Key, plain
 
 from glucoloop.cli import app
-from glucoloop.cli.declared import command_of, study_options
+from glucoloop.cli.declared import study_options
+from glucoloop.cohorts.trial import Trial
+from glucoloop.parts.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
+from glucoloop.situations.option import Option
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
+from glucoloop.studies.catalogue import SAFETY, CommandEntry
 from glucoloop.studies.study import PlainStudy, SearchStudy
 
-
-@dataclass(frozen=True, kw_only=True)
-class Extent:
-    """How far the search goes."""
-
-    steps: Annotated[int, Key("Number of steps.", panel="Search", at_least=1, at_most=100)] = 3
+_search = functools.partial(Option, panel="Search")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Own:
-    """Keys of the study."""
+class Asked(Part):
+    """What the study asks for."""
 
-    factor: Annotated[int, Key("Factor of the squares.", panel="Search", at_least=1)] = 2
+    kind: ClassVar = "squares"
+
+    factor: Annotated[int, _search("Factor of the squares.", at_least=1)] = 2
+    steps: Annotated[int, _search("Number of steps.", at_least=1, at_most=100)] = 3
 
 
-@dataclass(frozen=True)
-class Asked:
-    """A request."""
+class Tried(Trial):
+    """A trial of other people."""
 
-    own: Own
-    far: Extent
-    given: dict | None = None
+    kind: ClassVar = "trial of others"
+    refused: ClassVar = ("meals",)
 
-    def keys(self):
-        return {**plain(self.own), **plain(self.far)}
+    people: int = 7
 
 
 FILES = ("squares.csv", "page.html")
 SEARCH = SearchStudy(
-    name="squares", what="a search for squares", help="Squares.", module="a_study", settings=(Own, Extent),
-    shared="nothing", extent=Extent, files=FILES, summary="squares.json",
+    name="squares", what="a search for squares", help="Squares.", module="a_study", request=Asked,
+    extent=("steps",), files=FILES, summary="squares.json",
 )  # fmt: skip
 PLAIN = PlainStudy(
-    name="squares", what="squares", help="Squares.", module="a_study", settings=(Own, Extent), shared="nothing",
-    unit="squares", files=FILES,
+    name="squares", what="squares", help="Squares.", module="a_study", request=Asked, unit="squares",
+    files=FILES,
 )  # fmt: skip
 COLUMNS = (Column(name="square", short="Square", text=whole),)
 
@@ -67,33 +62,27 @@ class Squares(types.ModuleType):
         super().__init__("a_study")
         self.made, self.stop_after, self.holds = [], None, True
 
-    def read(self, keys, cases=(), names=None):
-        def of(record):
-            return {key: value for key, value in keys.items() if key in {f.name for f in dataclasses.fields(record)}}
-
-        return Asked(checked(Own, of(Own), names), checked(Extent, of(Extent), names), dict(keys))
-
     def notes(self, asked):
-        return ("A square of a large factor is large.",) if asked.own.factor > 5 else ()
+        return ("A square of a large factor is large.",) if asked.factor > 5 else ()
 
     def rows(self, asked):
         return Rows(
-            file="rows.parquet", what="squares", wanted=asked.far.steps, most=1000, schema={"square": pl.Int64},
+            file="rows.parquet", what="squares", wanted=asked.steps, most=1000, schema={"square": pl.Int64},
             cells=lambda square: {"square": square}, row=lambda cells, before: cells["square"],
         )  # fmt: skip
 
     def search(self, asked):
         def missing(rows):
-            for number in range(len(rows), asked.far.steps):
+            for number in range(len(rows), asked.steps):
                 if number == self.stop_after:
                     raise KeyboardInterrupt
                 self.made.append(number)
-                yield asked.own.factor * number**2
+                yield asked.factor * number**2
 
         return types.SimpleNamespace(missing=missing, found=lambda rows: self.summed(asked, rows))
 
     def amount(self, asked):
-        return asked.far.steps
+        return asked.steps
 
     def found(self, asked, progress):
         rows = []
@@ -130,8 +119,8 @@ def made(squares, monkeypatch):
     """A function that makes the command of a study one of the program."""
 
     def make(study):
-        monkeypatch.setattr(app.app, "registered_commands", [*app.app.registered_commands])
-        app.app.command(study.name, help=study.help)(command_of(study))
+        monkeypatch.setattr(squares, "STUDY", study, raising=False)
+        monkeypatch.setitem(app.STUDIES, study.name, CommandEntry("a_study:STUDY", SAFETY, study.help))
         return squares
 
     return make
@@ -215,16 +204,12 @@ def test_options_are_those_of_the_settings_and_of_what_is_shared():
     alone = {option.key for option in study_options(dataclasses.replace(PLAIN, keeps_files=False))}
     assert alone == {"factor", "steps", "json"}
     assert {option.key for option in study_options(SEARCH)} == {
-        *("factor", "steps", "config", "allow_code", "out", "overwrite", "json")
+        *("factor", "steps", "config", "set", "allow_code", "out", "overwrite", "json")
     }
-    trial = dataclasses.replace(
-        SEARCH, shared="trial", taken=("people", "seed"), usual={"people": 7}, words={"help": {"seed": "A seed."}}
-    )
+    trial = dataclasses.replace(SEARCH, request=Tried, words={"help": {"seed": "A seed."}, "rare": {"days": True}})
     options = {option.key: option for option in study_options(trial)}
     assert options.keys() >= {"people", "seed", "out"}
     assert "meals" not in options
     assert (options["people"].default, options["seed"].help) == ("7", "A seed.")
-    run = {option.key for option in study_options(dataclasses.replace(PLAIN, shared="run", refused=("guard",)))}
-    assert "noise_variance" in run
-    assert "guard" not in run
-    assert isinstance(app.app, typer.Typer)
+    assert (options["days"].rare, options["people"].rare) == (True, False)
+    assert options.keys() >= {"noise", "dead_time", "sensor"}

@@ -9,10 +9,11 @@ import pytest
 
 from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
-from glucoloop.studies.detection import study
+from glucoloop.situations.situation import configured
+from glucoloop.studies.detection import Detection, study
 from glucoloop.studies.detection.days import Days
 from glucoloop.studies.detection.evaluate import Scores, score
-from glucoloop.studies.detection.study import findings, plot_detection, read
+from glucoloop.studies.detection.study import findings, plot_detection
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
 TABLES = ("meals", "curve", "size_error", "day")
@@ -30,7 +31,7 @@ FILES = {
 def done(detection):
     """As if every estimator said half an hour late what is true, but for one false alarm on the fasting day."""
     t_min = 5.0 * np.arange(288)
-    meals = draw_meals(detection.plan, detection.trial.seed, [0])
+    meals = draw_meals(detection.all_days, detection.seed, [0])
     begin, carbs_g = meals.t_min, meals.carbs_g
     since = t_min[:, None, None] - begin - 30.0
     eating = ((since > 0.0) & (since < carbs_g / 0.36)).any(axis=1).astype(float)
@@ -50,7 +51,7 @@ def done(detection):
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
     fed = dataclasses.replace(days, told=MealEstimates(**estimates))
     fasted = dataclasses.replace(days, told=MealEstimates(**{**estimates, "eating": alarm}))
-    return Scores({name: score(detection, fed, fasted) for name in detection.own.estimators}, 1, 0)
+    return Scores({name: score(detection, fed, fasted) for name in detection.estimators}, 1, 0)
 
 
 @pytest.fixture
@@ -80,8 +81,8 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
 
     again = glucoloop("detect", "--config", "a/detect.toml", "--out", "b", "--json")
     assert again.code == 0, again.err
-    assert asked[0] == asked[1]
-    assert (asked[0].trial.cases[0].controller, asked[0].own.days, asked[0].trial.seed) == ("basal", 1, 5)
+    assert asked[0].tree() == asked[1].tree()
+    assert (asked[0].case.controller.name, asked[0].days, asked[0].seed) == ("basal", 1, 5)
     told = {key: value for key, value in again.json.items() if key != "files"}
     assert told == json.loads((tmp_path / "a/detect.json").read_text())
     assert told["estimators"]["kalman"]["size_error_after_end_mean_absolute_g"] == pytest.approx(0.0, abs=1e-9)
@@ -89,17 +90,19 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
 
 
 def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
-    (tmp_path / "mine.toml").write_text('days = 7\nestimators = ["kalman"]\nmeals_per_h = 0.1\ncontroller = "basal"\n')
-    more = ("--meals-per-h", 0.2, "--people", 3, "--days", 1, "--estimator", "moving-horizon")
+    (tmp_path / "mine.toml").write_text(
+        'days = 7\nestimators = ["kalman"]\ncontroller = "meal-mpc, meals_per_h=0.1, mean_carbs_g=30"\n'
+    )
+    more = ("--controller", "meals_per_h=0.2", "--people", 3, "--days", 1, "--estimator", "moving-horizon")
     assert glucoloop("detect", "--config", "mine.toml", *more).code == 0
     (detection,) = asked
-    assert (detection.own.days, detection.trial.people, detection.own.estimators) == (1, 3, ("moving-horizon",))
-    assert detection.settings["meals_per_h"] == 0.2
+    assert (detection.days, detection.people, detection.estimators) == (1, 3, ("moving-horizon",))
+    assert (detection.estimating.meals_per_h, detection.estimating.mean_carbs_g) == (0.2, 30.0)
 
 
 @pytest.mark.parametrize("width", ["single", "double"])
 def test_nothing_of_the_figure_is_clipped(width):
-    asked = read({"days": 1})
+    asked = configured(Detection, days=1)
     figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4, width=width)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
@@ -116,7 +119,7 @@ def test_help_tells_of_both_estimators(glucoloop, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     answer = glucoloop("detect", "--help")
     assert answer.code == 0
-    for part in ("moving-horizon, kalman", "--meals-per-h", "100; of several people 1", "--fault"):
+    for part in ("moving-horizon, kalman", "--estimates-by", "100; of several people 1", "--fault"):
         assert part in answer.out
     assert "--announce-meals" not in answer.out
 
@@ -131,7 +134,7 @@ def test_help_tells_of_both_estimators(glucoloop, monkeypatch):
         (("--people", 0), "--people is 0; give"),
         (("--meal", "50g@25h"), "the meal at 1500 min begins after the run ends at 1440 min"),
         (("--overwrite",), "--overwrite is about an output folder; name one with --out"),
-        (("--controller", "basal", "--move-weight", 1), "the controller basal has no setting 'move_weight'"),
+        (("--controller", "basal, move_weight=1"), "the controller basal has no setting 'move_weight'"),
     ],
 )
 def test_mistakes(refused, tmp_path, arguments, sentence):

@@ -114,7 +114,7 @@ def test_rates_in_another_unit_are_asked_about(refused, tmp_path, moved):
 
 @pytest.mark.long
 def test_an_experiment_that_drowns_in_noise_gives_no_model_to_use(glucoloop):
-    out = glucoloop("identify", "--noise", 100, "--noise-bound", 50, "--seed", 1).out
+    out = glucoloop("identify", "--sensor", "white-noise, variance=100, bound_mg_dl=50", "--seed", 1).out
     assert "DO NOT USE THIS MODEL" in out
     assert "--samples" in out
 

@@ -110,8 +110,7 @@ def test_cache_is_off_silently(glucoloop, monkeypatch, place):
 
 
 def test_interrupt_that_a_library_swallows_is_heeded(glucoloop, tmp_path, monkeypatch):
-    def swallow(run):
-        del run
+    def swallow(*_):
         try:
             os.kill(os.getpid(), __import__("signal").SIGINT)
             time.sleep(1.0)

@@ -6,13 +6,13 @@ import tomllib
 import numpy as np
 import polars as pl
 import pytest
-from glucoloop.config.run import read_run
 from matplotlib.figure import Figure
 
 from glucoloop.control.catalogue import ESTIMATING, SEARCHED
-from glucoloop.studies.robust import RANGES
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
+from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.objectives import METRICS, NO_SCORES
-from glucoloop.studies.robust.study import read
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -86,10 +86,10 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
 
     best = tomllib.loads((tmp_path / "a/best.toml").read_text())
     best.pop("glucoloop")
-    run = read_run(best)
-    assert run.case.controller == "meal-mpc"
+    run = configured(Run, best)
+    assert run.case.controller.name == "meal-mpc"
     assert {name: run.case.tuning[name] for name in summary["chosen"]["tuning"]} == summary["chosen"]["tuning"]
-    assert run.situation.noise_variance == 1.45
+    assert run.noise_variance == 1.45
 
     again = glucoloop("robust", *SMALL, "--at-most", "total-variation=450", "--out", "a", "--json")
     assert "nothing is computed again" in again.err
@@ -148,10 +148,13 @@ def test_bounds_that_nothing_keeps_are_told(glucoloop):
 
 
 def test_what_is_read_is_told_as_it_was():
-    asked = read({"move_weight": "0.1:1", "caution_weight": 3, "estimator": "kalman", "people": 7})
-    assert read(asked.keys()) == asked
+    controller = {"name": "meal-mpc", "move_weight": "0.1:1", "caution_weight": 3, "estimator": "kalman"}
+    asked = configured(Search, controller=controller, people=7)
+    for whole in (False, True):
+        assert configured(Search, asked.tree(whole=whole)).tree(whole=True) == asked.tree(whole=True)
+    assert asked.tree() == {"controller": [controller], "people": 7}
     assert asked.case.tuning["caution_weight"] == 3.0
-    assert "caution_weight" not in asked.start
+    assert "caution_weight" not in asked.initial
 
 
 def test_what_can_be_searched_are_settings_of_the_controller():
@@ -173,7 +176,7 @@ def test_what_can_be_searched_are_settings_of_the_controller():
         (("--out", "a", "--at-most", "peak=3"), "unknown objective 'peak'"),
         (("--out", "a", "--at-most", "peak-p95"), "--at-most is 'peak-p95'; write it like"),
         (("--out", "a", "--at-most", "peak-p95=mpc"), "neither a number nor a controller that stands beside: mpc-se"),
-        (("--out", "a", "--move-weight", "2:1"), "--move-weight is '2:1'"),
+        (("--out", "a", "--controller", "move_weight=2:1"), "move_weight is '2:1'"),
         (("--out", "a", "--prefer", "peak-p95"), "--prefer is 'peak-p95'; give undershoot-p95, peak-median or both"),
         (("--out", "a", "--beside", "meal-mpc"), "--beside is meal-mpc"),
         (("--out", "a", "--check-people-seed", 424242), "give another seed for one of them"),

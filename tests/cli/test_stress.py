@@ -58,7 +58,7 @@ def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):
 
 @pytest.mark.usefixtures("_plain")
 def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
-    asked = ("stress", *SMALL, "--guards", "with", "--guard-lowest-reading-mg-dl", 300, "--out", "a")
+    asked = ("stress", *SMALL, "--guards", "with", "--guard", "lowest_reading_mg_dl=300", "--out", "a")
     assert glucoloop(*asked).code == 0
     table = pl.read_parquet(tmp_path / "a/stress.parquet")
     assert table["guarded"].all()
@@ -75,7 +75,8 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
             ("--out", "a", "--fault", "late, delay_min=0"),
             "delay_min is 0 min; give a finite number above 0 min",
         ),
-        (("--out", "a", "--guard-gap-min", -1), "guard_gap_min is -1 min; give a number from 0 to 10000 min."),
+        (("--out", "a", "--guard", "gap_min=-1"), "gap_min is -1 min; give a number from 0 to 10000 min."),
+        (("--out", "a", "--guard", "none"), "--guard is none; let --guards say whether there is one"),
         (("--out", "a", "--workers", 0), "--workers is 0; give a whole number from 1"),
         (("--out", "a", "--people", 0), "--people is 0"),
     ],

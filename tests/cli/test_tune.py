@@ -4,23 +4,23 @@ import polars as pl
 import pytest
 
 SHORT = ("--duration", 150)
-SMALL = ("--move-horizon", "1:2", "--prediction-horizon", "4,8")
+SMALL = ("--controller", "move_horizon=1:2, prediction_horizon=4|8")
 
 
 def test_point_is_the_run_of_the_same_options(glucoloop):
-    found = glucoloop("tune", *SMALL, *SHORT, "--dead-time", 5, "--known-dead-time", "--json").json
-    alone = glucoloop(
-        "run", "--move-horizon", 1, *SHORT, "--dead-time", 5, "--known-dead-time", "--json"
-    ).json  # p = 8 by default
+    ranges = "mpc, move_horizon=1:2, prediction_horizon=4|8, known_dead_time=true"
+    found = glucoloop("tune", "--controller", ranges, *SHORT, "--dead-time", 5, "--json").json
+    one = "mpc, move_horizon=1, known_dead_time=true"  # p = 8 by default
+    alone = glucoloop("run", "--controller", one, *SHORT, "--dead-time", 5, "--json").json
     surface = found["surface"]
     point = list(zip(surface["move_horizon"], surface["prediction_horizon"], strict=True)).index((1, 8))
     assert surface["sse"][point] == pytest.approx(alone["metrics"]["sse"], abs=1e-6)
-    assert found["config"]["controller"] == "mpc"
+    assert found["config"]["controller"][0]["name"] == "mpc"
     assert found["printed"]["prediction_horizon"] == 8
 
 
 def test_folder_repeats_the_search(glucoloop, tmp_path):
-    arguments = (*SMALL, "--move-weight", "0,1", "--top", 2, *SHORT)
+    arguments = (*SMALL, "--controller", "move_weight=0|1", "--top", 2, *SHORT)
     first = glucoloop("tune", *arguments, "--out", "first")
     assert first.code == 0
     assert (
@@ -39,7 +39,7 @@ def test_folder_repeats_the_search(glucoloop, tmp_path):
 
 
 def test_table_shows_where_the_printed_tuning_stands(glucoloop):
-    out = glucoloop("tune", "--move-horizon", "2:3", "--prediction-horizon", "4:5", "--top", 1).out
+    out = glucoloop("tune", "--controller", "move_horizon=2:3, prediction_horizon=4:5", "--top", 1).out
     rows = [line.split() for line in out.splitlines() if line.strip() and line.split()[0].isdigit()]
     assert [row[:3] for row in rows] == [["1", "3", "4"], ["5", "2", "8"]]
     assert rows[-1][-1] == "printed"
@@ -48,7 +48,7 @@ def test_table_shows_where_the_printed_tuning_stands(glucoloop):
 
 
 def test_noise_gives_medians_over_seeds(glucoloop):
-    shared = ("--noise", 1.45, "--move-horizon", 2, "--prediction-horizon", 10, *SHORT, "--json")
+    shared = ("--noise", 1.45, "--controller", "move_horizon=2, prediction_horizon=10", *SHORT, "--json")
     found = glucoloop("tune", *shared, "--seeds", 1, "--seed", 4).json
     alone = glucoloop("run", "--noise", 1.45, "--seed", 4, *SHORT, "--json").json
     assert found["surface"]["output_weight"] == [3.0]
@@ -58,8 +58,8 @@ def test_noise_gives_medians_over_seeds(glucoloop):
 
 def test_filters_of_a_controller_with_estimation(glucoloop):
     found = glucoloop(
-        "tune", "--controller", "mpc-se", "--move-horizon", 2, "--prediction-horizon", 7,
-        "--reference-filter", ".3:.5:.1", "--operating-point", "nominal-22", *SHORT, "--json",
+        "tune", "--controller", "mpc-se, move_horizon=2, prediction_horizon=7, reference_filter=.3:.5:.1",
+        "--patient", "operating_point=nominal-22", *SHORT, "--json",
     ).json  # fmt: skip
     assert found["surface"]["reference_filter"] == [0.3, 0.4, 0.5, 0.65]
     assert found["printed"]["reference_start"] == 0
@@ -68,7 +68,7 @@ def test_filters_of_a_controller_with_estimation(glucoloop):
 
 def test_seeds_are_of_any_noise(glucoloop):
     answer = glucoloop(
-        "tune", "--move-horizon", 2, "--prediction-horizon", 7, *SHORT, "--sensor", "white-noise, variance=4",
+        "tune", "--controller", "move_horizon=2, prediction_horizon=7", *SHORT, "--sensor", "white-noise, variance=4",
         "--seeds", 2,
     )  # fmt: skip
     assert "Results are medians of 2 seeds; oscillation was judged in the run of the first." in answer.out
@@ -77,13 +77,13 @@ def test_seeds_are_of_any_noise(glucoloop):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--move-horizon", "x"), "--move-horizon is 'x'; write it like 1:4"),
-        (("--move-horizon", "4:1"), "lower end first"),
-        (("--move-horizon", 9, "--prediction-horizon", "2:4"), "look farther ahead"),
-        (("--move-weight", "-1"), "move_weight is -1; give a finite number of 0 or more"),
-        (("--reference-filter", ".5"), "no setting 'reference_filter'"),
+        (("--controller", "move_horizon=x"), "move_horizon is 'x'; write it like 1:4"),
+        (("--controller", "move_horizon=4:1"), "lower end first"),
+        (("--controller", "move_horizon=9, prediction_horizon=2:4"), "look farther ahead"),
+        (("--controller", "move_weight=-1"), "move_weight is -1; give a finite number of 0 or more"),
+        (("--controller", "reference_filter=.5"), "no setting 'reference_filter'"),
         (
-            ("--controller", "mpc-se", "--reference-filter", "1"),
+            ("--controller", "mpc-se, reference_filter=1"),
             "reference_filter is 1; give a number of 0 or more and below 1",
         ),
         (("--controller", "pid"), "'pid' cannot be tuned"),
@@ -93,7 +93,7 @@ def test_seeds_are_of_any_noise(glucoloop):
         (("--top", 0), "--top is 0"),
         (("--duration", 101), "whole number of samples"),
         (
-            ("--prediction-horizon", "1:1000", "--move-horizon", "1:50"),
+            ("--controller", "prediction_horizon=1:1000, move_horizon=1:50"),
             "prediction_horizon is 289; give a whole number from 0 to 288",
         ),
     ],
@@ -103,16 +103,18 @@ def test_refusals(refused, options, told):
 
 
 def test_ranges_of_a_file_may_be_numbers_or_lists(glucoloop, refused, tmp_path):
-    (tmp_path / "t.toml").write_text("move_horizon = 2\nprediction_horizon = [4, 8]\nduration_min = 100\n")
+    (tmp_path / "t.toml").write_text(
+        "duration_min = 100\n[controller]\nmove_horizon = 2\nprediction_horizon = [4, 8]\n"
+    )
     assert glucoloop("tune", "--config", "t.toml", "--json").json["surface"]["prediction_horizon"] == [4, 8]
-    (tmp_path / "t.toml").write_text("move_horizon = true\n")
+    (tmp_path / "t.toml").write_text("[controller]\nmove_horizon = true\n")
     assert "move_horizon is True" in refused("tune", "--config", "t.toml")
 
 
 def test_too_many_panels_leave_the_picture_out(glucoloop, tmp_path):
     answer = glucoloop(
-        "tune", "--move-horizon", "1,2", "--prediction-horizon", "2,3", "--move-weight", "0:3.5:.5",
-        "--output-weight", "1,2", *SHORT, "--out", "o",
+        "tune", "--controller", "move_horizon=1|2, prediction_horizon=2|3, move_weight=0:3.5:.5, output_weight=1|2",
+        *SHORT, "--out", "o",
     )  # fmt: skip
     assert "No picture was drawn: the surface would need 16 panels" in answer.out
     assert not (tmp_path / "o/surface.png").exists()

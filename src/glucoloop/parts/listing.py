@@ -151,6 +151,8 @@ def _whole(part: dict[str, Any], width: int) -> Iterator[str]:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(value_text, value)) or "none"
     return "not given" if value is None else f'"{value}"' if value == "" else value_text(value)
 
 

@@ -115,9 +115,7 @@ ADVERSARY: Final = SearchStudy(
             "seed": "The same seed gives the same people and noise.",
             "out": "Folder for figures of the worst loops and tables; an unfinished search in it is resumed.",
         },
-        "rare": dict.fromkeys(
-            ("setpoint_mg_dl", "announce_meals", "sample_time_min", "model", "starts", "search_seed"), True
-        ),
+        "rare": dict.fromkeys(("setpoint_mg_dl", "announce_meals", "model", "starts", "search_seed"), True),
     },
     files=("adversary.csv", "worst.parquet", "worst.pdf", "worst.png", "worst.svg"),
     summary="adversary.json",

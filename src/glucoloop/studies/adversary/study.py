@@ -84,10 +84,8 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
         usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
         settings = dataclasses.replace(asked, generations=asked.generations or usual)
         for guarded in WITH_GUARD[asked.guards]:
-            alone, key = (
-                asked.with_cases((asked.with_guard(case, guarded),)),
-                {"controller": case.label, "guarded": guarded},
-            )
+            alone = asked.with_cases((asked.with_guard(case, guarded),))
+            key = {"controller": case.label, "guarded": guarded}
             yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space, settings) for space in spaces]
 
 

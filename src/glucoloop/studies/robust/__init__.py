@@ -186,7 +186,10 @@ def _bound(text: str, beside: tuple[str, ...]) -> tuple[str, float | str]:
     except ValueError:
         number = float("nan")
     if number != number:
-        raise Refusal(f"--at-most is {text!r}; give a number, or the name of a controller that stands beside")
+        known = ", ".join(beside) or "there is none"
+        raise Refusal(
+            f"--at-most is {text!r}; {most!r} is neither a number nor a controller that stands beside: {known}"
+        )
     return name, number
 
 
@@ -222,7 +225,7 @@ ROBUST: Final = SearchStudy(
         "rare": dict.fromkeys(
             (
                 *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
-                *("sampler", "top", "announce_meals", "sample_time_min", "allow_unusual"),
+                *("sampler", "top", "announce_meals"),
             ),
             True,
         ),

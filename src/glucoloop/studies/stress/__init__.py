@@ -103,7 +103,7 @@ STRESS: Final = TrialStudy(
             "seed": "The same seed gives the same people, meals and noise.",
             "workers": "Threads that compute.",
         },
-        "rare": dict.fromkeys(("meal_size_spread_pct", "meal_time_spread_min", "design"), True),
+        "rare": dict.fromkeys(("design",), True),
     },
     files=("stress.csv", "stress.parquet", "stress.html", "figure.pdf", "figure.png", "figure.svg"),
 )
