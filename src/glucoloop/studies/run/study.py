@@ -141,7 +141,7 @@ def tables(asked: Run, found: Findings) -> Iterator[object]:
 
 
 def sentences(asked: Run, found: Findings) -> Iterator[str]:
-    """What a clinician would say first of each loop."""
+    """Sentences that a clinician would say first of each loop."""
     if "cases" not in found.plain:
         yield from found.plain["summary"]["sentences"]
         return
