@@ -117,6 +117,6 @@ def test_interrupt_that_a_library_swallows_is_heeded(glucoloop, tmp_path, monkey
         except KeyboardInterrupt:
             pass
 
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", swallow)
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", swallow)
     assert glucoloop("run", "--out", "out").code == 130
     assert list(tmp_path.iterdir()) == []
