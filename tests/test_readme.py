@@ -9,12 +9,9 @@ import pytest
 
 from glucoloop.cli import app
 from glucoloop.cli.request import request_of
-from glucoloop.cli.run import Comparison
-from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.code import loaded
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
-from glucoloop.situations.run import Run
 from glucoloop.studies.catalogue import STUDIES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -22,12 +19,7 @@ README = ROOT / "README.md"
 # Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
 PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
-ROOTS = {
-    **{name: loaded(entry.place).request for name, entry in STUDIES.items()},
-    "run": Run,
-    "compare": Comparison,
-    "trial": Trial,
-}
+ROOTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 

@@ -6,15 +6,13 @@ from typing import Annotated
 
 import polars as pl
 import pytest
-from glucoloop.config.trial import trial_keys
 
-from glucoloop.cli.request import file_keys, with_lists
-from glucoloop.control.catalogue import controller_entry, controller_names
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.parts.code import found
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
 from glucoloop.situations.toml import toml_text
-from requests_read import request_of
+from requests_read import asked
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "your_own_controller.py"
 NAME = "your_own_controller:YourOwnPI"
@@ -29,8 +27,8 @@ def outside(install, tmp_path):
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
-    assert "your-own-pi" in controller_names()
-    assert controller_entry("your-own-pi") == controller_entry(NAME)
+    assert "your-own-pi" in CONTROLLERS.names()
+    assert CONTROLLERS.find("your-own-pi") == CONTROLLERS.find(NAME)
 
 
 @pytest.mark.parametrize(
@@ -43,20 +41,14 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
             ("--controller", "your_own_controller:ProportionalIntegral"),
             "your_own_controller:ProportionalIntegral is no controller: make it a class of ControllerPart",
         ),
-        (("--controller", NAME, "--setting", "integral=9"), "unknown key 'integral'; did you mean 'integral_min'?"),
+        (("--controller", f"{NAME}, integral=9"), "has no setting 'integral'; did you mean 'integral_min'?"),
         (
-            ("--controller", NAME, "--setting", "integral_min=-1"),
-            "integral_min is -1 min; give a finite number above 0 min",
+            ("--controller", f"{NAME}, integral_min=-1"),
+            "--controller: your-own-pi: integral_min is -1 min; give a finite number above 0 min",
         ),
-        (("--controller", NAME, "--setting", "integral_min=much"), "integral_min is 'much'; give a finite number"),
-        (("--controller", NAME, "--move-weight", "1"), "your-own-pi has no setting 'move_weight'"),
-        (("--setting", "integral_min=9"), "unknown key 'integral_min'"),
-        (("--setting", "move_weight"), "'move_weight' in the option --setting is not a key with a value"),
-        (("--setting", "seed=3"), "seed is not a setting of a controller; give --seed in place of --setting"),
-        (
-            ("--move-weight", "1", "--setting", "move_weight=2"),
-            "--setting move_weight and --move-weight say the same; leave one out",
-        ),
+        (("--controller", f"{NAME}, integral_min=much"), "integral_min is 'much'; give a finite number"),
+        (("--controller", f"{NAME}, move_weight=1"), "your-own-pi has no setting 'move_weight'"),
+        (("--controller", "integral_min=9"), "the controller mpc has no setting 'integral_min'"),
     ],
 )
 def test_what_is_wrong_is_told(outside, refused, arguments, told):
@@ -65,66 +57,49 @@ def test_what_is_wrong_is_told(outside, refused, arguments, told):
 
 @pytest.mark.long
 def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
-    given = ("--controller", "your-own-pi", "--setting", "integral_min=60", *SHORT)
+    given = ("--controller", "your-own-pi, integral_min=60", *SHORT)
     answer = glucoloop("run", *given, "--out", "a", "--json")
     assert answer.code == 0, answer.err
-    config = answer.json["config"]
-    assert (config["controller"], config["integral_min"], config["proportional_gain"]) == ("your-own-pi", 60.0, 0.6)
-    assert keys_of("run", (), "a/run.toml") == config
-    assert "integral_min" not in keys_of("run", {"controller": "basal"}, "a/run.toml")
-
-
-def keys_of(command, given, file=None):
-    """The configuration of a command, from its options and its file."""
-    asked = request_of(command, with_lists(dict(given)), file_keys(None if file is None else Path(file)))
-    return trial_keys(asked) if command == "trial" else asked.keys()
+    config = answer.json["config"]["controller"]
+    assert (config["name"], config["integral_min"], config["proportional_gain"]) == ("your-own-pi", 60.0, 0.6)
+    assert glucoloop("run", "--config", "a/run.toml", "--json").json["config"] == answer.json["config"]
+    other = asked("run", "--config", "a/run.toml", "--controller", "basal").case.controller
+    assert (other.name, other.values()) == ("basal", {})
 
 
 @pytest.mark.parametrize("command", ["compare", "trial", "stress", "adversary"])
-def test_cases_have_settings_of_their_own_and_take_shared_ones(outside, command):
-    cases = [f"quick: {NAME}, integral_min=30", f"slow: {NAME}", "none: basal"]
-    keys = keys_of(command, {"cases": cases, "settings": ["proportional_gain=0.3"]})
-    assert settings_of(keys) == {"quick": (30.0, 0.3), "slow": (150.0, 0.3), "none": (None, None)}
-    Path("asked.toml").write_text(toml_text(keys, ""))
-    assert keys_of(command, {}, "asked.toml") == keys
-    changed = keys_of(command, {"settings": ["integral_min=90"]}, "asked.toml")
-    assert settings_of(changed) == {"quick": (90.0, 0.3), "slow": (90.0, 0.3), "none": (None, None)}
-    with pytest.raises(ValueError, match=r"^case 'b': no_such_module cannot be imported"):
-        keys_of(command, {"cases": [f"a: {NAME}", "b: no_such_module:X"]})
-    with pytest.raises(ValueError, match=r"^case 'a': unknown key 'integral_min'"):
-        keys_of(command, {"cases": ["a: basal, integral_min=30", f"b: {NAME}"]})
+def test_cases_have_settings_of_their_own(outside, command):
+    cases = [f"{NAME}, integral_min=30, label=quick", f"{NAME}, label=slow", "basal, label=none"]
+    found = asked(command, *(f"--controller={case}" for case in cases))
+    assert settings_of(found) == {"quick": 30.0, "slow": 150.0, "none": None}
+    Path("asked.toml").write_text(toml_text(found.tree(), ""))
+    assert asked(command, "--config", "asked.toml") == found
+    changed = asked(command, "--config", "asked.toml", "--set", "controller.slow.integral_min=90")
+    assert settings_of(changed) == {"quick": 30.0, "slow": 90.0, "none": None}
 
 
-def settings_of(keys):
-    return {case["label"]: (case.get("integral_min"), case.get("proportional_gain")) for case in keys["case"]}
+def settings_of(found):
+    return {case.label: getattr(case.controller, "integral_min", None) for case in found.cases}
 
 
 def test_a_test_of_estimators_takes_its_settings(outside):
-    keys = keys_of("detect", {"controller": NAME, "settings": ["integral_min=30"]})
-    assert (keys["controller"], keys["integral_min"]) == (NAME, 30.0)
-    with pytest.raises(ValueError, match=r"^unknown key 'integral_min' of a test of estimators"):
-        keys_of("detect", {"settings": ["integral_min=30"]})
+    assert asked("detect", "--controller", f"{NAME}, integral_min=30").case.controller.integral_min == 30.0
 
 
-def test_a_search_for_a_tuning_stands_beside_it(outside):
-    assert keys_of("robust", {"beside": [NAME]})["beside"] == [NAME]
+def test_it_is_not_tuned_unless_its_entry_says_so(outside, refused):
+    assert "cannot be tuned; the known ones are: mpc, mpc-se, nlqdmc-se" in refused("tune", "--controller", NAME)
 
 
-def test_it_is_not_tuned_unless_its_entry_says_so(outside):
-    with pytest.raises(ValueError, match=r"cannot be tuned; the known ones are: mpc, mpc-se, nlqdmc-se$"):
-        keys_of("tune", {"controller": NAME})
-
-
-def test_a_setting_that_is_a_key_of_every_run_is_refused(outside, refused):
-    Path("clash.py").write_text(EXAMPLE.read_text().replace("integral_min", "seed"))
+def test_a_setting_that_every_case_has_is_refused(outside, refused):
+    Path("clash.py").write_text(EXAMPLE.read_text().replace("integral_min", "faults"))
     told = refused("run", "--controller", "clash:YourOwnPI")
-    assert told.startswith("the controller your-own-pi has a setting 'seed', which is a key of every run already")
+    assert told.startswith("the controller clash:YourOwnPI has a setting 'faults', which every case has already")
 
 
 @pytest.mark.long
 def test_a_trial_designs_it_for_each_person(outside, glucoloop):
-    cases = ("--case", f"mine: {NAME}, integral_min=60", "--case", "none: basal", "--design", "individual")
-    answer = glucoloop("trial", "--people", "4", *cases, *SHORT, "--out", "t", "--json")
+    cases = ("--controller", f"{NAME}, integral_min=60, label=mine", "--controller", "basal, label=none")
+    answer = glucoloop("trial", "--people", "4", *cases, "--design", "individual", *SHORT, "--out", "t", "--json")
     assert answer.code == 0, answer.err
     people = pl.concat([pl.read_parquet(path) for path in sorted(Path("t").rglob("people*.parquet"))])
     assert people.height == 8
@@ -160,11 +135,11 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
 
 
 COMMANDS = {
-    "trial": ("--people", "8", "--setting", "integral_min=60", *SHORT),
+    "trial": ("--people", "8", *SHORT),
     "stress": ("--people", "4", "--fault", "missing, start_min=20, duration_min=30", *SHORT),
     "adversary": ("--people", "4", "--generations", "2", "--error", "10", *SHORT),
     "verify": ("--loops", "20"),
-    "detect": ("--days", "2", "--setting", "integral_min=60"),
+    "detect": ("--days", "2"),
 }
 WITH_FOLDER = ("trial", "stress", "adversary")
 

@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.parts.faults import FAULTS
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.situation import Situation, configured
 
 NAME = "your_own_fault:CoarseReadings"
 
@@ -26,7 +26,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
 
 @pytest.mark.parametrize("name", ["coarse", NAME])
 def test_it_is_around_the_sensor_while_it_is_there(outside, name):
-    sensor = surroundings_of(Situation(faults=(f"{name}, step_mg_dl=20, start_min=5",))).sensor
+    sensor = surroundings_of(configured(Situation, faults=[f"{name}, step_mg_dl=20, start_min=5"])).sensor
     glucose = jnp.asarray(87.0)
     state, told = sensor.init(glucose, jax.random.key(0)), []
     for sample in range(3):
@@ -51,8 +51,8 @@ def test_what_is_wrong_is_told(outside, refused, text, told):
 
 @pytest.mark.long
 def test_a_run_is_read_again_from_its_folder(outside, glucoloop):
-    given = ("--controller", "basal", "--duration", "60", "--no-meal", "--fault", f"{NAME}, start_min=20")
+    given = ("--controller", "basal", "--duration", "60", "--meal", "none", "--fault", f"{NAME}, start_min=20")
     first = glucoloop("run", *given, "--out", "a", "--json")
     assert first.code == 0, first.err
-    assert first.json["config"]["faults"] == [f"{NAME}, start_min=20, step_mg_dl=10"]
+    assert first.json["config"]["faults"][0]["step_mg_dl"] == 10.0
     assert glucoloop("run", "--config", "a/run.toml", "--allow-code", "--json").json["config"] == first.json["config"]

@@ -28,7 +28,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
 def test_it_is_in_the_table_and_in_json(outside, glucoloop, name):
     told = glucoloop("run", *SHORT, name, "--json")
     assert told.code == 0, told.err
-    assert told.json["config"]["metrics"] == [f"{name}, low_mg_dl=70, high_mg_dl=140"]
+    assert told.json["config"]["metrics"] == [{"name": name, "low_mg_dl": 70, "high_mg_dl": 140}]
     metrics = told.json["metrics"]
     assert list(metrics) == [*(result.name for result in RESULTS), "time_70_140_pct"]
     # glucose begins at 81 mg/dl and rises after the meal, without falling below 70

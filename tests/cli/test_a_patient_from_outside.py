@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 
 from glucoloop.parts.code import entry_points
-from glucoloop.parts.patients import patient_names
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import patient, population, virtual_people
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
-NAME = "kanderian:PERSON_1"
+NAME = "kanderian:Person1"
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("kanderian", "patients", "person-1", "PERSON_1")
+    install("kanderian", "patients", "person-1", "Person1")
     return tmp_path
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert "person-1" in entry_points("patients")
-    assert "person-1" in patient_names()
+    assert "person-1" in PATIENTS.names()
     for name in ("person-1", NAME):
         person = patient(name)
         # Kanderian et al. (2009): person 1 needs 1.321 U/h at 120 mg/dl
@@ -54,7 +54,7 @@ def _fasting(insulin):
         ("nobody", "unknown patient 'nobody'; the known ones are: parker-1999, hovorka-2004"),
         ("no_such_module:X", "no_such_module cannot be imported: ModuleNotFoundError"),
         ("kanderian:NOBODY", "kanderian has no NOBODY; name what it defines, like kanderian:NAME"),
-        ("kanderian:MODEL", "kanderian:MODEL is an instance of PatientModel; it has to be one of PatientEntry"),
+        ("kanderian:MODEL", "kanderian:MODEL is no patient: make it a class of PatientPart"),
     ],
 )
 def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):
@@ -64,24 +64,26 @@ def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):
 
 
 def test_another_operating_point_than_the_patients_is_refused(outside, glucoloop):
-    answer = glucoloop("run", "--patient", NAME, "--operating-point", "setpoint-81")
+    answer = glucoloop("run", "--patient", f"{NAME}, operating_point=setpoint-81")
     assert answer.code == 2
-    assert "unknown operating point 'setpoint-81' of kanderian:PERSON_1; the known ones are: at-120" in answer.err
+    assert "unknown operating point 'setpoint-81' of kanderian:Person1; the known ones are: at-120" in answer.err
 
 
 def test_a_population_of_another_patient_is_refused(outside, glucoloop):
     answer = glucoloop("trial", "--patient", NAME, "--population", "parker2000", "--out", "t")
     assert answer.code == 2
-    assert "unknown population 'parker2000' of kanderian:PERSON_1; the known ones are: nominal, varied" in answer.err
+    assert "unknown population 'parker2000' of kanderian:Person1; the known ones are: nominal, varied" in answer.err
 
 
 @pytest.mark.long
 def test_a_run_and_its_repetition(outside, glucoloop):
-    first = glucoloop("run", "--patient", NAME, "--controller", "pid", "--site", "interstitial", "--out", "a", "--json")
+    first = glucoloop(
+        "run", "--patient", NAME, "--controller", "pid", "--sensor", "ideal, site=interstitial", "--out", "a", "--json"
+    )
     assert first.code == 0
     told = json.loads(first.out)
-    assert told["config"]["patient"] == NAME
-    assert told["config"]["max_insulin_mU_min"] == 150.0
+    assert told["config"]["patient"]["name"] == NAME
+    assert told["config"]["pump"]["max_insulin_mU_min"] == 150.0
     again = glucoloop("run", "--config", "a/run.toml", "--allow-code", "--out", "b")
     assert again.code == 0
     assert Path("a/trace.csv").read_bytes() == Path("b/trace.csv").read_bytes()
@@ -89,9 +91,9 @@ def test_a_run_and_its_repetition(outside, glucoloop):
 
 COMMANDS = {
     "identify": "",
-    "compare": "--case pid --case mpc-se",
+    "compare": "--controller pid --controller mpc-se",
     "bound": "--duration 300",
-    "tune": "--move-horizon 1:2 --prediction-horizon 24",
+    "tune": "--controller 'mpc, move_horizon=1:2, prediction_horizon=24'",
     "trial": "--people 20 --controller mpc --duration 600 --meal 50g@50min",
     "stress": "--people 4 --controller pid --fault 'missing, start_min=60, duration_min=30'",
     "verify": "--loops 20 --controller pid",

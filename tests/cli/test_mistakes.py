@@ -7,13 +7,13 @@ import subprocess
 import sys
 from concurrent.futures import CancelledError
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from glucoloop.cli import main
 from glucoloop.cli.mistakes import BUG
 from glucoloop.situations import run as situation
+from glucoloop.storage.findings import Findings
 
 MISTAKES = {
     "run --controller mcp": ["--controller: unknown controller 'mcp'", "did you mean 'mpc'?"],
@@ -284,7 +284,7 @@ def test_record_is_refused(refused, tmp_path, text):
 
 
 def test_folder_that_is_taken_is_refused_before_anything_is_computed(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
     (tmp_path / "file").write_text("mine")
@@ -315,7 +315,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", interrupt)
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", interrupt)
     answer = glucoloop("run", "--out", "a/b")
     assert answer.code == 130
     assert answer.err == "glucoloop: interrupted, nothing was written.\n"
@@ -327,7 +327,7 @@ LONG_WORK = {
     "bound": "glucoloop.studies.bound.study._bounds",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.study.found",
-    "compare --controller mpc --controller pid": "glucoloop.studies.closed_loop.close_the_loop",
+    "compare --controller mpc --controller pid": "glucoloop.studies.run.study.close_the_loop",
 }
 
 
@@ -390,7 +390,7 @@ REFUSED_BY_THE_MACHINE = {
 @pytest.mark.parametrize("what", REFUSED_BY_THE_MACHINE)
 def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monkeypatch, what):
     fail, told = REFUSED_BY_THE_MACHINE[what]
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: fail())
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", lambda *_: fail())
     assert told in refused("run", "--out", "out")
     assert list(tmp_path.iterdir()) == []
 
@@ -407,17 +407,16 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
     ],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    outcome = SimpleNamespace(report=dict, repeat=lambda: SimpleNamespace(keys=dict, given=None))
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: outcome)
-    monkeypatch.setattr("glucoloop.cli.run.write_outcome", lambda folder, *_: folder.write("a.txt", "a"))
-    monkeypatch.setattr("glucoloop.cli.run.tell", raising(error))
+    monkeypatch.setattr("glucoloop.studies.run.study.found", lambda *_: Findings({}))
+    monkeypatch.setattr("glucoloop.studies.run.study.drawn", lambda *_, **__: {"a.txt": b"a"})
+    monkeypatch.setattr("glucoloop.studies.run.study.tables", raising(error))
     answer = glucoloop("run", "--out", "out")
     assert (answer.code, answer.err) == (code, f"glucoloop: {told}.\n")
     assert (tmp_path / "out/a.txt").read_text() == "a"
 
 
 def test_folder_behind_links_that_lead_nowhere_is_refused(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     for out in ("a", "a/out"):
@@ -472,7 +471,7 @@ def test_platform_that_jax_does_not_have_is_told(tmp_path):
 
 def test_bug_keeps_its_traceback(monkeypatch):
     """A ValueError from outside the library was not foreseen."""
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", lambda *_: int("bug"))
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", lambda *_: int("bug"))
     with pytest.raises(ValueError, match="invalid literal"):
         main(["run"])
 
@@ -480,7 +479,7 @@ def test_bug_keeps_its_traceback(monkeypatch):
 def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
     made: dict = {}
     exec(compile("def bug(*_, **__):\n    return float('abc')\n", situation.__file__, "exec"), made)
-    monkeypatch.setattr("glucoloop.cli.run.read_root", made["bug"])
+    monkeypatch.setattr("glucoloop.cli.declared.read_root", made["bug"])
     with pytest.raises(ValueError, match="could not convert") as raised:
         main(["run"])
     assert raised.value.__notes__ == [BUG]
@@ -521,7 +520,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
 
 @pytest.mark.parametrize(("chip", "told"), [("host", "no C compiler"), ("cortex-m4f", "take --chip host")])
 def test_missing_tool_of_a_chip_is_told_before_anything_is_computed(refused, monkeypatch, chip, told):
-    monkeypatch.setattr("glucoloop.studies.hil.model_for", lambda *_: pytest.fail("it was computed"))
+    monkeypatch.setattr("glucoloop.studies.hil.study.model_for", lambda *_: pytest.fail("it was computed"))
     monkeypatch.setattr("glucoloop.firmware.hil.build.compiler", lambda: None)
     monkeypatch.setattr("shutil.which", lambda _: None)
     assert told in refused("hil", "--chip", chip)

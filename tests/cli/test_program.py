@@ -110,14 +110,13 @@ def test_cache_is_off_silently(glucoloop, monkeypatch, place):
 
 
 def test_interrupt_that_a_library_swallows_is_heeded(glucoloop, tmp_path, monkeypatch):
-    def swallow(run):
-        del run
+    def swallow(*_):
         try:
             os.kill(os.getpid(), __import__("signal").SIGINT)
             time.sleep(1.0)
         except KeyboardInterrupt:
             pass
 
-    monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", swallow)
+    monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", swallow)
     assert glucoloop("run", "--out", "out").code == 130
     assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,7 @@ def asked(glucoloop, monkeypatch):
             found.append(run)
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("glucoloop.studies.closed_loop.close_the_loop", take)
+        monkeypatch.setattr("glucoloop.studies.run.study.close_the_loop", take)
         answer = glucoloop("run", *arguments)
         assert answer.code == 130, answer.err
         return found[0]

@@ -30,8 +30,8 @@ FILES = {
 @pytest.fixture
 def _plain(monkeypatch):
     """A page without pictures, which take longer than the trial."""
-    monkeypatch.setattr("glucoloop.cli.trial_results.trial_page", lambda report: report.title)
-    monkeypatch.setattr("glucoloop.cli.trial_results.plot_trial", lambda report: Figure())
+    monkeypatch.setattr("glucoloop.studies.trial.study.trial_page", lambda report: report.title)
+    monkeypatch.setattr("glucoloop.studies.trial.study.plot_trial", lambda report: Figure())
 
 
 def sums(folder):
@@ -81,8 +81,8 @@ def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
 @pytest.mark.long
 def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_path, monkeypatch):
     reports = []
-    monkeypatch.setattr("glucoloop.cli.trial_results.trial_page", lambda report: reports.append(report) or "")
-    monkeypatch.setattr("glucoloop.cli.trial_results.plot_trial", lambda report: Figure())
+    monkeypatch.setattr("glucoloop.studies.trial.study.trial_page", lambda report: reports.append(report) or "")
+    monkeypatch.setattr("glucoloop.studies.trial.study.plot_trial", lambda report: Figure())
     glucoloop("trial", *TWO, "--traces", "all", "--out", "a")
     [report] = reports
     assert (report.people, report.infeasible, report.setpoint_mg_dl) == (40, 0, pytest.approx(81.1))
@@ -345,7 +345,7 @@ def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
 
 
 def test_people_below_the_validity_of_their_model_are_told():
-    from glucoloop.cli.trial_telling import _notes
+    from glucoloop.studies.trial.study import _notes
 
     nobody = {"count": 0, "person": []}
     told = {"people": 9, "setpoint_mg_dl": 81.1, "unable": nobody, "basal_beyond_pump": nobody}

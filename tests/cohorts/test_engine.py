@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts import blocks
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import pump_of, sensor_of
@@ -20,6 +20,7 @@ from glucoloop.metrics import summarise
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
+from glucoloop.situations.situation import configured
 
 METRIC_NAMES = [result.name for result in RESULTS]
 
@@ -29,18 +30,18 @@ NUMBERS = np.array([4, 11, 2, 4, 530, 300, 17, 902, 0])
 
 @pytest.fixture(scope="module")
 def trial():
-    return read_trial(
+    return configured(
+        Trial,
         {
             "people": 1000,
             "duration_min": 100.0,
             "meals": ["40g@20min"],
             "meal_size_spread_pct": 50.0,
             "meal_time_spread_min": 15.0,
-            "noise_variance": 1.45,
-            "dead_time_min": 5.0,
+            "sensor": ["white-noise, variance=1.45", "dead-time, minutes=5"],
             "setpoint_mg_dl": 120.0,
-            "controllers": ["mpc-se", "basal"],
-        }
+            "controller": ["mpc-se", "basal"],
+        },
     )
 
 

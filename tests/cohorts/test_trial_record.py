@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from glucoloop.config.trial import read_trial
 
-from glucoloop.cohorts.trial import fingerprint, usual_shard_people
+from glucoloop.cohorts.trial import Trial, fingerprint, usual_shard_people
+from glucoloop.situations.situation import configured
 
 
 def make(**keys):
-    return read_trial({"people": 1000, "shard_people": 64, "controllers": ["mpc"], **keys})
+    return configured(Trial, {"people": 1000, "shard_people": 64, "controller": "mpc", **keys})
 
 
 def test_shards_hold_everybody_once():
@@ -48,10 +48,11 @@ def test_fingerprint_is_of_everything_that_matters():
         make(**keys)
         for keys in (
             {"people": 999}, {"seed": 1}, {"first_person": 1}, {"population": "lognormal"}, {"days": 2}, {"meals": []},
-            {"meal_size_spread_pct": 1.0}, {"noise_variance": 1.0}, {"dead_time_min": 5.0}, {"precision": "float32"},
-            {"design": "individual"}, {"traces": 1}, {"shard_people": 65}, {"move_weight": 1.0},
-            {"setpoint_mg_dl": 82.0}, {"announce_meals": True}, {"max_insulin_mU_min": 60.0},
-            {"pump_resolution_mU_min": 1.0}, {"memory": 30}, {"arithmetic": "portable"},
+            {"meal_size_spread_pct": 1.0}, {"sensor": "white-noise"}, {"sensor": "dead-time"}, {"precision": "float32"},
+            {"design": "individual"}, {"traces": 1}, {"shard_people": 65}, {"controller": "mpc, move_weight=1"},
+            {"setpoint_mg_dl": 82.0}, {"announce_meals": True}, {"pump": "max_insulin_mU_min=60"},
+            {"pump": "resolution_mU_min=1"}, {"model": "memory=30"}, {"guard": "usual"},
+            {"start": "07:00"}, {"arithmetic": "portable"},
         )
     ]  # fmt: skip
     assert len({fingerprint(other) for other in [trial, *others]}) == len(others) + 1
@@ -60,12 +61,11 @@ def test_fingerprint_is_of_everything_that_matters():
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"people": 0}, "a trial of 0 people is not possible; give from 1 to"),
+        ({"people": 0}, "people is 0; give a whole number from 1 to"),
         ({"first_person": 2**32 - 999}, "the first person is 4294966297; with 1000 people give from 0 to 4294966296"),
-        ({"shard_people": 0}, "a shard of 0 people"),
-        ({"start_min": 1.5}, "a start 1.5 min after midnight is not possible; give whole minutes"),
+        ({"shard_people": 0}, "shard_people is 0; give a whole number from 1 to"),
+        ({"start": "7.30"}, "'7.30' is no time of day; write it like 07:30"),
         ({"traces": 1001}, "traces of 1001 people are not possible; give none, all, or 1 to 1000"),
-        ({"cases": ()}, "a trial without a controller"),
     ],
 )
 def test_impossible_trials_are_refused(change, told):

@@ -2,19 +2,20 @@
 
 import numpy as np
 import pytest
-from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts import engine
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Guard, guarded
+from glucoloop.situations.situation import configured
 from guarding import OPEN
 
 PEOPLE = np.arange(7)
-KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "noise_variance": 1.45}
+KEYS = {"people": PEOPLE.size, "seed": 211, "duration_min": 240.0, "meals": ["50g@30min"], "sensor": "white-noise"}
 
 
 @pytest.mark.long
 def test_of_people_in_native_code(monkeypatch):
-    trial = read_trial(KEYS, [{"label": "mpc", "controller": "mpc"}])
+    trial = configured(Trial, KEYS, controller="mpc")
 
     def run():
         prepared = engine._prepare(trial)

@@ -8,9 +8,9 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.models.state_space import step_response
 from glucoloop.simulation import linear_model, simulate
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.situation import usual_situation
 
-SITUATION = Situation(patient="hovorka-2004")
+SITUATION = usual_situation("hovorka-2004")
 
 
 @pytest.fixture(scope="module")

@@ -8,49 +8,38 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.control import catalogue
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.settings import StateTuning
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
-from glucoloop.meals import Meal
-from glucoloop.meals.plan import MealPlan
-from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.parts.sensors import DeadTimeSettings
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.situations.case import Case
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation, usual_situation
 
 # of seed 1 these have a basal rate above the amplitude of the paper's pulses, so that one record serves both
 PERSONS = (0, 2, 8)
 
 
 def case(name, **more):
-    tuning = catalogue.complete(name, {}, USUAL_PATIENT, "setpoint-81", noisy=False)
-    return Case(
-        label=name,
-        controller=name,
-        tuning=tuning,
-        model_noise_variance=0.0,
-        memory=36,
-        laguerre_pole=0.84,
-        laguerre_functions=2,
-        **more,
-    )
+    return dataclasses.replace(usual_case(name, Situation()), **more)
 
 
 def with_floor(one):
-    return dataclasses.replace(one, tuning={**one.tuning, "glucose_floor_mg_dl": 65.0, "floor_weight": 4.0})
+    return dataclasses.replace(
+        one, controller=dataclasses.replace(one.controller, glucose_floor_mg_dl=65.0, floor_weight=4.0)
+    )
 
 
 def trial_of(one):
     return Trial(
-        population=population("parker2000"),
         people=10,
-        plan=MealPlan([Meal(50.0, 50.0)], horizon_min=600.0),
-        cases=(one,),
+        meals=("50g@50min",),
+        duration_min=600.0,
+        controller=(one,),
         seed=1,
-        dead_time_samples=2,
+        sensor=(DeadTimeSettings(minutes=10.0),),
         design="individual",
     )
 
@@ -107,18 +96,9 @@ def test_somebody_without_a_basal_rate_does_not_disturb_the_others():
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "of"), [("mpc", "boiroux2017"), ("mpc-se", "nominal"), ("nlqdmc-se", "nominal")])
 def test_a_horizon_that_follows_from_the_model_is_that_of_the_nominal_patient_for_all(name, of):
-    situation = Situation(patient="hovorka-2004")
-    entry, point = situation.whom
-    tuning = catalogue.complete(name, {"prediction_horizon": 0}, entry, point, noisy=False)
-    one = Case(
-        label=name,
-        controller=name,
-        tuning=tuning,
-        model_noise_variance=0.0,
-        memory=288,
-        laguerre_pole=0.96,
-        laguerre_functions=8,
-    )
+    situation = usual_situation("hovorka-2004")
+    one = usual_case(name, situation)
+    one = dataclasses.replace(one, controller=dataclasses.replace(one.controller, prediction_horizon=0))
     nominal = controller_of(situation, one)
     for persons in ([0], [1, 2]):  # whoever else is in a block
         found = virtual_people(population(of, patient="hovorka-2004"), 1, persons)

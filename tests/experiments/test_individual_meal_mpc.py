@@ -8,30 +8,27 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.control import MealMPC, catalogue
+from glucoloop.control import MealMPC
 from glucoloop.experiments import individual_meal_mpc
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.individual_meal_mpc import by_record, impulse_response, pulses
-from glucoloop.meals import Meal
-from glucoloop.meals.plan import MealPlan
 from glucoloop.models.individual import individual_model
-from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
-from glucoloop.situations.case import Case
+from glucoloop.situations.situation import configured
 
 PEOPLE = 24
 
 
 def trial_of(by="record"):
-    tuning = {**catalogue.complete("meal-mpc", {}, USUAL_PATIENT, "setpoint-81", noisy=True), "individual_by": by}
-    return Trial(
-        population=population("parker2000"),
+    return configured(
+        Trial,
         people=PEOPLE,
-        plan=MealPlan([Meal(50.0, 50.0)], horizon_min=600.0),
-        cases=(Case(label="meal-mpc", controller="meal-mpc", tuning=tuning),),
+        meals=["50g@50min"],
+        duration_min=600.0,
+        controller={"name": "meal-mpc", "individual_by": by},
         seed=3,
-        noise_variance=1.45,
+        sensor="white-noise, variance=1.45",
         design="individual",
     )
 

@@ -14,7 +14,7 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.parts.guard import complete_guard
+from glucoloop.parts.guard import GuardSettings
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 
@@ -39,7 +39,7 @@ READINGS = (110.0, 140.0, np.nan, 60.0, 3e38)
 def test_c_gives_the_bits_of_its_definition(name):
     situation = usual_situation()
     case = usual_case(name, situation)
-    guards, precisions = (None, complete_guard({})), ("float64", "float32")
+    guards, precisions = (None, GuardSettings()), ("float64", "float32")
     # What takes seconds a sample is computed in two of the four ways, which have each guard and each precision once.
     ways = zip(guards, precisions, strict=True) if CONTROLLERS[name].slow else itertools.product(guards, precisions)
     for guard, precision in ways:

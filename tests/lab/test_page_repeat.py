@@ -11,7 +11,6 @@ import pytest
 
 from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import request_of
-from glucoloop.cli.run import RUN_OPTIONS
 from glucoloop.report import Repeat
 from glucoloop.report.template import render
 from glucoloop.situations.request import asked_for
@@ -103,7 +102,7 @@ def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus)
         whole = run_of(answer["toml"]).tree(whole=True)
         assert names["run"].tree(whole=True) == whole
         _, _, *words = shlex.split(answer["command"])
-        request = request_of(command_of("run").parser().given(words), RUN_OPTIONS)
+        request = request_of(command_of("run").parser().given(words), command_of("run").options)
         assert asked_for(Run, request.tree).tree(whole=True) == whole
 
 

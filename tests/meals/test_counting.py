@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from glucoloop.config.run import read_run
-from glucoloop.config.trial import read_trial, trial_keys
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal
 from glucoloop.meals.counting import counted_g, counted_meals
 from glucoloop.meals.plan import MealPlan, draw_meals
 from glucoloop.parts.clock_text import parse_time_of_day, time_of_day_text
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 PEOPLE = np.arange(4000)
 
@@ -34,8 +35,8 @@ def test_a_person_counts_the_same_whoever_else_is_drawn_and_however_many_days_fo
 
 def test_who_eats_nothing_counts_nothing():
     assert counted_meals((), 7, error_pct=30.0, bias_pct=0.0) == ()
-    run = read_run({"meals": [], "announce_meals": True, "carb_error_pct": 30.0})
-    assert run.situation.scenario().meals == ()
+    run = configured(Run, meals=[], announce_meals=True, carb_error_pct=30.0)
+    assert run.scenario().meals == ()
 
 
 def test_nothing_impossible_is_announced():
@@ -60,19 +61,19 @@ KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "
 
 
 def test_a_run_and_a_trial_are_read_again_from_their_own_keys():
-    run = read_run(KEYS)
-    assert run.situation.scenario().start_min == 450.0
-    assert run.situation.situation().miscounts
-    assert read_run(run.keys()) == run
-    trial = read_trial({**KEYS, "people": 3})
+    run = configured(Run, KEYS)
+    assert run.scenario().start_min == 450.0
+    assert run.miscounts
+    assert configured(Run, run.tree()) == run
+    trial = configured(Trial, KEYS, people=3)
     assert (trial.carb_error_pct, trial.carb_bias_pct, trial.start_min) == (30.0, -5.0, 450.0)
-    assert read_trial({k: v for k, v in trial_keys(trial).items() if k != "case" and v is not None}).start_min == 450.0
+    assert configured(Trial, trial.tree()).start_min == 450.0
 
 
-@pytest.mark.parametrize("read", [read_run, read_trial])
-def test_an_error_of_what_is_not_announced_is_refused(read):
+@pytest.mark.parametrize("root", [Run, Trial])
+def test_an_error_of_what_is_not_announced_is_refused(root):
     with pytest.raises(ValueError, match="announce the meals"):
-        read({"carb_error_pct": 30.0})
+        configured(root, carb_error_pct=30.0)
 
 
 @pytest.mark.parametrize("text", ["24:00", "7", "07:60", "7.30", "", "-1:00", "٠٧:٣٠"])

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
-from glucoloop.config.trial import read_trial
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
 from glucoloop.control.settings import MPCSESettings
 from glucoloop.experiments.designs import controller_of
@@ -19,6 +19,7 @@ from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response
 from glucoloop.sensors.lag import lagged
 from glucoloop.simulation import linear_model, nonlinear_model
+from glucoloop.situations.situation import configured
 
 LAG, GAIN, TAU = 10.0, -3.0, 50.0
 REST = 81.0
@@ -144,7 +145,7 @@ def test_what_is_no_lag_is_refused(lag):
 def test_a_controller_is_told_of_a_lag_by_a_setting(name):
     sizes = []
     for lag in (0.0, LAG):
-        trial = read_trial({"controllers": [name], "noise_variance": 1.45, "sensor_lag_min": lag})
+        trial = configured(Trial, controller={"name": name, "sensor_lag_min": lag}, sensor="white-noise")
         controller = controller_of(trial, trial.cases[0])
         state = controller.init(observe(REST, 25.0))
         held = state.estimator.hypotheses.x if name == "meal-mpc" else state.estimate

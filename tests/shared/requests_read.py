@@ -2,19 +2,14 @@
 
 from glucoloop.cli.app import command_of
 from glucoloop.cli.request import request_of
-from glucoloop.cli.run import Comparison
-from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.code import loaded
 from glucoloop.situations.request import asked_for
-from glucoloop.situations.run import Run
 from glucoloop.studies.catalogue import STUDIES
-
-ROOTS = {"run": Run, "compare": Comparison, "trial": Trial}
 
 
 def root_of(command):
     """The class of what a command asks for."""
-    return ROOTS[command] if command in ROOTS else loaded(STUDIES[command].place).request
+    return loaded(STUDIES[command].place).request
 
 
 def typed(command, *arguments):

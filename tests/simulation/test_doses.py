@@ -24,7 +24,7 @@ from glucoloop.pumps import occlusion
 from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import ENGINES
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.situation import Situation, configured
 
 PATIENT = gl.patient("hovorka-2004")
 SCENARIO = Scenario([Meal(50.0, 50.0, announced_g=40.0)], 300.0, announced=True, start_min=1410.0)
@@ -187,7 +187,7 @@ def test_each_controller_of_a_cohort_is_told_what_is_announced_to_it(engine):
     told = np.array([[20.0, 40.0, 60.0]])
     grid = sample_grid(300.0, 5.0)
     loop = PeopleLoop(
-        Situation(patient="hovorka-2004", announced=True, start_min=0.0),
+        configured(Situation, patient="hovorka-2004", announce_meals=True, start="00:00"),
         _Bolus(),
         people,
         grid,

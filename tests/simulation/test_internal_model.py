@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
-from glucoloop.config.trial import read_trial
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_open_loop
 from glucoloop.experiments.designs import controller_of
 from glucoloop.models.state_space import step_response
 from glucoloop.simulation import linear_model, nonlinear_model
+from glucoloop.situations.situation import configured
 
 
 def sampled_by_hand(sorensen, x, u):
@@ -78,7 +79,7 @@ def test_the_linear_model_rests_where_the_nonlinear_one_does(patient_81):
 
 def test_mpc_se_is_designed_where_its_setpoint_is():
     """At rest there it does nothing: its model knows the glucose, so that nothing is left to be corrected."""
-    trial = read_trial({"controllers": ["mpc-se"], "setpoint_mg_dl": 125.0})
+    trial = configured(Trial, controller="mpc-se", setpoint_mg_dl=125.0)
     controller = controller_of(trial, trial.cases[0])
     assert float(controller.basal_glucose_mg_dl) == pytest.approx(125.0, abs=1e-9)
     rate = float(controller.basal_mU_min)

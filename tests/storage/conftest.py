@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 import polars as pl
 import pytest
-from glucoloop.config.trial import read_trial
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.patients.population import draw
+from glucoloop.situations.situation import configured
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import Rows, rows_folder
 from glucoloop.storage.trials.folder import trial_folder
@@ -76,7 +76,7 @@ def _pretend():
 
 def make_trial(**keys):
     keys = {"people": 300, "seed": 4, "duration_min": 300.0, "meals": ["50g@50min"], "shard_people": 64, **keys}
-    return read_trial({"controllers": ["mpc", "pid"], **keys})
+    return configured(Trial, {"controller": ["mpc", "pid"], **keys})
 
 
 @pytest.fixture(name="make_trial")
@@ -105,7 +105,7 @@ class Tiny:
 
 
 def tiny(shards, **keys):
-    keys = {"controllers": ["basal"], "people": shards, "shard_people": 1, "duration_min": 30.0, "meals": [], **keys}
+    keys = {"controller": ["basal"], "people": shards, "shard_people": 1, "duration_min": 30.0, "meals": [], **keys}
     trial = make_trial(**keys)
     return Tiny(trial, [compute_shard(trial, index, pretend(trial), lambda: None) for index in range(shards)])
 
@@ -121,7 +121,7 @@ class Numbers:
     """Work whose rows are numbers: what a study hands to the folder of rows, and nothing computed."""
 
     wanted: int = 3
-    keys: dict = dataclasses.field(default_factory=lambda: {"seed": 1, "case": [{"label": "a", "gain": 1.0}]})
+    keys: dict = dataclasses.field(default_factory=lambda: {"seed": 1, "controller": [{"label": "a", "gain": 1.0}]})
 
     def work(self):
         return Work(

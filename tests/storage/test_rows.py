@@ -44,9 +44,9 @@ def test_finished_work_goes_further_and_never_back(counting, begun):
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
-        ({"seed": 2, "case": [{"label": "a", "gain": 1.0}]}, "seed is 1 there and 2 here"),
-        ({"seed": 1, "case": [{"label": "b"}]}, "the list of cases is a there and b here"),
-        ({"seed": 1, "case": [{"label": "a", "gain": 2.0}]}, "gain of case 'a' is 1.0 there and 2.0 here"),
+        ({"seed": 2, "controller": [{"label": "a", "gain": 1.0}]}, "seed is 1 there and 2 here"),
+        ({"seed": 1, "controller": [{"label": "b"}]}, "the list of cases is a there and b here"),
+        ({"seed": 1, "controller": [{"label": "a", "gain": 2.0}]}, "gain of case 'a' is 1.0 there and 2.0 here"),
         ({"seed": 1}, "the list of cases is a there and not given here"),
     ],
 )

@@ -41,7 +41,7 @@ def dask(*arguments, log):
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.long
 def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
-    trial = make_trial(controllers=["basal"], people=12, shard_people=1, traces=2)
+    trial = make_trial(controller=["basal"], people=12, shard_people=1, traces=2)
     place = tmp_path / "scheduler.json"
     to_scheduler = ("--scheduler-file", place, "--no-dashboard")
     worker = ("worker", *to_scheduler, "--nworkers", 1, "--nthreads", 1, "--no-nanny", "--local-directory", tmp_path)

@@ -66,7 +66,7 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     short = SHORT if "sensor" in root.settings() and "sensor" not in root.refused else ()
     computed: tuple[CommandOption, ...] = ()
     if isinstance(study, TrialStudy):
-        computed = (WORKERS, *((DASK,) if study.on_clusters else ()), *((MMOL,) if study.in_mmol else ()))
+        computed = (WORKERS, *((DASK,) if study.on_clusters else ()))
     if isinstance(study, PlainStudy):
         output, kept = OUTPUT if study.keeps_files else (JSON,), {}
     else:
@@ -77,7 +77,8 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
         }
     rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
     words = {**study.words, "help": {**kept, **study.words.get("help", {})}, "rare": rare}
-    return tuple(reworded((*options, *short, *computed, *output), **words))
+    mmol = (MMOL,) if study.in_mmol else ()
+    return tuple(reworded((*options, *short, *computed, *output, *mmol), **words))
 
 
 def _run(study: Study, typed: Given) -> None:
@@ -139,7 +140,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         with stage("Summing up"):
             found = module.found(asked, folder)
         with stage("Drawing"):
-            folder.finish({**found.files(study.summary), **module.drawn(asked, found)})
+            folder.finish({**found.files(study.summary), **module.drawn(asked, found, **_shown(study, output))})
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - began:.1f} s."])
         return found
 
@@ -147,6 +148,11 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     files = paths_of(work, out)
     written = f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
     _tell(module, asked, found, output, files, written=written)
+
+
+def _shown(study: Study, output: Output) -> dict[str, bool]:
+    """Arguments of `drawn` on how glucose is shown."""
+    return {"mmol": output.mmol} if study.in_mmol else {}
 
 
 def _run_search(study: SearchStudy, request: Request) -> None:
@@ -197,7 +203,8 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
             configuration = f"{study.name}.toml"
             text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
             with stage("Drawing"):
-                made = {configuration: text.encode(), **found.files(study.summary), **module.drawn(asked, found)}
+                made = {configuration: text.encode(), **found.files(study.summary)}
+                made |= module.drawn(asked, found, **_shown(study, output))
             for name, data in made.items():
                 folder.write(name, data)
             files = folder.paths()

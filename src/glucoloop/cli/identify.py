@@ -51,8 +51,8 @@ def _identify(typed: Given) -> None:
 
 
 def _write(folder: OutputFolder, identified: Identified) -> None:
-    from glucoloop.cli.pictures import write_figure
     from glucoloop.report import plot_identification, plot_validation
+    from glucoloop.report.print_figure import figure_files
     from glucoloop.situations.toml import toml_text
     from glucoloop.storage import tables
     from glucoloop.storage.strict_json import json_text
@@ -60,23 +60,21 @@ def _write(folder: OutputFolder, identified: Identified) -> None:
     folder.write("model.json", identified.model.text())
     folder.write("record.csv", tables.csv(tables.record_table(identified.record)))
     folder.write("fit.json", json_text(with_version(identified.report())) + "\n")
-    write_figure(folder, "response", plot_identification(identified.identification, truth=identified.truth))
-    write_figure(
-        folder,
-        "validation",
-        plot_validation(
-            identified.validation,
-            sample_time_min=identified.record.sample_time_min,
-            insulin_deviation_mU_min=identified.validation_insulin_mU_min,
-            title=identified.validated_on.capitalize(),
-        ),
+    response = plot_identification(identified.identification, truth=identified.truth)
+    validation = plot_validation(
+        identified.validation,
+        sample_time_min=identified.record.sample_time_min,
+        insulin_deviation_mU_min=identified.validation_insulin_mU_min,
+        title=identified.validated_on.capitalize(),
     )
-    data = {}
+    for name, data in {**figure_files("response", response), **figure_files("validation", validation)}.items():
+        folder.write(name, data)
+    own = {}
     if identified.data is not None:
         folder.write("data.csv", identified.data)
-        data = {"data": "data.csv"}
+        own = {"data": "data.csv"}
     used, given = identified.config.tree(whole=True), identified.config.tree()
-    text = toml_text({**used, **data}, "identify --config identify.toml", {**given, **data})
+    text = toml_text({**used, **own}, "identify --config identify.toml", {**given, **own})
     folder.write("identify.toml", text)
 
 

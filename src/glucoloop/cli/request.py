@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
+_NOT_FILLED_IN: Final = ("settled.", "model.path", "data")
+"""Values that are used of a file and do not follow from what it leaves out: designs, and paths from its folder."""
 _EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 _RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
 _EXCLUDING: Final = {
@@ -267,12 +269,13 @@ def completed(request: Request, read: Callable[[Tree], Any], used: Callable[[Any
 
 
 def _note_changes(request: Request, now: Mapping[str, Any]) -> None:
-    from glucoloop.situations.toml import SETTLED_KEY
     from glucoloop.storage.origin import differences
 
-    then = {key: value for key, value in (request.used or {}).items() if key in now and key != SETTLED_KEY}
+    then = {key: value for key, value in (request.used or {}).items() if key in now}
     found = [
-        f"{name} was {before} and is {after}" for name, before, after in differences(then, {k: now[k] for k in then})
+        f"{name} was {before} and is {after}"
+        for name, before, after in differences(then, {key: now[key] for key in then})
+        if not name.startswith(_NOT_FILLED_IN)
     ]
     if found:
         note([f"What {request.config} leaves out was filled in otherwise when it was written: {'; '.join(found)}."])

@@ -18,7 +18,10 @@ class CommandEntry(NamedTuple):
 SIMULATE: Final = "Simulate"
 SAFETY: Final = "Safety"
 LIMITS: Final = "Limits of what is possible"
+CARRY_ON: Final = "Carry on"
 STUDIES: Final = {
+    "run": CommandEntry("glucoloop.studies.run:RUN", SIMULATE, "Close the loop: controller, virtual patient, meals."),
+    "compare": CommandEntry("glucoloop.studies.run:COMPARE", SIMULATE, "Close it with several controllers."),
     "trial": CommandEntry(
         "glucoloop.studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."
     ),
@@ -37,6 +40,7 @@ STUDIES: Final = {
     "detect": CommandEntry(
         "glucoloop.studies.detection:DETECT", SAFETY, "Say how soon and how well unannounced meals are detected."
     ),
+    "hil": CommandEntry("glucoloop.studies.hil:HIL", CARRY_ON, "Close the loop with the controller on a chip."),
     "bound": CommandEntry("glucoloop.studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
     "robust": CommandEntry(
         "glucoloop.studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."

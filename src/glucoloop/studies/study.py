@@ -78,6 +78,8 @@ class Study:
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
     """Name of the file with everything that was found, as JSON."""
+    in_mmol: bool = False
+    """Whether glucose is told in mmol/l as well: by ``mmol_lines(found)`` of the module, and by ``mmol`` of `drawn`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +88,6 @@ class TrialStudy(Study):
 
     on_clusters: bool = False
     """Whether it can be computed on a cluster."""
-    in_mmol: bool = False
-    """Whether glucose is told in mmol/l as well, by a function ``mmol_lines(found)`` of its module."""
 
 
 @dataclass(frozen=True, kw_only=True)

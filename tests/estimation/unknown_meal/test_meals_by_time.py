@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from glucoloop.config.trial import read_trial
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.daily import daily_rates, earlier
@@ -17,6 +17,7 @@ from glucoloop.estimation.unknown_meal.expectation import expectation
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.experiments.designs import controller_of
 from glucoloop.parts.daily_text import parse_daily
+from glucoloop.situations.situation import configured
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0
 TABLE = "0.6@06:30 0.02@22:00"
@@ -173,11 +174,11 @@ def test_at_any_hour_it_doses_as_if_the_rate_of_that_hour_were_that_of_all(two_s
 
 @pytest.mark.long
 def test_a_table_needs_a_clock():
-    keys = {"controllers": ["meal-mpc"], "meals_by_time": TABLE}
-    trial = read_trial(keys)
+    keys = {"controller": {"name": "meal-mpc", "meals_by_time": TABLE}}
+    trial = configured(Trial, keys)
     with pytest.raises(
         ValueError, match=r"is to go by the time of day, .* give the time at the start, like --start 06:00"
     ):
         controller_of(trial, trial.cases[0])
-    told = read_trial({**keys, "start": "22:00"})
+    told = configured(Trial, keys, start="22:00")
     assert controller_of(told, told.cases[0]).needs_time_of_day

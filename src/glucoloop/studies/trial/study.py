@@ -89,8 +89,9 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
     return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
 
 
-def drawn(asked: Trial, found: Findings) -> dict[str, bytes]:
-    """Page and figure, by the names of their files."""
+def drawn(asked: Trial, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
+    """Page and figure, by the names of their files; the page shows mmol/l beside mg/dl always."""
+    del mmol
     report: TrialReport = found.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
 

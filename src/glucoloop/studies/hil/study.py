@@ -1,8 +1,9 @@
-"""Hardware in the loop: the patient of a configured run here, its controller on a chip."""
+"""Hardware in the loop carried out: the patient of a run here, its controller on a chip."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,9 +19,11 @@ from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.simulation.stepped import scenario_stepper
+from glucoloop.storage.findings import Findings
 from glucoloop.studies.closed_loop import Outcome, integrator_of, model_arguments, model_for, outcome_of
 from glucoloop.studies.exported import exported_controller
-from glucoloop.studies.hardware import Hil
+from glucoloop.studies.hil import Hil
+from glucoloop.studies.run import study as run_study
 from glucoloop.units import S_PER_MIN
 
 
@@ -127,3 +130,62 @@ def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
         plan = plan_at(exported.source, Payloads(exported.source, exported.precision))
         with contextlib.closing(ProcessLink(program, folder, plan)) as link:
             yield link
+
+
+def notes(asked: Hil) -> tuple[str, ...]:
+    """Return no sentence; what is to be noted follows from the loop."""
+    return ()
+
+
+def amount(asked: Hil) -> int:
+    """Number of samples."""
+    return asked.samples
+
+
+def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
+    """Close the loop with the controller on its chip."""
+    of = run_hardware(asked, progress)
+    plain = {**of.report(), "samples": amount(asked), "holds": of.holds}
+    loop = run_study.findings(of.outcome, plain, (*of.outcome.notes, *_lines(of)))
+    return dataclasses.replace(loop, extra=OnHardware(loop.extra.outcomes, hardware=of))
+
+
+@dataclass(frozen=True)
+class OnHardware(run_study.ClosedLoops):
+    """The loop, with what the chip did."""
+
+    hardware: HilOutcome | None = None
+
+
+def drawn(asked: Hil, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
+    """Files of a run, and those of the firmware."""
+    firmware = found.extra.hardware.firmware()
+    return {**run_study.drawn(asked, found, mmol=mmol), **{name: text.encode() for name, text in firmware.items()}}
+
+
+tables, sentences, mmol_lines = run_study.tables, run_study.sentences, run_study.mmol_lines
+
+
+def _lines(found: HilOutcome) -> Iterator[str]:
+    """The chip, its decisions and what befell it, one sentence each."""
+    on_chip, source, asked = found.on_chip, found.exported.source, found.asked
+    samples, equal = len(on_chip.answered), on_chip.equal.count(True)
+    yield f"Chip: {asked.chip}, design {source.design[:16]}, {source.form} form, {asked.precision}."
+    yield f"{equal} of {samples} decisions are equal to the bit to those of the same controller without a chip."
+    silent = samples - sum(on_chip.answered)
+    if silent:
+        yield (
+            f"At {silent} of {samples} samples no decision came in time, and the pump gave its fallback rate "
+            f"({asked.fallback}); {on_chip.equal.count(None)} were never decided."
+        )
+    if on_chip.differing:
+        told = ", ".join(map(str, on_chip.differing[:10]))
+        yield f"Decisions differ at the samples {told}; check the flags of the compiler."
+    if on_chip.counts["contradictions"]:
+        yield f"The chip contradicted itself {on_chip.counts['contradictions']} times; check its non-volatile memory."
+    if len(on_chip.sessions) > 1:
+        yield f"The chip lost its memory and began anew at the samples {', '.join(map(str, on_chip.sessions[1:]))}."
+    counts = [f"{number} {what}" for what, number in on_chip.counts.items() if number]
+    if counts:
+        yield f"Link and power: {', '.join(counts)}."
+    yield f"Speed: {on_chip.samples_per_s:.3g} samples/s."

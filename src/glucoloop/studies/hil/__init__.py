@@ -1,4 +1,4 @@
-"""Hardware in the loop: what it asks for."""
+"""Hardware in the loop: the patient here, the controller on a chip."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.run import Run
 from glucoloop.studies.exported import Form, Precision
+from glucoloop.studies.study import PlainStudy
 
 if TYPE_CHECKING:
     from glucoloop.firmware.hil.faults import Disturbances
@@ -88,3 +89,29 @@ class Hil(Run):
         from glucoloop.firmware.hil.faults import Disturbances
 
         return Disturbances(**{name: getattr(self, name) for name in _DISTURBANCES})
+
+
+_SELDOM: Final = (
+    "precision", "form", "baud", "damaged", "lost", "doubled", "late", "initial_glucose_mg_dl", "announce_meals",
+    "sample_time_min", "allow_unusual",
+)  # fmt: skip
+HIL: Final = PlainStudy(
+    name="hil",
+    what="a run on a chip",
+    help=(
+        "Close the loop with the controller on a chip: hardware in the loop.\n\n"
+        "The patient, its sensor and its pump are simulated here as `glucoloop run` does it. The controller runs as C "
+        "on an emulated chip, as a process of this computer (`host`), or on a board at a serial port, and gets each "
+        "reading over a serial link. Frames may be damaged, lost, doubled or late, and the power of the chip may fail "
+        "at any moment; every decision is compared with the same controller without a chip, to the bit.\n\n"
+        "  glucoloop hil --controller mpc-se --guard --chip cortex-m4f --out first\n\n"
+        "  glucoloop hil --controller pid --duration 1440 --power-cuts 1000 --damaged 100 --outages 5 --out night\n\n"
+        "  glucoloop hil --config first/hil.toml --chip /dev/ttyACM0 --real-time"
+    ),
+    module="glucoloop.studies.hil.study",
+    request=Hil,
+    words={"rare": dict.fromkeys(_SELDOM, True)},
+    in_mmol=True,
+    unit="samples",
+    summary="metrics.json",
+)

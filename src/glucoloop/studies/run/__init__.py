@@ -1,0 +1,73 @@
+"""Run and compare: one controller, or several side by side, in one situation."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Final
+
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import CONTROLLER_PANEL, Option
+from glucoloop.situations.run import Run
+from glucoloop.studies.study import PARTS_TOLD, PlainStudy
+
+_FEWEST: Final = 2
+
+
+class Comparison(Run):
+    """Several controllers in one situation."""
+
+    kind: ClassVar = "comparison"
+
+    bound: Annotated[
+        bool,
+        Option(
+            "Compute the best that any controller could do that knows each meal when it begins, and the distance of "
+            "each case from it.",
+            panel=CONTROLLER_PANEL,
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number = len(self.cases)
+        if number < _FEWEST:
+            raise Refusal(
+                f"a comparison of {number} case is not possible; give --controller for each of {_FEWEST} or more, like "
+                "--controller mpc --controller 'mpc, move_weight=1, label=careful'"
+            )
+
+
+RUN: Final = PlainStudy(
+    name="run",
+    what="a run",
+    help=(
+        "Simulate a controller in closed loop with a virtual patient and a meal.\n\n"
+        "Without options it is the noise-free loop of Parker, Doyle and Peppas (1999): 50 g of carbohydrate at 50 min, "
+        "linear MPC on a model identified from the patient. With --noise the model comes from an equally noisy record, "
+        "and the tuning is the paper's for noise.\n\n"
+        f"{PARTS_TOLD}\n\n"
+        "  glucoloop run --noise 1.45 --seed 3 --out first\n\n"
+        "  glucoloop run --controller 'mpc-se, move_weight=2' --guard --meal 60g@1h --meal 40g@6h --duration 720\n\n"
+        "  glucoloop run --config first/run.toml"
+    ),
+    module="glucoloop.studies.run.study",
+    request=Run,
+    in_mmol=True,
+    summary="metrics.json",
+)
+COMPARE: Final = PlainStudy(
+    name="compare",
+    what="a comparison",
+    help=(
+        "Simulate several controllers, or tunings of one, in the same situation and compare them.\n\n"
+        "Give --controller for each; all have the same meals, the same noise and the same pump. What differs between "
+        "them stands among the settings of each: its label, guard and model, and whether it knows the dead time.\n\n"
+        f"{PARTS_TOLD}\n\n"
+        "  glucoloop compare --controller pid --controller imc --controller mpc --out comparison\n\n"
+        "  glucoloop compare --controller mpc --controller 'mpc, move_weight=1, label=careful' --noise 1.45\n\n"
+        "  glucoloop compare --controller 'mpc, label=bare' --controller 'mpc, label=safe, guard=usual' --bound"
+    ),
+    module="glucoloop.studies.run.study",
+    request=Comparison,
+    in_mmol=True,
+    summary="metrics.json",
+)

@@ -1,0 +1,228 @@
+"""ClosedLoops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import polars as pl
+
+from glucoloop.bounds import OptimalDoses, distance_to_bound
+from glucoloop.bounds.optimal_doses import check_samples
+from glucoloop.parts.models import FilePart
+from glucoloop.printable import glucose_text
+from glucoloop.refusal import Refusal
+from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
+from glucoloop.report.facts import comparison_facts, run_facts
+from glucoloop.report.print_figure import figure_files
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import with_settled
+from glucoloop.storage import tables as stored
+from glucoloop.storage.findings import Findings
+from glucoloop.studies.bound.study import bound_of_run
+from glucoloop.studies.closed_loop import Outcome, close_the_loop
+from glucoloop.studies.run import Comparison
+from glucoloop.units import mmol_l_from_mg_dl
+
+_FILES: Final = {
+    "trace.csv": "one row per sample",
+    "metrics.json": "all metrics",
+    "glucose_1min.parquet": "glucose every minute",
+}
+"""Files with the data of runs, beside their page."""
+
+
+@dataclass(frozen=True)
+class ClosedLoops:
+    """The loops that were closed, by label, and the bound for all of them."""
+
+    outcomes: Mapping[str, Outcome]
+    bound: OptimalDoses | None = None
+
+    def distances(self) -> dict[str, Any] | None:
+        """Distance of each from the bound, which is one of rates: it does not hold where boluses are given."""
+        if self.bound is None:
+            return None
+        return {
+            label: distance_to_bound(outcome.trace.fine_glucose_mg_dl, self.bound)
+            for label, outcome in self.outcomes.items()
+            if not _gave_boluses(outcome)
+        }
+
+
+def notes(asked: Run) -> tuple[str, ...]:
+    """Return no sentence; what is to be noted follows from the loops. Several controllers are compared."""
+    if not isinstance(asked, Comparison):
+        _ = asked.case
+    elif asked.bound:
+        check_samples(asked.duration_min, asked.sample_time_min)
+    return ()
+
+
+def found(asked: Run, progress: Callable[[str], None]) -> Findings:
+    """Close the loop of each controller; Refusal for one that is not possible, with its label."""
+    outcomes: dict[str, Outcome] = {}
+    for case in asked.cases:
+        try:
+            outcomes[case.label] = close_the_loop(asked, case)
+        except Refusal as error:
+            if isinstance(asked, Comparison):
+                error.args = (f"case {case.label!r}: {error}",)
+            raise
+        progress(f"the loop of {case.label}")
+    if not isinstance(asked, Comparison):
+        [outcome] = outcomes.values()
+        return findings(outcome, outcome.report(), outcome.notes)
+    loops = ClosedLoops(outcomes, bound_of_run(asked) if asked.bound else None)
+    plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
+    if loops.bound is not None:
+        plain["bound"] = {
+            "known_after_min": loops.bound.known_after_min,
+            "deviation_mg_dl": loops.bound.bound,
+            "converged": loops.bound.converged,
+            "distances": {label: dataclasses.asdict(of) for label, of in (loops.distances() or {}).items()},
+        }
+    plain["notes"] = [
+        *(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes),
+        *_notes_on_bound(asked, loops),
+    ]
+    samples, minutes = (
+        stored.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
+        for table in (stored.sample_table, stored.minute_table)
+    )
+    return Findings(plain, _tables(samples, minutes), loops)
+
+
+def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Findings:
+    """Findings of one loop."""
+    tables = _tables(stored.sample_table(outcome.trace), stored.minute_table(outcome.trace))
+    return Findings({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
+
+
+def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFrame]:
+    return {"trace.parquet": samples, "trace.csv": samples, "glucose_1min.parquet": minutes}
+
+
+def _gave_boluses(outcome: Outcome) -> bool:
+    return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
+
+
+def _notes_on_bound(asked: Comparison, loops: ClosedLoops) -> Iterator[str]:
+    bound = loops.bound
+    if bound is None:
+        return
+    after_min = bound.known_after_min
+    known = f"{after_min:g} min after its start" if after_min > 0.0 else "from its start"
+    yield (
+        f"The bound is that of a controller that knows each meal {known}, the patient and the pump's limits"
+        f"{'' if bound.converged else '; it did not converge, so it is not a bound'}."
+    )
+    for label, outcome in loops.outcomes.items():
+        if _gave_boluses(outcome):
+            yield (
+                f"{label} gave boluses. The bound is of rates alone, so it does not hold for {label}, which has no "
+                "distance from it."
+            )
+    if len(asked.meals) > 1:
+        yield "A controller that prepares for a likely meal could do better."
+
+
+def tables(asked: Run, found: Findings) -> Iterator[object]:
+    """The metrics, one column for each controller, with the distances from the bound."""
+    loops: ClosedLoops = found.extra
+    metrics = {label: outcome.metrics for label, outcome in loops.outcomes.items()}
+    if isinstance(asked, Comparison):
+        yield comparison_table(metrics, loops.distances())
+    else:
+        yield metrics_table(next(iter(metrics.values())))
+
+
+def sentences(asked: Run, found: Findings) -> Iterator[str]:
+    """Sentences of a clinician on each loop, the most important first."""
+    if "cases" not in found.plain:
+        yield from found.plain["summary"]["sentences"]
+        return
+    for label, of in found.plain["cases"].items():
+        yield from (f"{label}: {text}" for text in of["summary"]["sentences"])
+
+
+def mmol_lines(found: Findings) -> Iterator[str]:
+    """Glucose of each loop in mmol/l."""
+    loops: ClosedLoops = found.extra
+    for label, outcome in loops.outcomes.items():
+        metrics, setpoint = outcome.metrics, outcome.trace.setpoint_mg_dl
+        low, high, target = (
+            glucose_text(mmol_l_from_mg_dl(float(value)), 2)
+            for value in (metrics.minimum_mg_dl, metrics.peak_mg_dl, setpoint)
+        )
+        yield f"{label}: glucose from {low} to {high} mmol/l, setpoint {target} mmol/l."
+
+
+def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
+    """Page and figure, the models, and the configuration, which names them."""
+    loops: ClosedLoops = found.extra
+    outcomes, models = loops.outcomes, _models(asked, loops)
+    files = {name: text.encode() for name, text in models.values()}
+    if isinstance(asked, Comparison):
+        command, title = "compare", f"Comparison at {asked.place}"
+        facts = comparison_facts(asked, {label: of.settled for label, of in outcomes.items()})
+    else:
+        [(name, outcome)] = outcomes.items()
+        command, title = "run" if type(asked) is Run else "hil", f"{name} at {asked.place}"
+        facts = run_facts(asked, outcome.case, outcome.settled)
+    again = _repeat(asked, loops, command, {label: name for label, (name, _) in models.items()})
+    first = next(iter(outcomes.values()))
+    traces = {label: outcome.trace for label, outcome in outcomes.items()}
+    metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
+    figure = plot(traces, title=title, mmol=mmol, units_per_hour=asked.patient.under_the_skin, limits=first.limits)
+    page = interactive_page(
+        traces if len(traces) > 1 else first.trace,
+        metrics if len(metrics) > 1 else first.metrics,
+        title=title,
+        limits=first.limits,
+        faults=asked.fault_texts,
+        facts=facts,
+        repeat=again,
+        mmol=mmol,
+    )
+    return {
+        **files,
+        f"{command}.toml": again.text.encode(),
+        **figure_files("figure", figure),
+        "figure.html": page.encode(),
+    }
+
+
+def _models(asked: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
+    """Name and text of the file of each model, by the label of the case."""
+    found = {}
+    for number, outcome in enumerate(loops.outcomes.values(), start=1):
+        if outcome.model is not None:
+            label = outcome.case.label
+            short = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-") or "case"
+            name = f"model-{number}-{short}.json" if isinstance(asked, Comparison) else "model.json"
+            found[label] = name, outcome.model.text()
+    return found
+
+
+def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, str]) -> Repeat:
+    """Command and configuration that repeat the loops from the folder alone, with the models beside it."""
+    used, given = asked.tree(whole=True), asked.tree()
+    by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}
+    beside = {
+        case.label: {"name": FilePart.name, "path": models[case.label]}
+        for case in asked.cases
+        if isinstance(case.model, FilePart) and case.label in models
+    }
+    for table in used["controller"]:
+        label = table["label"]
+        table.update(with_settled({}, by_label[label].settled), **({"model": beside[label]} if label in beside else {}))
+    if beside:
+        given.pop("model", None)
+        given["controller"] = given.get("controller") or [case.tree() for case in asked.cases]
+        for table, case in zip(given["controller"], asked.cases, strict=True):
+            table.update({"model": beside[case.label]} if case.label in beside else {})
+    return Repeat(f"{command} --config {command}.toml", used, _FILES, given=given)
