@@ -1,22 +1,24 @@
 """Configurations of any content are read or refused in a sentence, and what was read is read again the same."""
 
-import tomllib
+import functools
 
 import pytest
-import tomli_w
-from glucoloop.config.comparison import read_comparison
-from glucoloop.config.identification import read_identification
-from glucoloop.config.key import declared
-from glucoloop.config.options.identification import IdentificationKeys
-from glucoloop.config.run import read_run, run_keys
-from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
-from glucoloop.situations.toml import read_toml
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
+from glucoloop.situations.toml import read_toml, toml_text
+from glucoloop.studies.identification import ModelRequest
+from glucoloop.studies.run import Comparison
+
+read_run, read_comparison, read_trial, read_identification = (
+    functools.partial(configured, root) for root in (Run, Comparison, Trial, ModelRequest)
+)
 
 scalars = st.one_of(
     st.booleans(),
@@ -26,16 +28,34 @@ scalars = st.one_of(
     st.sampled_from([0.0, -0.0, 5e-324, 1e-310, 0.05, 0.1, 5.0, 1e18, 1.7e308]),
     st.text(max_size=8),
     st.sampled_from(["", "mpc", "pid", "qp", "50g@50min", "parker2000", "a\0.toml", "all", "9" * 5000, "missing"]),
+    st.sampled_from(
+        ["none", "usual", "identified", "lag, lag_min=8", "mpc, move_weight=1, label='a\nb'", "variance=("]
+    ),
     st.dates(),
 )
 values = st.recursive(
     scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
 )
-controllers = st.sampled_from([*CONTROLLERS])
+settings_of_parts = ["name", "label", "model", "guard", "move_weight", "max_on_board", "memory", "variance", "lag_min"]
+parts = st.dictionaries(st.sampled_from(settings_of_parts) | st.text(max_size=3), values, max_size=3)
+names = st.sampled_from(
+    [*CONTROLLERS, "white-noise", "ideal", "dead-time", "limited", "usual", "hovorka-2004", "missing"]
+)
+named = st.tuples(names, parts).map(lambda of: {**of[1], "name": of[0]})
 
 
-def keys_among(known):
-    return st.dictionaries(st.sampled_from(sorted(known)) | st.text(max_size=5), values, max_size=4)
+def keys_among(root):
+    """Keys of a class of settings, and others, with values of any type, among them tables with the names of parts."""
+    known = sorted(root.settings())
+    return st.dictionaries(
+        st.sampled_from(known) | st.text(max_size=5), values | parts | named | st.lists(named, max_size=2), max_size=4
+    )
+
+
+def read_again(read, command, keys):
+    """What was read, and what is read from its file."""
+    asked = read(keys)
+    return asked, read(read_toml(toml_text(asked.tree(whole=True), command, asked.tree()), "a.toml").keys)
 
 
 @given(st.one_of(st.text(), st.text(alphabet="[]{}='\"\\.,\n#ua0-", max_size=40)))
@@ -51,45 +71,52 @@ def test_any_text_is_toml_or_is_not(refusal, text):
     refusal(read_toml, text, "a.toml")
 
 
-@given(keys_among(run_keys()))
-@example({"sample_time_min": 1e-310, "dead_time_min": 5.0})
-@example({"output_weight": 10**400})
+@given(keys_among(Run))
+@example({"sample_time_min": 1e-310, "sensor": "dead-time, minutes=5"})
+@example({"controller": {"output_weight": 10**400}})
+@example({"controller": [{"name": "mpc", "guard": {"max_hour": 2}, "model": "memory=48"}]})
+@example({"sensor": ["ideal", {"name": "lag", "lag_min": 8}, "white-noise, variance=1.45"], "guard": {"max_hour": 2}})
+@example({"faults": ["missing, start_min=60", {"name": "calibration", "gain": 1.3}], "guard": "none"})
 @example({"meals": ["1" * 50_000]})
 @example({"seed": 2**400})
 @settings(max_examples=200)
 def test_run(refusal, keys):
     if refusal(read_run, keys) is None:
-        run = read_run(keys)
-        again = tomllib.loads(tomli_w.dumps({key: value for key, value in run.keys().items() if value is not None}))
-        assert read_run(again) == run
+        run, again = read_again(read_run, "run", keys)
+        assert again == run
 
 
-@given(keys_among(run_keys()), st.lists(keys_among({"label", *run_keys()}), max_size=3))
+@given(keys_among(Comparison), st.lists(parts | named, max_size=3))
 @example({}, [{"label": "a\nb"}, {"label": "b"}])
+@example({"guard": "max_hour=2"}, [{"label": "a"}, {"name": "imc", "guard": "none"}])
 @settings(max_examples=100)
 def test_comparison(refusal, keys, cases):
-    refusal(read_comparison, keys, [{"label": "one"}, *cases])
+    keys = {**keys, "controller": [{"label": "one"}, *cases]}
+    if refusal(read_comparison, keys) is None:
+        comparison, again = read_again(read_comparison, "compare", keys)
+        assert again == comparison
 
 
-@given(keys_among(declared(IdentificationKeys)))
+@given(keys_among(ModelRequest))
 @example({"sample_time_min": 1e-320})
 @settings(max_examples=150)
 def test_identification(refusal, keys):
-    refusal(read_identification, keys)
+    if refusal(read_identification, keys) is None:
+        identification, again = read_again(read_identification, "identify", keys)
+        assert again == identification
 
 
 @pytest.mark.long
-@given(keys_among({"guard", *trial_key_names()}), st.lists(keys_among({"label", *run_keys()}), max_size=2))
+@given(keys_among(Trial), st.lists(parts | named, max_size=2))
 @example({"traces": "9" * 5000}, [])
 @example({"sample_time_min": 1e-310}, [])
-@example({"dead_time_min": 10**400}, [])
+@example({"sensor": {"name": "dead-time", "minutes": 10**400}}, [])
 @settings(max_examples=200)
 def test_trial(refusal, keys, cases):
-    if refusal(read_trial, keys, cases) is None:
-        trial = read_trial(keys, cases)
-        told = {key: value for key, value in trial_keys(trial).items() if value is not None}
-        read = tomllib.loads(tomli_w.dumps(told))
-        assert read_trial(read, read.pop("case")) == trial
+    keys = {**keys, **({"controller": cases} if cases else {})}
+    if refusal(read_trial, keys) is None:
+        trial, again = read_again(read_trial, "trial", keys)
+        assert again == trial
 
 
 tables = st.fixed_dictionaries(
@@ -102,9 +129,12 @@ tables = st.fixed_dictionaries(
         for key in ("spread_pct", "spread", "centre", "lower", "upper")
     },
 )
+strange = st.dictionaries(
+    st.sampled_from(["parameter", "distribution", "spread_pct"]) | st.text(max_size=5), values, max_size=4
+)
 
 
-@given(st.lists(tables | keys_among({"parameter", "distribution", "spread_pct"}), max_size=3), st.text(max_size=3))
+@given(st.lists(tables | strange, max_size=3), st.text(max_size=3))
 @example([{"parameter": "weight_kg", "distribution": "uniform", "centre": 1e308, "spread": 1e308}], "people")
 @settings(max_examples=200)
 def test_population_can_only_make_finite_people(refusal, tables, name):
@@ -116,7 +146,8 @@ def test_population_can_only_make_finite_people(refusal, tables, name):
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
-    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number above 0"
+    told = refusal(read_run, {"controller": {"name": "mpc", "output_weight": value}})
+    assert told == f"mpc: output_weight is {value:g}; give a finite number above 0"
 
 
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):
