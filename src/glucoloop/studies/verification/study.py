@@ -25,7 +25,8 @@ _LISTED: Final = 10
 
 
 def notes(asked: Verification) -> tuple[str, ...]:
-    """Sentence on boluses into a vein, where controllers were chosen."""
+    """Sentence on boluses into a vein, where controllers were chosen; what is impossible is refused before it."""
+    asked.definition()
     if asked.nonsense is not None or not asked.controllers:
         return ()
     chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in asked.controllers)
