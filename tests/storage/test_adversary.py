@@ -8,11 +8,11 @@ from glucoloop.situations.situation import configured
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
-from glucoloop.studies.adversary.study import GenerationScores, rows
+from glucoloop.studies.adversary.study import GenerationScores, rows, searches_of
 
 KEYS = {"controller": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = configured(ADVERSARY.request, KEYS)
-(NAME,) = ASKED.searches()
+(NAME,) = searches_of(ASKED)
 FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 

@@ -175,7 +175,8 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
 
 def robust_folder(path, asked, *, overwrite=False):
     work = Work(
-        command=ROBUST.name, what="search", keys=asked.tree(whole=True), given=asked.tree(), final=(*ROBUST.files, ROBUST.summary),
+        command=ROBUST.name, what="search", keys=asked.tree(whole=True), given=asked.tree(),
+        final=(*ROBUST.files, ROBUST.summary),
         summary=ROBUST.summary,
     )  # fmt: skip
     return rows_folder(path, work, rows(asked), overwrite=overwrite)
