@@ -13,9 +13,10 @@ from glucoloop.firmware.hil.loop import run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.firmware.samples import example
 from glucoloop.meals import Meal, Scenario
+from glucoloop.parts.sensors import WhiteNoiseSettings
 from glucoloop.simulation.stepped import scenario_stepper
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.situation import Situation
 
 
 @dataclasses.dataclass
@@ -49,7 +50,7 @@ class OnChip:
 
 @pytest.fixture(scope="session")
 def on_chip():
-    situation = dataclasses.replace(usual_situation(), noise_variance=1.45)
+    situation = Situation(sensor=(WhiteNoiseSettings(variance=1.45),))
     case = usual_case("pid", situation)
     controller = controller_of(situation, case)
     scenario = Scenario((Meal(50.0, 17.0, 10.0),), 120.0)

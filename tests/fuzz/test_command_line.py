@@ -6,19 +6,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.cli import compare, identify, run, trial_options
-from glucoloop.cli.declared import study_options
-from glucoloop.studies.catalogue import STUDIES
+from glucoloop.cli.app import command_of
 
 CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
-FLAGS = {
-    "run": run._OPTIONS,
-    "compare": compare._OPTIONS,
-    "identify": identify._OPTIONS,
-    **{study.name: study_options(study) for study in STUDIES if study.name in ("bound", "tune")},
-    "trial": trial_options.TRIAL,
-}
-NAMES = sorted({part for options in FLAGS.values() for option in options for part in option.flag.split("/")})
+FLAGS = {name: command_of(name).options for name in ("run", "compare", "identify", "bound", "tune", "trial")}
+NAMES = sorted({option.flag for options in FLAGS.values() for option in options})
 READERS = {
     ".toml": [(command, "--config") for command in FLAGS] + [("trial", "--out", "out", "--population")],
     ".csv": [("identify", "--data")],
@@ -30,7 +22,7 @@ values = st.one_of(
     st.floats().map(repr),
     st.integers().map(str),
     st.sampled_from(
-        ["", "-1", "0", "1", "5", "nan", "1e400", "9" * 5000, "mpc", "pid", "a: mpc, move_weight=1", "50g@1h", "1:3",
+        ["", "-1", "0", "1", "5", "nan", "1e400", "9" * 5000, "mpc", "pid", "mpc, label=a", "50g@1h", "1:3",
          "a\0b", "\udcff", "\x1b[31m\n", "[red]", "missing", "x" * 5000, "local", "tcp://[", "parker1999", "--", "-h"]
     ),
 )  # fmt: skip
@@ -46,7 +38,7 @@ commands = st.sampled_from([*FLAGS, "reproduce", "query", "ruun"])
 @example("run", ["--controller", "x" * 100_000], [])
 @example("run", ["--model", "a\n\x1b[31m\udcff"], [])
 @example("trial", ["--population", "a\0.toml", "--out", "out"], [])
-@example("tune", ["--move-horizon", "1:1000", "--prediction-horizon", "1:1000", "--move-weight", "1:1000:1"], [])
+@example("tune", ["--controller", "move_horizon=1:1000, prediction_horizon=1:1000, move_weight=1:1000:1"], [])
 @example("reproduce", ["--seed", str(2**70)], ["parker1999"])
 @example("reproduce", ["--seeds", str(10**9)], ["parker1999"])
 @example("query", [], [".", "select 1"])

@@ -4,19 +4,19 @@ import tomllib
 
 import pytest
 import tomli_w
-from glucoloop.config.comparison import read_comparison
-from glucoloop.config.identification import read_identification
-from glucoloop.config.key import declared
-from glucoloop.config.options.identification import IdentificationKeys
-from glucoloop.config.run import read_run, run_keys
-from glucoloop.config.trial import read_trial, trial_key_names, trial_keys
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.cohorts.trial import Trial
+from glucoloop.control.settings import LinearMPCSettings
+from glucoloop.parts.grammar import given as given_values
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
-from glucoloop.situations.toml import read_toml
+from glucoloop.situations.request import asked_for
+from glucoloop.situations.run import Run
+from glucoloop.situations.toml import read_toml, toml_text
+from glucoloop.studies.identification import ModelRequest
+from glucoloop.studies.run import Comparison
 
 scalars = st.one_of(
     st.booleans(),
@@ -31,7 +31,6 @@ scalars = st.one_of(
 values = st.recursive(
     scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
 )
-controllers = st.sampled_from([*CONTROLLERS])
 
 
 def keys_among(known):
@@ -51,45 +50,67 @@ def test_any_text_is_toml_or_is_not(refusal, text):
     refusal(read_toml, text, "a.toml")
 
 
-@given(keys_among(run_keys()))
-@example({"sample_time_min": 1e-310, "dead_time_min": 5.0})
-@example({"output_weight": 10**400})
-@example({"meals": ["1" * 50_000]})
-@example({"seed": 2**400})
-@settings(max_examples=200)
-def test_run(refusal, keys):
-    if refusal(read_run, keys) is None:
-        run = read_run(keys)
-        again = tomllib.loads(tomli_w.dumps({key: value for key, value in run.keys().items() if value is not None}))
-        assert read_run(again) == run
+controller_keys = {"name", "label", "guard", "model", "faults", *LinearMPCSettings.settings()}
+tables_of_parts = st.one_of(
+    values,
+    st.sampled_from(["mpc", "lag, lag_min=8", "none", "", "a=", "(", "usual, max_hour=2", "limited", "missing"]),
+    keys_among(controller_keys),
+    st.lists(keys_among(controller_keys) | scalars, max_size=3),
+)
+parts = st.dictionaries(
+    st.sampled_from(["controller", "sensor", "pump", "patient", "guard", "model", "faults", "metrics"]),
+    tables_of_parts,
+    max_size=2,
+)
 
 
-@given(keys_among(run_keys()), st.lists(keys_among({"label", *run_keys()}), max_size=3))
+def read(root, keys):
+    return asked_for(root, given_values(keys, "a.toml"))
+
+
+def read_again(root, keys):
+    found = read(root, keys)
+    written = tomllib.loads(tomli_w.dumps(read_toml(toml_text(found.tree(), ""), "a.toml").keys))
+    assert read(root, {"allow_unusual": found.allow_unusual, **written}) == found
+
+
+@given(keys_among(Run.settings()), parts)
+@example({"sample_time_min": 1e-310}, {"sensor": "dead-time"})
+@example({"setpoint_mg_dl": 10**400}, {})
+@example({"meals": ["1" * 50_000]}, {})
+@example({"meals": [[1]]}, {})
+@example({"seed": 2**400}, {})
+@example({}, {"controller": {"name": []}})
+@example({}, {"controller": {"guard": [1]}})
+@example({}, {"patient": [["parker-1999"]]})
+@settings(max_examples=300)
+def test_run(refusal, keys, parts):
+    if refusal(read, Run, {**keys, **parts}) is None:
+        read_again(Run, {**keys, **parts})
+
+
+@given(keys_among(Comparison.settings()), st.lists(keys_among(controller_keys), max_size=3))
 @example({}, [{"label": "a\nb"}, {"label": "b"}])
 @settings(max_examples=100)
 def test_comparison(refusal, keys, cases):
-    refusal(read_comparison, keys, [{"label": "one"}, *cases])
+    refusal(read, Comparison, {**keys, "controller": [{"label": "one"}, *cases]})
 
 
-@given(keys_among(declared(IdentificationKeys)))
+@given(keys_among(ModelRequest.settings()))
 @example({"sample_time_min": 1e-320})
 @settings(max_examples=150)
 def test_identification(refusal, keys):
-    refusal(read_identification, keys)
+    refusal(read, ModelRequest, keys)
 
 
 @pytest.mark.long
-@given(keys_among({"guard", *trial_key_names()}), st.lists(keys_among({"label", *run_keys()}), max_size=2))
-@example({"traces": "9" * 5000}, [])
-@example({"sample_time_min": 1e-310}, [])
-@example({"dead_time_min": 10**400}, [])
+@given(keys_among(Trial.settings()), parts)
+@example({"traces": "9" * 5000}, {})
+@example({"sample_time_min": 1e-310}, {})
 @settings(max_examples=200)
-def test_trial(refusal, keys, cases):
-    if refusal(read_trial, keys, cases) is None:
-        trial = read_trial(keys, cases)
-        told = {key: value for key, value in trial_keys(trial).items() if value is not None}
-        read = tomllib.loads(tomli_w.dumps(told))
-        assert read_trial(read, read.pop("case")) == trial
+def test_trial(refusal, keys, parts):
+    if refusal(read, Trial, {**keys, **parts}) is None:
+        read_again(Trial, {**keys, **parts})
 
 
 tables = st.fixed_dictionaries(
@@ -116,12 +137,13 @@ def test_population_can_only_make_finite_people(refusal, tables, name):
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
-    assert refusal(read_run, {"output_weight": value}) == f"output_weight is {value:g}; give a finite number above 0"
+    told = refusal(read, Run, {"controller": {"output_weight": value}})
+    assert told == f"a.toml: output_weight is {value:g}; give a finite number above 0"
 
 
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):
-    for read in (read_run, read_identification, read_trial):
-        assert refusal(read, {"sample_time_min": 0.001}) == (
-            "sample_time_min is 0.001 min; give a number from 0.1 to 120 min"
+    for root in (Run, ModelRequest, Trial):
+        assert refusal(read, root, {"sample_time_min": 0.001}) == (
+            "a.toml: sample_time_min is 0.001 min; give a number from 0.1 to 120 min"
         )
-        assert refusal(read, {"sample_time_min": 0.1, "allow_unusual": True}) is None
+        assert refusal(read, root, {"sample_time_min": 0.1, "allow_unusual": True}) is None

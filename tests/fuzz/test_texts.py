@@ -3,12 +3,13 @@
 import time
 
 import pytest
-from glucoloop.config.case_text import parse_case
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.grammar import part_text
 from glucoloop.printable import is_printable, printable
+from glucoloop.situations.case import Case
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
@@ -31,16 +32,20 @@ def test_meal_comes_back_from_its_text_or_is_refused(refusal, text):
         assert parse_meal(meal_text(meal)) == meal
 
 
-@given(awkward | settings_texts.map("a: mpc, {}".format))
-@example("mpc, x=" + "[" * 100_000)
-@example("mpc, x=" + "9" * 5000)
-@example("mpc, x=1\ny=2")
+@given(awkward | settings_texts.map("mpc, label=a, {}".format))
+@example("mpc, label=" + "[" * 100_000)
+@example("mpc, label=" + "9" * 5000)
+@example("mpc, label=1\ny=2")
 @settings(max_examples=200)
-def test_case_has_a_label_and_plain_values_or_is_refused(refusal, text):
-    if refusal(parse_case, text) is None:
-        case = parse_case(text)
-        assert case["label"]
-        assert {type(value) for value in case.values()} <= {str, bool, int, float}
+def test_case_comes_back_from_its_text_or_is_refused(refusal, text):
+    def parse(text):
+        return Case.catalogue.read(Case.catalogue.tree(text, "--controller"))
+
+    if refusal(parse, text) is None:
+        case = parse(text)
+        again = parse(part_text(case.tree()))
+        assert again == case
+        assert again.tree() == case.tree()
 
 
 @given(awkward | st.tuples(st.sampled_from([*FAULTS]), settings_texts).map(", ".join))

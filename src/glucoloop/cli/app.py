@@ -20,7 +20,7 @@ from glucoloop.cli.results import forgotten
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.studies.catalogue import CARRY_ON, LIMITS, SAFETY, SIMULATE, STUDIES, CommandEntry
+from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
 _ALLOW_CODE: Final = "--allow-code"
 _HELP: Final = ("-h", "--help")
@@ -31,19 +31,17 @@ _INTRO: Final = (
 )
 
 
-_MODELS: Final = "People and models"
 _RESULTS: Final = "Results"
 COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
-    "list": CommandEntry("glucoloop.cli.listing:LIST", _MODELS, "List all parts, and the settings of each."),
-    "identify": CommandEntry("glucoloop.cli.identify:IDENTIFY", _MODELS, "Identify a model, also from your own CSV."),
+    "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
     "query": CommandEntry("glucoloop.cli.query:QUERY", _RESULTS, "Query the folder of a trial in SQL."),
     "reproduce": CommandEntry(
         "glucoloop.cli.reproduce:REPRODUCE", _RESULTS, "Reproduce a published study, number by number."
     ),
 }
-_GROUPS: Final = (SIMULATE, _MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
+_GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
 
 
 def names() -> list[str]:

@@ -33,7 +33,6 @@ from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_resul
 from glucoloop.printable import how_many
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.studies.study import (
-    Module,
     PlainModule,
     PlainStudy,
     SearchModule,
@@ -147,7 +146,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     found = carried_out(trial_folder(out, trial, overwrite=output.overwrite, work=work), finish)
     files = paths_of(work, out)
     written = f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
-    _tell(module, asked, found, output, files, written=written)
+    _tell(study, module, asked, found, output, files, written=written)
 
 
 def _shown(study: Study, output: Output) -> dict[str, bool]:
@@ -183,11 +182,11 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         return found
 
     if out is None:
-        _tell(module, asked, finish(None), output, {})
+        _tell(study, module, asked, finish(None), output, {})
         return
     work = _work(study, "search", asked, study.extent)
     found = carried_out(rows_folder(out, work, kept, overwrite=output.overwrite), finish)
-    _tell(module, asked, found, output, paths_of(work, out, kept.file))
+    _tell(study, module, asked, found, output, paths_of(work, out, kept.file))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
@@ -208,7 +207,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
             for name, data in made.items():
                 folder.write(name, data)
             files = folder.paths()
-    _tell(module, asked, found, output, files, written=None if study.keeps_files else "")
+    _tell(study, module, asked, found, output, files, written=None if study.keeps_files else "")
     if found.plain.get("interrupted"):
         amount, unit = module.amount(asked), study.unit
         interrupted(
@@ -227,12 +226,23 @@ def _progress(study: PlainStudy, module: PlainModule, asked: Any) -> Iterator[Ca
 
 
 def _tell(
-    module: Module, asked: Any, found: Findings, output: Output, files: Mapping[str, str], *, written: str | None = None
+    study: Study,
+    module: Any,
+    asked: Any,
+    found: Findings,
+    output: Output,
+    files: Mapping[str, str],
+    *,
+    written: str | None = None,
 ) -> None:
-    """Print what was found: as JSON, or as tables and sentences, and the place of the files."""
+    """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
     notes = tuple(found.plain.get("notes", ()))
-    tables = () if output.json else module.tables(asked, found)
-    lines = () if output.json else (*module.sentences(asked, found), *notes)
-    if output.mmol and not output.json:
-        lines = (*lines, *module.mmol_lines(found))  # type: ignore[attr-defined]
-    tell_results(output, found.plain, files, tables, lines, notes=notes, written=written)
+    if output.json:
+        tell_results(output, found.plain, files, (), (), notes=notes)
+        return
+    mmol = module.mmol_lines(found) if output.mmol else ()
+    lines = (*module.sentences(asked, found), *notes, *mmol)
+    tell_results(output, found.plain, files, module.tables(asked, found), lines, written=written)
+    if study.says_how_to_go_on:
+        for line in module.how_to_go_on(found, files):
+            print(line)

@@ -23,7 +23,7 @@ _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
 _NOT_FILLED_IN: Final = ("settled.", "model.path", "data")
-"""Values that are used of a file and do not follow from what it leaves out: designs, and paths from its folder."""
+"""Keys of a file that do not follow from what it leaves out: designs, and paths from its folder."""
 _EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 _RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
 _EXCLUDING: Final = {

@@ -158,7 +158,7 @@ class OnHardware(run_study.ClosedLoops):
 
 
 def drawn(asked: Hil, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
-    """Files of a run, and those of the firmware."""
+    """Files of a run and of the firmware."""
     firmware = found.extra.hardware.firmware()
     return {**run_study.drawn(asked, found, mmol=mmol), **{name: text.encode() for name, text in firmware.items()}}
 

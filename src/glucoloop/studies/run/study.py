@@ -141,7 +141,7 @@ def tables(asked: Run, found: Findings) -> Iterator[object]:
 
 
 def sentences(asked: Run, found: Findings) -> Iterator[str]:
-    """Sentences of a clinician on each loop, the most important first."""
+    """Sentences that a clinician would say first of each loop."""
     if "cases" not in found.plain:
         yield from found.plain["summary"]["sentences"]
         return
