@@ -14,7 +14,7 @@ _STOPS = (
     "glucoloop.studies.bound.study.optimal_doses",
     "glucoloop.studies.bound.study.hedged_doses",
     "glucoloop.studies.closed_loop.nominal_model",
-    "glucoloop.studies.closed_loop.controller_for",
+    "glucoloop.studies.closed_loop.controller_of",
     "glucoloop.studies.identified._method",
     "glucoloop.studies.identified._from_patient",
     "glucoloop.studies.tuning.study.found",
