@@ -69,12 +69,12 @@ def _write(folder: OutputFolder, identified: Identified) -> None:
     )
     for name, data in {**figure_files("response", response), **figure_files("validation", validation)}.items():
         folder.write(name, data)
-    own = {}
+    copied = {}
     if identified.data is not None:
         folder.write("data.csv", identified.data)
-        own = {"data": "data.csv"}
+        copied = {"data": "data.csv"}
     used, given = identified.config.tree(whole=True), identified.config.tree()
-    text = toml_text({**used, **own}, "identify --config identify.toml", {**given, **own})
+    text = toml_text({**used, **copied}, "identify --config identify.toml", {**given, **copied})
     folder.write("identify.toml", text)
 
 
@@ -100,8 +100,8 @@ def _tell(identified: Identified, output: Output, files: dict[str, str]) -> None
 
 def _warning(identified: Identified) -> tuple[str, ...]:
     """Lines of warning about a model on which no controller should be designed."""
-    doubts = identified.model.doubts()
-    if not doubts:
+    reasons = identified.model.doubts()
+    if not reasons:
         return ()
     mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
     if identified.config.data is None:
@@ -110,7 +110,7 @@ def _warning(identified: Identified) -> tuple[str, ...]:
         mend = (
             f"leave out --memory, --laguerre-pole and --laguerre-functions, so that the record chooses them; or {mend}"
         )
-    return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")
+    return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *reasons, f"To mend it, {mend}.")
 
 
 IDENTIFY: Final = Command("identify", HELP, _OPTIONS, _identify)
