@@ -10,7 +10,7 @@ from glucoloop.experiments.faulty import episodes_of, faulty_pump, faulty_sensor
 from glucoloop.parts.faults import FAULTS
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor
-from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress import STANDARD_FAULTS
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -14,7 +14,7 @@ _STOPS = (
     "glucoloop.studies.bound.study.optimal_doses",
     "glucoloop.studies.bound.study.hedged_doses",
     "glucoloop.studies.closed_loop.nominal_model",
-    "glucoloop.studies.run.study.close_the_loop",
+    "glucoloop.studies.closed_loop.controller_of",
     "glucoloop.studies.identification.study._method",
     "glucoloop.studies.identification.study._from_patient",
     "glucoloop.studies.tuning.study.found",

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.parts.faults import FAULTS
-from glucoloop.parts.grammar import part_text
+from glucoloop.parts.grammar import part_text, part_tree, plain
 from glucoloop.printable import is_printable, printable
 from glucoloop.situations.case import Case
 from glucoloop.situations.meal_text import meal_text, parse_meal
@@ -32,20 +32,31 @@ def test_meal_comes_back_from_its_text_or_is_refused(refusal, text):
         assert parse_meal(meal_text(meal)) == meal
 
 
-@given(awkward | settings_texts.map("mpc, label=a, {}".format))
-@example("mpc, label=" + "[" * 100_000)
-@example("mpc, label=" + "9" * 5000)
-@example("mpc, label=1\ny=2")
+def _case(text):
+    return Case.catalogue.read(Case.catalogue.tree(text, "--controller"))
+
+
+@given(awkward | settings_texts.map("mpc, {}, label=a".format))
+@example("mpc, x=" + "[" * 100_000)
+@example("mpc, move_weight=" + "9" * 5000)
+@example("mpc, move_weight=1\nlabel=2")
+@example("mpc, guard=(usual, max_hour=2), model=(identified, memory=48)")
+@example("mpc, model=" + "(model=" * 2000 + ")" * 2000)
 @settings(max_examples=200)
 def test_case_comes_back_from_its_text_or_is_refused(refusal, text):
-    def parse(text):
-        return Case.catalogue.read(Case.catalogue.tree(text, "--controller"))
+    if refusal(_case, text) is None:
+        told = part_text(_case(text).tree())
+        assert part_text(_case(told).tree()) == told
 
-    if refusal(parse, text) is None:
-        case = parse(text)
-        again = parse(part_text(case.tree()))
-        assert again == case
-        assert again.tree() == case.tree()
+
+@given(awkward | settings_texts.map("mpc, {}".format))
+@example("mpc, x=(a=(b='1, 2'), c=\")\")")
+@example("mpc, x=" + "(x=" * 5000 + ")" * 5000)
+@settings(max_examples=200)
+def test_tree_of_a_part_comes_back_from_its_text_or_is_refused(refusal, text):
+    if refusal(part_tree, text, "--sensor") is None:
+        told = part_text(tree := plain(part_tree(text, "--sensor")))
+        assert plain(part_tree(told, "--sensor")) == tree
 
 
 @given(awkward | st.tuples(st.sampled_from([*FAULTS]), settings_texts).map(", ".join))

@@ -14,7 +14,7 @@ from typing import Final, NoReturn
 
 import glucoloop
 from glucoloop.cli.command import Command
-from glucoloop.cli.interrupts import heeded
+from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
 from glucoloop.cli.results import forgotten
 from glucoloop.parts.code import loaded, only_code
@@ -88,16 +88,16 @@ def _main(arguments: list[str]) -> NoReturn:
         mistake("an argument holds a NUL character, which no name or number does; leave it out")
     code = 0
     try:
-        with heeded():
+        with catching_interrupts():
             code = _carried_out(arguments)
     except KeyboardInterrupt:
         interrupted()
     except Exception as error:
-        told = sentence(error)
-        if told is None:
+        message = sentence(error)
+        if message is None:
             error.add_note(BUG)
             raise
-        mistake(told)
+        mistake(message)
     sys.exit(code)
 
 
@@ -160,14 +160,14 @@ def program() -> None:
     try:
         main()
     except SystemExit as leaving:
-        if leaving.code != 130 and not _left_behind():
+        if leaving.code != 130 and not _has_unstopped_work():
             raise
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(leaving.code if isinstance(leaving.code, int) else 0)
 
 
-def _left_behind() -> bool:
+def _has_unstopped_work() -> bool:
     """Whether a query was left behind that does not stop."""
     module = sys.modules.get("glucoloop.storage.trials.stoppable")
-    return module is not None and bool(module.left_behind())
+    return module is not None and bool(module.has_unstopped_work())

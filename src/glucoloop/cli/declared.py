@@ -67,15 +67,15 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     if isinstance(study, TrialStudy):
         computed = (WORKERS, *((DASK,) if study.on_clusters else ()))
     if isinstance(study, PlainStudy):
-        output, kept = OUTPUT if study.keeps_files else (JSON,), {}
+        output, help_of_output = OUTPUT if study.keeps_files else (JSON,), {}
     else:
         output = OUTPUT
-        kept = {
+        help_of_output = {
             "out": f"Folder of {study.what}; an unfinished one is resumed.",
             "overwrite": "Begin again in the folder.",
         }
     rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
-    words = {**study.words, "help": {**kept, **study.words.get("help", {})}, "rare": rare}
+    words = {**study.words, "help": {**help_of_output, **study.words.get("help", {})}, "rare": rare}
     mmol = (MMOL,) if study.in_mmol else ()
     return tuple(reworded((*options, *short, *computed, *output, *mmol), **words))
 
@@ -162,7 +162,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
-    kept = module.rows(asked)
+    row_kind = module.rows(asked)
 
     def finish(folder: RowsFolder[Any] | None) -> Findings:
         if folder is not None and folder.finished:
@@ -170,7 +170,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         with stage("Preparing"):
             search = module.search(asked)
         rows = [] if folder is None else folder.rows
-        with counted(kept.wanted, len(rows), kept.what) as more:
+        with counted(row_kind.wanted, len(rows), row_kind.what) as more:
             for row in search.missing(rows[:]):
                 rows.append(row) if folder is None else folder.add(row)
                 more(1)
@@ -185,8 +185,8 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         _tell(study, module, asked, finish(None), output, {})
         return
     work = _work(study, "search", asked, study.extent)
-    found = carried_out(rows_folder(out, work, kept, overwrite=output.overwrite), finish)
-    _tell(study, module, asked, found, output, paths_of(work, out, kept.file))
+    found = carried_out(rows_folder(out, work, row_kind, overwrite=output.overwrite), finish)
+    _tell(study, module, asked, found, output, paths_of(work, out, row_kind.file))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:

@@ -168,17 +168,17 @@ def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
     return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
-def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
+def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     """Controllers of the command line in place of those of the file, or over the one that is there."""
     named = [NAME in case for case in given_cases]
     if all(named):
         return given_cases
     where = "--controller"
-    if len(given_cases) > 1 and (any(named) or len(_listed(there)) != 1):
+    if len(given_cases) > 1 and (any(named) or len(_listed(in_file)) != 1):
         raise Refusal(f"{where} is given {len(given_cases)} times, once without a name; name the controller")
-    tables = list(map(as_table, _listed(there))) or [{}]
+    tables = list(map(as_table, _listed(in_file))) or [{}]
     if len(tables) > 1:
-        labels = ", ".join(str(plain(of.get("label", of.get(NAME)))) for of in tables)
+        labels = ", ".join(str(plain(table.get("label", table.get(NAME)))) for table in tables)
         raise Refusal(
             f"{where}: the settings name no controller, and there are several ({labels}); write --set "
             "controller.LABEL.setting=value"

@@ -19,6 +19,7 @@ NONE: Final = "none"
 Tree = dict[str, Any]
 """A part as plain values: its name, and the settings that were given; a nested part is a tree."""
 _BARE: Final = re.compile(r"[^,='\"()\[\]]+")
+_DEEPEST: Final = 10
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tr
 def _pieces(text: str, where: str) -> Iterator[str]:
     """Pieces between commas that stand in no quotes or brackets."""
     start, depth, quote = 0, 0, ""
+    before = f"{where}: " if where else ""
     for place, sign in enumerate(text):
         if quote:
             quote = "" if sign == quote else quote
@@ -72,13 +74,14 @@ def _pieces(text: str, where: str) -> Iterator[str]:
             quote = sign
         elif sign in "([":
             depth += 1
+            if depth > _DEEPEST:
+                raise Refusal(f"{before}{text!r} is nested too deeply for a part")
         elif sign in ")]":
             depth -= 1
         elif sign == "," and depth == 0:
             yield text[start:place]
             start = place + 1
     if quote or depth:
-        before = f"{where}: " if where else ""
         raise Refusal(f"{before}{text!r} has {'a quotation mark' if quote else 'a bracket'} without its pair; add it")
     yield text[start:]
 
