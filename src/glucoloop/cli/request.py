@@ -13,7 +13,7 @@ from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
 from glucoloop.parts.patients import USUAL_PATIENT
-from glucoloop.parts.tree import as_table, over, put
+from glucoloop.parts.tree import as_table, as_tables, over, put
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     tree = _laid_over(lower, upper)
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
-            chain = list(map(as_table, _listed(tree.get("sensor", []))))
+            chain = as_tables(tree.get("sensor", []), "sensor")
             tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag, alone=True)})
     for text in typed.get(SET.key, ()):
         place, equals, value = text.partition("=")
@@ -124,7 +124,8 @@ def _leaf(option: CommandOption, value: Any) -> Any:
     setting = option.setting
     is_part = setting is not None and setting.is_part
     texts = [text for text in (value if option.many else [value]) if isinstance(text, str)]
-    if (is_part or option.many) and any(text.strip() == NONE for text in texts):
+    optional = option.many or (setting is not None and is_part and setting.optional)
+    if optional and any(text.strip() == NONE for text in texts):
         if len(texts) > 1:
             raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
         return [] if option.many else GivenValue(None, option.flag, text=False)
@@ -155,7 +156,7 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
         if key in upper and "controller" in tree and cases is None:
             tree["controller"] = [
                 {**case, key: over(as_table(case[key]), upper[key])} if key in case else case
-                for case in map(as_table, _listed(tree["controller"]))
+                for case in as_tables(tree["controller"], "controller")
             ]
     for key, value in upper.items():
         tree[key] = over(as_table(tree[key]), value) if key in tree and isinstance(value, Mapping) else value
@@ -171,12 +172,15 @@ def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
 def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     """Controllers of the command line in place of those of the file, or over the one that is there."""
     named = [NAME in case for case in given_cases]
-    if all(named):
+    if given_cases and all(named):
         return given_cases
     where = "--controller"
-    if len(given_cases) > 1 and (any(named) or len(_listed(in_file)) != 1):
+    if not given_cases:
+        raise Refusal(f"{where} none leaves no controller; name one, like basal")
+    tables = as_tables(in_file, "controller")
+    if len(given_cases) > 1 and (any(named) or len(tables) != 1):
         raise Refusal(f"{where} is given {len(given_cases)} times, once without a name; name the controller")
-    tables = list(map(as_table, _listed(in_file))) or [{}]
+    tables = tables or [{}]
     if len(tables) > 1:
         labels = ", ".join(str(plain(table.get("label", table.get(NAME)))) for table in tables)
         raise Refusal(
@@ -186,10 +190,6 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     for case in given_cases:
         tables = [over(tables[0], case)]
     return tables
-
-
-def _listed(leaf: Any) -> list[Any]:
-    return leaf if isinstance(leaf, list) else [leaf]
 
 
 def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
@@ -240,8 +240,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
         found["model"] = model
     if "controller" in found:
         found["controller"] = [
-            _beside(dict(case), path) if isinstance(case, Mapping) and "model" in case else case
-            for case in map(as_table, _listed(found["controller"]))
+            _beside(case, path) if "model" in case else case for case in as_tables(found["controller"], "controller")
         ]
     return found
 

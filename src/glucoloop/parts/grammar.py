@@ -19,7 +19,8 @@ NONE: Final = "none"
 Tree = dict[str, Any]
 """A part as plain values: its name, and the settings that were given; a nested part is a tree."""
 _BARE: Final = re.compile(r"[^,='\"()\[\]]+")
-_DEEPEST: Final = 10
+DEEPEST: Final = 10
+"""Largest number of parts within one another."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def _pieces(text: str, where: str) -> Iterator[str]:
             quote = sign
         elif sign in "([":
             depth += 1
-            if depth > _DEEPEST:
+            if depth > DEEPEST:
                 raise Refusal(f"{before}{text!r} is nested too deeply for a part")
         elif sign in ")]":
             depth -= 1

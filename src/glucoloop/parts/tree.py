@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_tree, plain
-from glucoloop.parts.setting import known_names
+from glucoloop.parts.grammar import DEEPEST, NAME, NONE, GivenValue, Tree, part_tree, place, plain
+from glucoloop.parts.setting import known_names, shown
 from glucoloop.refusal import Refusal
 
 
@@ -32,6 +32,8 @@ def put(tree: Tree, path: str, value: str, where: str) -> Tree:
         For a path to nothing.
     """
     first, _, rest = path.partition(".")
+    if rest.count(".") > DEEPEST:
+        raise Refusal(f"{where}: {shown(path)} is longer than any path to a setting")
     if not rest:
         return {**tree, **part_tree(f"{first}={value}", where)}
     inner = as_table(tree.get(first, {}))
@@ -39,7 +41,7 @@ def put(tree: Tree, path: str, value: str, where: str) -> Tree:
         if not isinstance(inner, Mapping):
             raise Refusal(f"{where}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
         return {**tree, first: put(dict(inner), rest, value, where)}
-    tables = [as_table(item) for item in inner]
+    tables = as_tables(inner, first)
     at, rest = _found(tables, first, rest, where)
     return {**tree, first: [put(one, rest, value, where) if i == at else one for i, one in enumerate(tables)]}
 
@@ -61,7 +63,26 @@ def _found(tables: list[Any], of: str, path: str, where: str) -> tuple[int, str]
 
 
 def as_table(leaf: Any) -> Any:
-    """A part of a tree as a table, also where it stands as a text."""
+    """A part of a tree as a table, also where it stands as a text or was left out."""
+    return {} if plain(leaf) == NONE else _from_text(leaf)
+
+
+def _from_text(leaf: Any) -> Any:
     if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
         return part_tree(leaf.value, leaf.where)
     return leaf
+
+
+def as_tables(leaf: Any, of: str) -> list[Tree]:
+    """The parts of a list, or one alone, each as a table.
+
+    Raises
+    ------
+    Refusal
+        For a value that is no part.
+    """
+    tables = [_from_text(item) for item in (leaf if isinstance(leaf, list) else [leaf])]
+    for table in tables:
+        if not isinstance(table, Mapping):
+            raise Refusal(f"{place(table)}: {of} holds {shown(plain(table))}, which is no part; give a text or a table")
+    return tables

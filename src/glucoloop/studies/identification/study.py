@@ -420,8 +420,8 @@ def drawn(asked: ModelRequest, found: Findings) -> dict[str, bytes]:
         **figure_files("validation", validation),
     }
     if identified.data is not None:
-        own = {"data": "data.csv"}
-        used, given = {**asked.tree(whole=True), **own}, {**asked.tree(), **own}
+        copied = {"data": "data.csv"}
+        used, given = {**asked.tree(whole=True), **copied}, {**asked.tree(), **copied}
         files["data.csv"] = identified.data.encode()
         files["identify.toml"] = toml_text(used, "identify --config identify.toml", given).encode()
     return files
