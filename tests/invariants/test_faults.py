@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.control import Status, design_pid, guarded, internal_model_tuning
+from glucoloop.control import GuardSettings, Status, design_pid, guarded, internal_model_tuning
 from glucoloop.episodes import Episodes
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
@@ -183,7 +183,7 @@ def gap(onset, samples, there):
 
 def gaps(name, guard, horizon_min):
     grid = sample_grid(horizon_min, 5.0)
-    controller = with_guard(catalogue_controller(name), {} if guard else None, PARKER_1999_LIMITS)
+    controller = with_guard(catalogue_controller(name), GuardSettings() if guard else None, PARKER_1999_LIMITS)
     nominal = patient()
     fold = RunningMetrics(setpoint_mg_dl=float(nominal.setpoint_mg_dl), inside_min=tuple(grid.inside_min.tolist()))
     cohort = Cohort(

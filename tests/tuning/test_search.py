@@ -19,6 +19,7 @@ from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.parker1999 import PARKER_1999
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
+from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import white_noise
@@ -35,6 +36,9 @@ from glucoloop.tuning.surface import TuningSurface, tuning_text
 PAPER = PARKER_1999["setpoint-81", False]
 Q = process_noise(patient(), *PAPER.noise)
 SHORT = Scenario(horizon_min=150.0)
+
+
+LATE = (DeadTimeSettings(minutes=10.0),)
 
 
 def design_of(name, model=None, **situation):
@@ -132,7 +136,7 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
-    situation = dataclasses.replace(usual_situation(), noise_variance=1.45)
+    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoiseSettings(variance=1.45),))
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
     design = design_of("mpc", identified_81.model)
     surface = search(situation, design, grid, seeds=seeds, scenario=SHORT)
@@ -142,7 +146,7 @@ def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, 
 
 
 def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
-    design = design_of("mpc", identified_81.model, dead_time_samples=2)
+    design = design_of("mpc", identified_81.model, sensor=LATE)
     told = design_linear_mpc(identified_81.model.delayed(2), MPCTuning(2, 10))
     np.testing.assert_array_equal(design(MPCTuning(2, 8)).gain, told.gain)
     for name, by_hand in (
@@ -150,7 +154,7 @@ def test_known_dead_time_lengthens_the_horizon(patient_81, identified_81):
         ("nlqdmc-se", lambda: design_nlqdmc_se(nonlinear_model(patient_81), Q, PAPER.nlqdmc_se, dead_time_samples=2)),
     ):
         tuning = printed_tuning("setpoint-81", name)
-        ours = design_of(name, dead_time_samples=2)(tuning)
+        ours = design_of(name, sensor=LATE)(tuning)
         assert jax.tree.structure(ours) == jax.tree.structure(by_hand())
         for one, other in zip(jax.tree.leaves(ours), jax.tree.leaves(by_hand()), strict=True):
             np.testing.assert_array_equal(one, other)

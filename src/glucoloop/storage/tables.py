@@ -54,8 +54,9 @@ def record_table(record: Record) -> pl.DataFrame:
 
 
 def stacked(tables: Mapping[str, pl.DataFrame]) -> pl.DataFrame:
-    """Tables of several cases in one, whose first column is the case."""
-    return pl.concat([table.select(pl.lit(label).alias("case"), pl.all()) for label, table in tables.items()])
+    """Tables of several cases in one, whose first column is the case; a column that a case does not have is null."""
+    labelled = [table.select(pl.lit(label).alias("case"), pl.all()) for label, table in tables.items()]
+    return pl.concat(labelled, how="diagonal")
 
 
 def parquet(table: pl.DataFrame) -> bytes:
