@@ -19,7 +19,7 @@ README = ROOT / "README.md"
 # Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
 PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
-ROOTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
+REQUESTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
@@ -62,9 +62,9 @@ def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
     if not arguments:
         return
     given = command.parser().given(arguments)  # raises for an option that does not exist
-    if words[0] in ROOTS and "config" not in given:
+    if words[0] in REQUESTS and "config" not in given:
         try:
-            read_root(ROOTS[words[0]], request_of(given, command.options).tree)
+            read_root(REQUESTS[words[0]], request_of(given, command.options).tree)
         except Refusal as error:
             if not any(f"{error}." in page.read_text(encoding="utf-8") for page in PAGES):
                 raise

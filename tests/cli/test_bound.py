@@ -70,7 +70,10 @@ def test_noise_on_several_meals_is_told_to_be_left_out(glucoloop):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--known-after", "soon"], "--known-after is 'soon'; give a number of minutes, or a time with its unit"),
+        (
+            ["--known-after", "soon"],
+            "--known-after is 'soon'; give a number from -527040 to 527040 min, or a time with its unit",
+        ),
         (["--known-after", "nan"], "--known-after is nan min; give a number from"),
         (["--objective", "glory"], "--objective is 'glory'; give deviation, undershoot, peak or sse."),
         (["--duration", "6000"], "a plan of 1200 doses is too long"),

@@ -323,7 +323,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 
 LONG_WORK = {
-    "identify": "glucoloop.studies.identified.identify",
+    "identify": "glucoloop.studies.identification.study.identify",
     "bound": "glucoloop.studies.bound.study._bounds",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.study.found",
@@ -407,7 +407,7 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
     ],
 )
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
-    monkeypatch.setattr("glucoloop.studies.run.study.found", lambda *_: Findings({}))
+    monkeypatch.setattr("glucoloop.studies.run.study.found", lambda *_: Findings({"summary": {"sentences": []}}))
     monkeypatch.setattr("glucoloop.studies.run.study.drawn", lambda *_, **__: {"a.txt": b"a"})
     monkeypatch.setattr("glucoloop.studies.run.study.tables", raising(error))
     answer = glucoloop("run", "--out", "out")

@@ -1,7 +1,6 @@
 """``glucoloop robust``, with a closed form in place of the loops."""
 
 import json
-import tomllib
 
 import numpy as np
 import polars as pl
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from glucoloop.control.catalogue import ESTIMATING, SEARCHED
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.situations.toml import read_toml
 from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.objectives import METRICS, NO_SCORES
 
@@ -84,9 +84,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
     assert check.group_by("controller", "group").len().height == 6
     assert summary["check"].keys() == {"chosen", "as it was", "mpc-se"}
 
-    best = tomllib.loads((tmp_path / "a/best.toml").read_text())
-    best.pop("glucoloop")
-    run = configured(Run, best)
+    run = configured(Run, read_toml((tmp_path / "a/best.toml").read_text(), "best.toml").keys)
     assert run.case.controller.name == "meal-mpc"
     assert {name: run.case.tuning[name] for name in summary["chosen"]["tuning"]} == summary["chosen"]["tuning"]
     assert run.noise_variance == 1.45

@@ -15,12 +15,13 @@ def test_point_is_the_run_of_the_same_options(glucoloop):
     surface = found["surface"]
     point = list(zip(surface["move_horizon"], surface["prediction_horizon"], strict=True)).index((1, 8))
     assert surface["sse"][point] == pytest.approx(alone["metrics"]["sse"], abs=1e-6)
-    assert found["config"]["controller"][0]["name"] == "mpc"
+    (controller,) = found["config"]["controller"]
+    assert (controller["name"], controller["move_horizon"], controller["known_dead_time"]) == ("mpc", "1:2", True)
     assert found["printed"]["prediction_horizon"] == 8
 
 
 def test_folder_repeats_the_search(glucoloop, tmp_path):
-    arguments = (*SMALL, "--controller", "move_weight=0|1", "--top", 2, *SHORT)
+    arguments = ("--controller", f"{SMALL[1]}, move_weight=0|1", "--top", 2, *SHORT)
     first = glucoloop("tune", *arguments, "--out", "first")
     assert first.code == 0
     assert (
@@ -68,7 +69,7 @@ def test_filters_of_a_controller_with_estimation(glucoloop):
 
 def test_seeds_are_of_any_noise(glucoloop):
     answer = glucoloop(
-        "tune", "--controller", "move_horizon=2, prediction_horizon=7", *SHORT, "--sensor", "white-noise, variance=4",
+        "tune", "--controller", "move_horizon=2, prediction_horizon=7", *SHORT, "--sensor", "correlated-noise",
         "--seeds", 2,
     )  # fmt: skip
     assert "Results are medians of 2 seeds; oscillation was judged in the run of the first." in answer.out

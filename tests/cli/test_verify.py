@@ -156,7 +156,7 @@ def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatc
     ("given", "told"),
     [
         (("--loops", 0), "--loops is 0; give a whole number from 1 to 1000000000."),
-        (("--loops", "many"), "--loops is 'many'; give a whole number."),
+        (("--loops", "many"), "--loops is 'many'; give a whole number from 1 to 1000000000."),
         (("--seed", -1), "--seed is -1; give a whole number from 0 to 4294967295."),
         (("--controller", "pid", "--controller", "pid"), "a controller is named twice in pid, pid; leave one out."),
         (("--person", 1, "--loops", 5), "--loops and --person exclude one another; leave one out."),

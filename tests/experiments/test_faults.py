@@ -10,7 +10,7 @@ from glucoloop.experiments.faulty import episodes_of, faulty_pump, faulty_sensor
 from glucoloop.parts.faults import FAULTS
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor
-from glucoloop.studies.stress.cells import STANDARD_FAULTS
+from glucoloop.studies.stress import STANDARD_FAULTS
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -58,7 +58,7 @@ def test_a_fault_is_read_again_from_its_text(name, when):
         ("late, delay_min", "'delay_min' in 'late, delay_min' is no setting with a value"),
         ("occlusion, noticed=maybe", "noticed is 'maybe'; give true or false"),
         ("=3", "'=3' in '=3' is no setting with a value; write it like"),
-        ("", "names no fault; begin with its name, like"),
+        ("", "no fault is named; begin with its name, like"),
     ],
 )
 def test_what_is_no_fault_is_refused_in_a_sentence(text, sentence):

@@ -4,21 +4,28 @@ import numpy as np
 import polars as pl
 import pytest
 
+from glucoloop.situations.situation import configured
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
-from glucoloop.studies.adversary.study import GenerationScores, rows
-from glucoloop.studies.adversary.study import read as read_adversary
+from glucoloop.studies.adversary.study import GenerationScores, rows, searches_of
 
-KEYS = {"controllers": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
-ASKED = read_adversary(KEYS)
-(NAME,) = ASKED.searches()
+KEYS = {"controller": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
+ASKED = configured(ADVERSARY.request, KEYS)
+(NAME,) = searches_of(ASKED)
 FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 
 def adversary_folder(path, asked):
     final, summary = (*ADVERSARY.files, ADVERSARY.summary), ADVERSARY.summary
-    work = Work(command="adversary", what="search", keys=asked.keys(), given=asked.given, final=final, summary=summary)
+    work = Work(
+        command="adversary",
+        what="search",
+        keys=asked.tree(whole=True),
+        given=asked.tree(),
+        final=final,
+        summary=summary,
+    )
     return rows_folder(path, work, rows(asked))
 
 
@@ -48,7 +55,7 @@ def test_a_finished_search_tells_its_summary(begun):
 @pytest.mark.parametrize("change", [{"errors_pct": [20.0]}, {"search_seed": 2}, {"generations": 4}, {"sequences": 5}])
 def test_another_search_is_refused(begun, change):
     with pytest.raises(ValueError, match=f"holds another search: {next(iter(change))} is"):
-        adversary_folder(begun, read_adversary({**KEYS, **change})).__enter__()
+        adversary_folder(begun, configured(ADVERSARY.request, {**KEYS, **change})).__enter__()
 
 
 @pytest.mark.parametrize(

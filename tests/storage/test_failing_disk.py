@@ -10,6 +10,7 @@ import shutil
 
 import pytest
 
+from glucoloop.situations.situation import configured
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
@@ -20,7 +21,7 @@ from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
 from glucoloop.studies.robust import ROBUST
 from glucoloop.studies.robust.objectives import NO_SCORES
-from glucoloop.studies.robust.study import read, rows
+from glucoloop.studies.robust.study import rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
@@ -174,7 +175,8 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
 
 def robust_folder(path, asked, *, overwrite=False):
     work = Work(
-        command=ROBUST.name, what="search", keys=asked.keys(), given=asked.given, final=(*ROBUST.files, ROBUST.summary),
+        command=ROBUST.name, what="search", keys=asked.tree(whole=True), given=asked.tree(),
+        final=(*ROBUST.files, ROBUST.summary),
         summary=ROBUST.summary,
     )  # fmt: skip
     return rows_folder(path, work, rows(asked), overwrite=overwrite)
@@ -189,8 +191,8 @@ def search(path, asked, candidates, *, overwrite):
 
 
 def searched(seeds):
-    asked = read({"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
-    numbers = {**dict.fromkeys(asked.start, 0.5), **dict.fromkeys(NO_SCORES, 1.0), "undershoot_p95_mg_dl": float(seeds)}
+    asked = configured(ROBUST.request, {"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
+    numbers = {**dict.fromkeys(asked.initial, 0.5), **dict.fromkeys(NO_SCORES, 1.0), "undershoot_p95_mg_dl": float(seeds)}
     return asked, [{"candidate": number, "round": 0, **numbers} for number in range(2)]
 
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from glucoloop.storage.trials.stoppable import LEFT_BEHIND, Stoppable, TimeLimitError, left_behind
+from glucoloop.storage.trials.stoppable import UNSTOPPED, Stoppable, TimeLimitError, has_unstopped_work
 
 
 class Work:
@@ -31,9 +31,9 @@ def work(request):
     yield work
     work.goes_on.set()
     for thread in threading.enumerate():
-        if thread.name == LEFT_BEHIND:
+        if thread.name == UNSTOPPED:
             thread.join(5)
-    assert not left_behind()
+    assert not has_unstopped_work()
 
 
 def test_answers_and_errors_are_those_of_the_work():
@@ -46,7 +46,7 @@ def test_time_limit_ends_the_work(work):
     with pytest.raises(TimeLimitError):
         Stoppable(work.stop, 0.05).run(work)
     assert work.asked
-    assert left_behind() == work.deaf
+    assert has_unstopped_work() == work.deaf
 
 
 def test_time_limit_is_for_all_pieces_together(work):
@@ -77,4 +77,4 @@ def test_interrupt_ends_the_work(work):
         Stoppable(work.stop).run(work)
     presses.join()
     assert work.asked
-    assert left_behind() == work.deaf
+    assert has_unstopped_work() == work.deaf

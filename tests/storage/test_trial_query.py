@@ -14,7 +14,7 @@ from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.query import trial_tables
 from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import compute_shard
-from glucoloop.storage.trials.stoppable import LEFT_BEHIND
+from glucoloop.storage.trials.stoppable import UNSTOPPED
 
 SUMMARY = {
     "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}
@@ -151,7 +151,7 @@ def test_question_that_takes_too_long_is_ended_and_leaves_nothing(finished, tmp_
         tables.ask(sql, timeout_s=0.1)
     assert not list(tmp_path.glob("glucoloop-query-*"))
     for thread in threading.enumerate():  # what is left of the deaf one, before the next test
-        if thread.name == LEFT_BEHIND:
+        if thread.name == UNSTOPPED:
             thread.join()
 
 

@@ -160,7 +160,7 @@ def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
         ({"objectives": ["peak-p95", "peak-p95"]}, "give two objectives that differ"),
         ({"objectives": ["peak-p95", "peaks"]}, "unknown objective 'peaks'"),
         ({"at_most": ["peak-p95=mpc"]}, "'mpc' is neither a number nor a controller that stands beside: mpc-se"),
-        ({"at_most": ["peaks=1"]}, "at_most is 'peaks=1': unknown objective 'peaks'"),
+        ({"at_most": ["peaks=1"]}, "--at-most is 'peaks=1': unknown objective 'peaks'"),
         ({"check_people_seed": 424242}, "people are drawn with the seed 424242 for the search and for the check"),
         ({"check_first_seed": 900_039}, "the noise of seed 900039 is met in the search and in the check"),
     ],

@@ -14,13 +14,13 @@ from typing import Final, NoReturn
 
 import glucoloop
 from glucoloop.cli.command import Command
-from glucoloop.cli.interrupts import heeded
+from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
 from glucoloop.cli.results import forgotten
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.studies.catalogue import CARRY_ON, LIMITS, SAFETY, SIMULATE, STUDIES, CommandEntry
+from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
 _ALLOW_CODE: Final = "--allow-code"
 _HELP: Final = ("-h", "--help")
@@ -31,19 +31,17 @@ _INTRO: Final = (
 )
 
 
-_MODELS: Final = "People and models"
 _RESULTS: Final = "Results"
 COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
-    "list": CommandEntry("glucoloop.cli.listing:LIST", _MODELS, "List all parts, and the settings of each."),
-    "identify": CommandEntry("glucoloop.cli.identify:IDENTIFY", _MODELS, "Identify a model, also from your own CSV."),
+    "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
     "query": CommandEntry("glucoloop.cli.query:QUERY", _RESULTS, "Query the folder of a trial in SQL."),
     "reproduce": CommandEntry(
         "glucoloop.cli.reproduce:REPRODUCE", _RESULTS, "Reproduce a published study, number by number."
     ),
 }
-_GROUPS: Final = (SIMULATE, _MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
+_GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
 
 
 def names() -> list[str]:
@@ -90,16 +88,16 @@ def _main(arguments: list[str]) -> NoReturn:
         mistake("an argument holds a NUL character, which no name or number does; leave it out")
     code = 0
     try:
-        with heeded():
+        with catching_interrupts():
             code = _carried_out(arguments)
     except KeyboardInterrupt:
         interrupted()
     except Exception as error:
-        told = sentence(error)
-        if told is None:
+        message = sentence(error)
+        if message is None:
             error.add_note(BUG)
             raise
-        mistake(told)
+        mistake(message)
     sys.exit(code)
 
 
@@ -162,14 +160,14 @@ def program() -> None:
     try:
         main()
     except SystemExit as leaving:
-        if leaving.code != 130 and not _left_behind():
+        if leaving.code != 130 and not _has_unstopped_work():
             raise
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(leaving.code if isinstance(leaving.code, int) else 0)
 
 
-def _left_behind() -> bool:
+def _has_unstopped_work() -> bool:
     """Whether a query was left behind that does not stop."""
     module = sys.modules.get("glucoloop.storage.trials.stoppable")
-    return module is not None and bool(module.left_behind())
+    return module is not None and bool(module.has_unstopped_work())

@@ -38,10 +38,10 @@ def cache_folder() -> Path | None:
     """Folder of compiled programs; None where the environment switches it off."""
     import platformdirs
 
-    told = os.environ.get(VARIABLE, "").strip()
-    if told.lower() == OFF:
+    value = os.environ.get(VARIABLE, "").strip()
+    if value.lower() == OFF:
         return None
-    return Path(told) if told else Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled"
+    return Path(value) if value else Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled"
 
 
 @functools.cache

@@ -34,10 +34,10 @@ class Computing:
 
 def computing(typed: Given) -> Computing:
     """The place of the computation."""
-    told, dask = typed.get(WORKERS.key), typed.get(DASK.key)
-    workers = int(told) if told is not None and told.isascii() and told.isdigit() and len(told) < _DIGITS else None
-    if told is not None and (workers is None or not 1 <= workers <= _MOST_WORKERS):
-        raise Refusal(f"--workers is {told}; give a whole number from 1 to {_MOST_WORKERS}")
+    given, dask = typed.get(WORKERS.key), typed.get(DASK.key)
+    workers = int(given) if given is not None and given.isascii() and given.isdigit() and len(given) < _DIGITS else None
+    if given is not None and (workers is None or not 1 <= workers <= _MOST_WORKERS):
+        raise Refusal(f"--workers is {given}; give a whole number from 1 to {_MOST_WORKERS}")
     if dask is not None and dask != "local" and "://" not in dask:
         raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
     if dask not in (None, "local") and workers is not None:
@@ -77,8 +77,8 @@ def _begun(trial: Trial) -> str:
     labels = ", ".join(case.label for case in trial.cases)
     which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]
-    told = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
-    return f"{told}; a decision of {' and of '.join(slow)} takes long." if slow else f"{told}."
+    begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
+    return f"{begun}; a decision of {' and of '.join(slow)} takes long." if slow else f"{begun}."
 
 
 def _simulator(trial: Trial, threads: int | None, done: Callable[[int], None]) -> Simulate:

@@ -33,7 +33,6 @@ from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_resul
 from glucoloop.printable import how_many
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.studies.study import (
-    Module,
     PlainModule,
     PlainStudy,
     SearchModule,
@@ -68,15 +67,15 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     if isinstance(study, TrialStudy):
         computed = (WORKERS, *((DASK,) if study.on_clusters else ()))
     if isinstance(study, PlainStudy):
-        output, kept = OUTPUT if study.keeps_files else (JSON,), {}
+        output, help_of_output = OUTPUT if study.keeps_files else (JSON,), {}
     else:
         output = OUTPUT
-        kept = {
+        help_of_output = {
             "out": f"Folder of {study.what}; an unfinished one is resumed.",
             "overwrite": "Begin again in the folder.",
         }
     rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
-    words = {**study.words, "help": {**kept, **study.words.get("help", {})}, "rare": rare}
+    words = {**study.words, "help": {**help_of_output, **study.words.get("help", {})}, "rare": rare}
     mmol = (MMOL,) if study.in_mmol else ()
     return tuple(reworded((*options, *short, *computed, *output, *mmol), **words))
 
@@ -147,7 +146,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     found = carried_out(trial_folder(out, trial, overwrite=output.overwrite, work=work), finish)
     files = paths_of(work, out)
     written = f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
-    _tell(module, asked, found, output, files, written=written)
+    _tell(study, module, asked, found, output, files, written=written)
 
 
 def _shown(study: Study, output: Output) -> dict[str, bool]:
@@ -163,7 +162,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
 
-    kept = module.rows(asked)
+    row_kind = module.rows(asked)
 
     def finish(folder: RowsFolder[Any] | None) -> Findings:
         if folder is not None and folder.finished:
@@ -171,7 +170,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         with stage("Preparing"):
             search = module.search(asked)
         rows = [] if folder is None else folder.rows
-        with counted(kept.wanted, len(rows), kept.what) as more:
+        with counted(row_kind.wanted, len(rows), row_kind.what) as more:
             for row in search.missing(rows[:]):
                 rows.append(row) if folder is None else folder.add(row)
                 more(1)
@@ -183,11 +182,11 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         return found
 
     if out is None:
-        _tell(module, asked, finish(None), output, {})
+        _tell(study, module, asked, finish(None), output, {})
         return
     work = _work(study, "search", asked, study.extent)
-    found = carried_out(rows_folder(out, work, kept, overwrite=output.overwrite), finish)
-    _tell(module, asked, found, output, paths_of(work, out, kept.file))
+    found = carried_out(rows_folder(out, work, row_kind, overwrite=output.overwrite), finish)
+    _tell(study, module, asked, found, output, paths_of(work, out, row_kind.file))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
@@ -208,7 +207,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
             for name, data in made.items():
                 folder.write(name, data)
             files = folder.paths()
-    _tell(module, asked, found, output, files, written=None if study.keeps_files else "")
+    _tell(study, module, asked, found, output, files, written=None if study.keeps_files else "")
     if found.plain.get("interrupted"):
         amount, unit = module.amount(asked), study.unit
         interrupted(
@@ -227,12 +226,23 @@ def _progress(study: PlainStudy, module: PlainModule, asked: Any) -> Iterator[Ca
 
 
 def _tell(
-    module: Module, asked: Any, found: Findings, output: Output, files: Mapping[str, str], *, written: str | None = None
+    study: Study,
+    module: Any,
+    asked: Any,
+    found: Findings,
+    output: Output,
+    files: Mapping[str, str],
+    *,
+    written: str | None = None,
 ) -> None:
-    """Print what was found: as JSON, or as tables and sentences, and the place of the files."""
+    """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
     notes = tuple(found.plain.get("notes", ()))
-    tables = () if output.json else module.tables(asked, found)
-    lines = () if output.json else (*module.sentences(asked, found), *notes)
-    if output.mmol and not output.json:
-        lines = (*lines, *module.mmol_lines(found))  # type: ignore[attr-defined]
-    tell_results(output, found.plain, files, tables, lines, notes=notes, written=written)
+    if output.json:
+        tell_results(output, found.plain, files, (), (), notes=notes)
+        return
+    mmol = module.mmol_lines(found) if output.mmol else ()
+    lines = (*module.sentences(asked, found), *notes, *mmol)
+    tell_results(output, found.plain, files, module.tables(asked, found), lines, written=written)
+    if study.says_how_to_go_on:
+        for line in module.how_to_go_on(found, files):
+            print(line)

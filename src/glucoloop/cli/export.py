@@ -12,8 +12,8 @@ from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given
 from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.screen import note, stage
 from glucoloop.refusal import Refusal
-from glucoloop.situations.doubts import boluses_into_a_vein
 from glucoloop.situations.request import asked_for, read_root
+from glucoloop.situations.warnings import boluses_into_a_vein
 from glucoloop.studies.exported import Export
 
 HELP: Final = (
@@ -54,7 +54,7 @@ def _export(typed: Given) -> None:
             written = write(asked, folder)
         files = folder.paths()
     if output.json:
-        from glucoloop.cli.telling import print_json
+        from glucoloop.cli.printing import print_json
 
         print_json(report(written), files, ())
     else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.cli.telling import where_written
+from glucoloop.cli.printing import where_written
 from glucoloop.control import Controller
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
@@ -131,8 +131,8 @@ def check(asked: Export, folder: Path) -> list[Rung]:
 
 def _same_file(exported: Exported, folder: Path) -> Rung:
     name = "the design of the folder gives its C file again"
-    there = read_text(folder / "controller.c", "a controller")
-    if there == exported.source.code:
+    written = read_text(folder / "controller.c", "a controller")
+    if written == exported.source.code:
         return Rung(name, True, f"design {exported.source.design[:16]}", {})
     return Rung(name, False, "controller.c is another file than the one that this version of glucoloop writes", {})
 

@@ -9,26 +9,26 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-_asked = threading.Event()
+_interrupted = threading.Event()
 
 
 @contextlib.contextmanager
-def heeded() -> Iterator[None]:
-    """Raise KeyboardInterrupt on Ctrl-C, and remember it for `leave_if_asked`."""
+def catching_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt on Ctrl-C, and remember it for `raise_if_interrupted`."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame
-        _asked.set()
+        _interrupted.set()
         raise KeyboardInterrupt
 
     def tell(swallowed: sys.UnraisableHookArgs) -> None:
         if not issubclass(swallowed.exc_type, KeyboardInterrupt):
             hook(swallowed)
 
-    _asked.clear()
+    _interrupted.clear()
     hook, sys.unraisablehook = sys.unraisablehook, tell
     before = signal.signal(signal.SIGINT, interrupt)
     try:
@@ -38,7 +38,7 @@ def heeded() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
-def leave_if_asked() -> None:
+def raise_if_interrupted() -> None:
     """Raise KeyboardInterrupt if one was swallowed: Python ignores what is raised in a garbage collector's callback."""
-    if _asked.is_set():
+    if _interrupted.is_set():
         raise KeyboardInterrupt

@@ -22,11 +22,7 @@ HELP: Final = (
 _WIDEST: Final = 100
 _REQUESTS: Final = {
     "case": "glucoloop.situations.case:Case",
-    "run": "glucoloop.situations.run:Run",
-    "compare": "glucoloop.cli.run:Comparison",
-    "trial": "glucoloop.cohorts.trial:Trial",
     "export": "glucoloop.studies.exported:Export",
-    "hil": "glucoloop.studies.hardware:Hil",
     **{name: f"{entry.place}.request" for name, entry in STUDIES.items()},
 }
 """Places of the settings that are listed by the name of a command."""

@@ -47,19 +47,19 @@ def sentence(error: BaseException) -> str | None:
     return str(error) if isinstance(error, Refusal) else None
 
 
-def mistake(told: str) -> NoReturn:
+def mistake(message: str) -> NoReturn:
     """Print a sentence and exit with code 2."""
-    told = printable(told)
-    if len(told) > _LONGEST:  # somebody's value; what is to be done about it stands at the end
-        told = f"{told[: _LONGEST // 2]} ... {told[-_LONGEST // 2 :]}"
-    end = "" if told.endswith(("?", ".")) else "."
-    print(f"glucoloop: {told}{end}", file=sys.stderr)
+    message = printable(message)
+    if len(message) > _LONGEST:  # somebody's value; what is to be done about it stands at the end
+        message = f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
+    end = "" if message.endswith(("?", ".")) else "."
+    print(f"glucoloop: {message}{end}", file=sys.stderr)
     sys.exit(2)
 
 
-def interrupted(told: str | None = None) -> NoReturn:
+def interrupted(message: str | None = None) -> NoReturn:
     """Exit after Ctrl-C."""
-    print(f"glucoloop: {told or _with_results('interrupted')}.", file=sys.stderr)
+    print(f"glucoloop: {message or _with_results('interrupted')}.", file=sys.stderr)
     # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
     # nobody had caught it. The next exec takes the mark away.
     exec("")
@@ -72,15 +72,15 @@ def _of_the_system(error: OSError) -> str | None:
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    own = mend(error)
-    ways = " or ".join(filter(None, (own, "choose another place" if own or error.filename else "")))
+    remedy = mend(error)
+    ways = " or ".join(filter(None, (remedy, "choose another place" if remedy or error.filename else "")))
     return _with_results(f"{where}{error.strerror}") + (f"; {ways}" if ways else "")
 
 
-def _with_results(told: str) -> str:
+def _with_results(message: str) -> str:
     """Sentence with the state of the results appended, if it is known."""
     known = results.known()
-    return told if known is None else f"{told}, {known}"
+    return message if known is None else f"{message}, {known}"
 
 
 def _is_of_jax(error: BaseException, said: str) -> bool:

@@ -60,7 +60,7 @@ def _option_of(setting: Setting) -> CommandOption | None:
         panel=about.panel,
         metavar=None if setting.kind is bool else about.metavar or _metavar(setting),
         many=setting.many,
-        default=_told(setting) or about.default,
+        default=_default_in_words(setting) or about.default,
         rare=about.rare,
         alone=about.alone,
         setting=setting,
@@ -83,7 +83,7 @@ def _metavar(setting: Setting) -> str:
     )
 
 
-def _told(setting: Setting) -> str:
+def _default_in_words(setting: Setting) -> str:
     """The default in words; empty where it goes without saying: none, off, or an empty list."""
     default = setting.default.noise_free
     if default is None or isinstance(default, bool | Part) or default == ():
@@ -106,7 +106,7 @@ def without(options: Iterable[CommandOption], keys: Container[str]) -> tuple[Com
 def reworded(options: Iterable[CommandOption], **words: Mapping[str, Any]) -> Iterator[CommandOption]:
     """Options with other texts by key, in place of some of theirs: ``help={"people": "Number of people."}``."""
     for option in options:
-        texts: dict[str, Any] = {field: of[option.key] for field, of in words.items() if option.key in of}
+        texts: dict[str, Any] = {field: by_key[option.key] for field, by_key in words.items() if option.key in by_key}
         yield dataclasses.replace(option, **texts)
 
 

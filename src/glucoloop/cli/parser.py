@@ -93,8 +93,8 @@ class Parser(argparse.ArgumentParser):
             if not word.startswith("-"):
                 raise Refusal(f"{self.prog} takes no argument {word!r}; {see}")
             near = difflib.get_close_matches(word, [option.flag for option in self._options], n=1)
-            told = self._put_otherwise(word) or (f"did you mean {near[0]}?" if near else see)
-            raise Refusal(f"there is no option {word}; {told}")
+            advice = self._put_otherwise(word) or (f"did you mean {near[0]}?" if near else see)
+            raise Refusal(f"there is no option {word}; {advice}")
         lacking = re.match(r"argument (\S+?)(?:/\S+)?: expected one argument", message)
         if lacking is not None:
             raise Refusal(f"{lacking[1]} has no value; give one after it")
@@ -134,14 +134,14 @@ class Parser(argparse.ArgumentParser):
             else:
                 lines += [*textwrap.wrap(paragraph, width, **_WRAP), ""]
         lines += [*examples, ""] if examples else []
-        told = [option for option in self._options if not option.rare]
-        panels = dict.fromkeys(option.panel for option in told if option.flag.startswith("-"))
-        own = [panel for panel in panels if panel not in PANELS]
+        shown = [option for option in self._options if not option.rare]
+        panels = dict.fromkeys(option.panel for option in shown if option.flag.startswith("-"))
+        further = [panel for panel in panels if panel not in PANELS]
         if arguments:
             lines += ["Arguments:", *(line for option in arguments for line in _lines(option, width)), ""]
-        for panel in (*own, *(panel for panel in PANELS if panel in panels)):
+        for panel in (*further, *(panel for panel in PANELS if panel in panels)):
             lines.append(f"{panel}:")
-            for option in told:
+            for option in shown:
                 if option.panel == panel and option.flag.startswith("-"):
                     lines += _lines(option, width)
             lines.append("")

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from glucoloop.cli.interrupts import leave_if_asked
+from glucoloop.cli.interrupts import raise_if_interrupted
 
 BETWEEN_LINES_S: Final = 10.0
 _REMEMBERED_S: Final = 30.0
@@ -42,7 +42,7 @@ def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], No
 
         def more(number: float) -> None:
             nonlocal done
-            leave_if_asked()
+            raise_if_interrupted()
             now, done = time.monotonic(), done + number
             remembered.append((now, done))
             while len(remembered) > 2 and remembered[0][0] < now - _REMEMBERED_S:
@@ -51,7 +51,7 @@ def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], No
             show(done, (done - then) / max(now - since, 1e-9))
 
         yield more
-    leave_if_asked()
+    raise_if_interrupted()
 
 
 @contextlib.contextmanager
@@ -60,17 +60,17 @@ def _bar(total: int, before: int, what: str) -> Iterator[_Shown]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[text]}"),
         BarColumn(),
         TextColumn("{task.percentage:.0f} %"),
         TimeRemainingColumn(compact=True),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=total - before, told=f"{before} of {total} {what}")
+        task = progress.add_task(what, total=total - before, text=f"{before} of {total} {what}")
 
         def show(done: float, rate: float) -> None:
-            told = f"{int(done)} of {total} {what}, {_told(rate)} {what}/s"
-            progress.update(task, completed=done - before, told=told)
+            text = f"{int(done)} of {total} {what}, {_rate_text(rate)} {what}/s"
+            progress.update(task, completed=done - before, text=text)
 
         yield show
 
@@ -85,12 +85,12 @@ def _lines(total: int, what: str) -> Iterator[_Shown]:
             return
         last = time.monotonic()
         left = f"{_duration((total - done) / rate)} left" if rate else "waiting"
-        print(f"{int(done)} of {total} {what}, {_told(rate)} {what}/s, {left}", file=sys.stderr)
+        print(f"{int(done)} of {total} {what}, {_rate_text(rate)} {what}/s, {left}", file=sys.stderr)
 
     yield show
 
 
-def _told(rate: float) -> str:
+def _rate_text(rate: float) -> str:
     return f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
 
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, OUT, OVERWRITE, CommandOption, Given, options_of, reworded
+from glucoloop.cli.printing import print_json, where_written
 from glucoloop.cli.request import request_of
 from glucoloop.cli.screen import show, stages
-from glucoloop.cli.telling import print_json, where_written
 from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for

@@ -23,7 +23,7 @@ _OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
 _ELSEWHERE: Final = ("workers", "dask")
 """Options on the place of the computation, which are no part of what is asked for."""
 _NOT_FILLED_IN: Final = ("settled.", "model.path", "data")
-"""What is used of a file and does not follow from what it leaves out: designs, and paths from its folder."""
+"""Keys of a file that do not follow from what it leaves out: designs, and paths from its folder."""
 _EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 _RECORD: Final = ("data", "method", "max_gap_min", "basal_insulin_mU_min", "not_from_rest")
 _EXCLUDING: Final = {
@@ -169,7 +169,7 @@ def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
     return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
-def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
+def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     """Controllers of the command line in place of those of the file, or over the one that is there."""
     named = [NAME in case for case in given_cases]
     if given_cases and all(named):
@@ -177,12 +177,12 @@ def _cases(there: Any, given_cases: list[Tree]) -> list[Tree]:
     where = "--controller"
     if not given_cases:
         raise Refusal(f"{where} none leaves no controller; name one, like basal")
-    tables = as_tables(there, "controller")
+    tables = as_tables(in_file, "controller")
     if len(given_cases) > 1 and (any(named) or len(tables) != 1):
         raise Refusal(f"{where} is given {len(given_cases)} times, once without a name; name the controller")
     tables = tables or [{}]
     if len(tables) > 1:
-        labels = ", ".join(str(plain(of.get("label", of.get(NAME)))) for of in tables)
+        labels = ", ".join(str(plain(table.get("label", table.get(NAME)))) for table in tables)
         raise Refusal(
             f"{where}: the settings name no controller, and there are several ({labels}); write --set "
             "controller.LABEL.setting=value"

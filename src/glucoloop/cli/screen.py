@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.cli.interrupts import leave_if_asked
+from glucoloop.cli.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +22,7 @@ def stage(text: str) -> Iterator[None]:
     """Show a spinner with a text during the block, on a terminal only."""
     with _line(text):
         yield
-    leave_if_asked()
+    raise_if_interrupted()
 
 
 @contextlib.contextmanager
@@ -31,7 +31,7 @@ def stages(first: str) -> Iterator[Callable[[str], None]]:
     with _line(first) as update:
 
         def done(what: str) -> None:
-            leave_if_asked()
+            raise_if_interrupted()
             update(f"Done: {what} ...")
 
         yield done

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from glucoloop.cli.mistakes import interrupted
+from glucoloop.cli.printing import print_json, where_written
 from glucoloop.cli.request import Output
 from glucoloop.cli.screen import note, show
-from glucoloop.cli.telling import print_json, where_written
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:

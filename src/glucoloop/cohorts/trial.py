@@ -18,7 +18,7 @@ from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
-from glucoloop.situations.run import Loops, refuse_parts_of_samples
+from glucoloop.situations.run import ControlledSituation, refuse_parts_of_samples
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _traces(told: object) -> Literal["none", "all"] | int:
     raise Refusal("give none, all, or the number of people whose traces are kept")
 
 
-class Trial(Loops):
+class Trial(ControlledSituation):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
     Every person starts at rest at the target.

@@ -222,7 +222,8 @@ class Setting:
         )
         huge = about.finite and about.at_most == about.below == math.inf and LARGEST < size < math.inf
         mend = f"a number of a size up to {LARGEST:g}" if huge else self.about.possible(self.kind, self.unit)
-        return f"{self.name} is {shown(value)}{unit}; give {mend}{meant}"
+        timed = ", or a time with its unit, like 1.5h" if isinstance(value, str) and self.unit == "min" else ""
+        return f"{self.name} is {shown(value)}{unit}; give {mend}{timed}{meant}"
 
     def _looks_like(self, value: Any) -> str | None:
         return None if self.about.quantity is None else self.about.quantity.looks_like(value)

@@ -22,7 +22,7 @@ MOST_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 
 
-class Loops(Situation):
+class ControlledSituation(Situation):
     """A situation with the controllers that act in it."""
 
     kind: ClassVar = "situation"
@@ -120,7 +120,7 @@ class Loops(Situation):
         self.ask_about_pump()
 
 
-class Run(Loops):
+class Run(ControlledSituation):
     """Controllers in one situation, on one person."""
 
     kind: ClassVar = "run"

@@ -80,7 +80,7 @@ def kind(path: Path) -> str:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    return next((told for is_one, told in _KINDS if is_one(mode)), "something that is no file")
+    return next((description for is_one, description in _KINDS if is_one(mode)), "something that is no file")
 
 
 def is_file(path: Path) -> bool:
@@ -98,11 +98,11 @@ def names(folder: Path) -> list[str]:
     return sorted(os.listdir(folder)) if is_folder(folder) else []
 
 
-def is_part(name: str, *of: str) -> bool:
+def is_part(name: str, *names: str) -> bool:
     """Whether a dead process left a file of this name unfinished or half removed, of given names or of any."""
     if not (name.startswith(".") and name.endswith(PART)):
         return False
-    return not of or name[1 : -len(PART)] in of
+    return not names or name[1 : -len(PART)] in names
 
 
 def part_of(path: Path) -> Path:
@@ -202,10 +202,10 @@ def remove(path: Path) -> None:
 
     A link is removed, and not its target.
     """
-    there = kind(path)
-    if not there:
+    found = kind(path)
+    if not found:
         return
-    if there != _FOLDER:
+    if found != _FOLDER:
         os.unlink(path)
         return
     if not is_part(path.name):
@@ -333,14 +333,14 @@ def _whose(lock: Path) -> str:
 
 
 def _is(path: Path, wanted: str) -> bool:
-    there = kind(path)
-    if there not in ("", wanted):
-        raise _refused(path, there, wanted)
-    return bool(there)
+    found = kind(path)
+    if found not in ("", wanted):
+        raise _refused(path, found, wanted)
+    return bool(found)
 
 
-def _refused(path: Path, there: str, wanted: str) -> Refusal:
-    return Refusal(f"{path} is {there}, not {wanted}; move it away and run the same command again")
+def _refused(path: Path, found: str, wanted: str) -> Refusal:
+    return Refusal(f"{path} is {found}, not {wanted}; move it away and run the same command again")
 
 
 @contextlib.contextmanager

@@ -49,11 +49,11 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             disk.recover(place)
             _refuse_taken(path, place, overwrite=overwrite)
         except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, in Python before 3.13
-            told, own = "it is a loop of symbolic links", ""
+            reason, remedy = "it is a loop of symbolic links", ""
             if isinstance(error, OSError):
-                told, own = str(error.strerror), disk.mend(error)
-            ways = " or ".join(filter(None, (own, "choose another with --out")))
-            raise Refusal(f"the output folder {path} cannot be made: {told}; {ways}") from None
+                reason, remedy = str(error.strerror), disk.mend(error)
+            ways = " or ".join(filter(None, (remedy, "choose another with --out")))
+            raise Refusal(f"the output folder {path} cannot be made: {reason}; {ways}") from None
         folder = OutputFolder(path)
         yield folder
         _refuse_taken(path, place, overwrite=overwrite)
@@ -61,11 +61,11 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
 
 
 def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
-    there = disk.kind(place)
-    if not there:
+    found = disk.kind(place)
+    if not found:
         return
-    if there != "a folder":
-        raise Refusal(f"{path} is {there}, not a folder; choose another place with --out")
+    if found != "a folder":
+        raise Refusal(f"{path} is {found}, not a folder; choose another place with --out")
     if Path.cwd().is_relative_to(place):
         raise Refusal(f"{path} is the folder you are in, which cannot be replaced; choose another with --out")
     try:

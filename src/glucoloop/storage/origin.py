@@ -24,15 +24,15 @@ class Origin:
     """Record of `glucoloop.arithmetic.identity`; None if it is gone or damaged."""
 
     @staticmethod
-    def here(config: Mapping[str, Any]) -> Origin:
+    def current(config: Mapping[str, Any]) -> Origin:
         """Origin of work that begins now."""
         given = {key: value for key, value in config.items() if value is not None}
         return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
 
 
-def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
-    """Name, value there and value here of each key of two configurations that differs; cases by their labels."""
-    before, now = _flat(there), _flat(here)
+def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
+    """Name, earlier value and current value of each key of two configurations that differs; cases by their labels."""
+    before, now = _flat(earlier), _flat(current)
     for name in dict.fromkeys([*now, *before]):
         one, other = before.get(name), now.get(name)
         if _text(one) != _text(other):
@@ -44,11 +44,11 @@ def _flat(config: Mapping[str, Any]) -> dict[str, object]:
     found: dict[str, object] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
-            found |= {f"{key}.{name}": of for name, of in _flat(value).items()}
+            found |= {f"{key}.{name}": item for name, item in _flat(value).items()}
         elif key == "controller" and _are_cases(value):
             found["the list of cases"] = ", ".join(str(case["label"]) for case in value)
             for case in value:
-                found |= {f"{name} of case {case['label']!r}": of for name, of in _flat(case).items()}
+                found |= {f"{name} of case {case['label']!r}": item for name, item in _flat(case).items()}
         else:
             found[key] = value
     return found

@@ -45,16 +45,16 @@ def parquet_size(data: bytes) -> ParquetSize:
         meta = _Reader(data[-8 - length : -8]).struct()
         groups = meta.get(_GROUPS, [])
         columns = [column[_META] for group in groups for column in group.get(_COLUMNS, [])]
-        told, folded = ([int(column[field]) for column in columns] for field in (_UNFOLDED, _FOLDED))
+        unfolded, folded = ([int(column[field]) for column in columns] for field in (_UNFOLDED, _FOLDED))
         rows, of_groups = int(meta[_ROWS]), [int(group[_GROUP_ROWS]) for group in groups]
         if min(folded, default=0) < 0 or sum(folded) > len(data):  # pages in common would be walked again and again
             raise ValueError
         found = [_of_pages(data, column) for column in columns]
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, RecursionError):
         raise Refusal("its footer or the header of a page is damaged") from None
-    if rows != sum(of_groups) or min([*of_groups, *told], default=0) < 0:
+    if rows != sum(of_groups) or min([*of_groups, *unfolded], default=0) < 0:
         raise Refusal("its footer contradicts itself")
-    return ParquetSize(rows, sum(map(max, told, found)))
+    return ParquetSize(rows, sum(map(max, unfolded, found)))
 
 
 def _of_pages(data: bytes, column: dict[int, Any]) -> int:

@@ -54,8 +54,8 @@ def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
     for entry in filter(lambda entry: entry.name.endswith(_ENTRY), entries):
         with contextlib.suppress(OSError):
             if _is_whole(entry):
-                told = os.lstat(entry)
-                found.append((told.st_mtime, told.st_size, entry))
+                status = os.lstat(entry)
+                found.append((status.st_mtime, status.st_size, entry))
             else:
                 _remove(entry)
     total = 0

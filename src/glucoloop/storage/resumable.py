@@ -65,7 +65,7 @@ class ResumableFolder(ABC):
 
     `first` are the files that stand in it from the beginning; the very first describes the work. The `results` so far
     are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked for, called `unit` in
-    messages, ``"shards"``, and `here` is the origin of those that are computed now.
+    messages, ``"shards"``, and `origin` is the origin of those that are computed now.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class ResumableFolder(ABC):
         in_parts: bool,
         wanted: int,
         unit: str,
-        here: Origin,
+        origin: Origin,
     ) -> None:
-        self.path, self.work, self.here = path, work, here
+        self.path, self.work, self.origin = path, work, origin
         self.wanted, self.unit = wanted, unit
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
@@ -134,18 +134,18 @@ class ResumableFolder(ABC):
     def begin(self, *, overwrite: bool) -> bool:
         """Read an existing folder or create a new one; returns whether the work is new."""
         self._refuse_foreign()
-        there = disk.is_file(self.path / self._files[0])
-        if there and overwrite and not self._goes_on():
+        exists = disk.is_file(self.path / self._files[0])
+        if exists and overwrite and not self._goes_on():
             self.clear()
-            there = False
-        elif there and not overwrite:
+            exists = False
+        elif exists and not overwrite:
             self._load()
         self._sweep()
-        if not there:
+        if not exists:
             self.notes = ()
             self._forget()
             self._describe()
-        return not there
+        return not exists
 
     def finish(self, files: Mapping[str, bytes]) -> None:
         """Write the files about the whole work, the digests of all files last; see `put_file`."""
@@ -194,24 +194,24 @@ class ResumableFolder(ABC):
 
     def _load(self) -> None:
         """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
-        there = self._read_origin()
-        goes_further = self._refuse_another(there)
+        earlier = self._read_origin()
+        goes_further = self._refuse_another(earlier)
         self._read_done()
         whole = self._is_whole() and not goes_further
-        self._compare_arithmetic(there, whole=whole)
+        self._compare_arithmetic(earlier, whole=whole)
         if not whole:
             # something was taken away, or the work goes further: what rests on it is made again
             disk.remove(self.path / SUMS)
             self._describe()
 
-    def _refuse_another(self, there: Origin) -> bool:
+    def _refuse_another(self, earlier: Origin) -> bool:
         """Refuse another version or configuration; returns whether a key differs that may."""
-        if there.version != self.here.version:
+        if earlier.version != self.origin.version:
             raise Refusal(
-                f"{self.path} was begun by glucoloop {there.version}, and this is {self.here.version}; "
-                f"go on with {there.version}, or choose another folder with --out"
+                f"{self.path} was begun by glucoloop {earlier.version}, and this is {self.origin.version}; "
+                f"go on with {earlier.version}, or choose another folder with --out"
             )
-        differing = list(differences(there.config, self.here.config))
+        differing = list(differences(earlier.config, self.origin.config))
         for name, before, now in differing:
             if name not in self.work.may_change:
                 raise Refusal(
@@ -220,16 +220,16 @@ class ResumableFolder(ABC):
                 )
         return bool(differing)
 
-    def _compare_arithmetic(self, there: Origin, *, whole: bool) -> None:
+    def _compare_arithmetic(self, earlier: Origin, *, whole: bool) -> None:
         """Refuse results of another arithmetic, or of one that is not known; those of whole work are noted."""
-        if there.arithmetic is None:
+        if earlier.arithmetic is None:
             if whole or self.anything_done:
                 raise Refusal(
                     f"{self.path / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
                     "choose another folder with --out, or add --overwrite to begin again"
                 )
             return
-        found = arithmetic.difference(there.arithmetic, self.here.arithmetic or {})
+        found = arithmetic.difference(earlier.arithmetic, self.origin.arithmetic or {})
         if found is None:
             return
         name, before, now = found
@@ -248,8 +248,8 @@ class ResumableFolder(ABC):
         """
         if not disk.is_file(self.path / SUMS):
             return False
-        sums, there = disk.read_sums(self.path), self._digests()
-        for name, digest in there.items():
+        sums, digests = disk.read_sums(self.path), self._digests()
+        for name, digest in digests.items():
             if sums.get(name, digest) != digest:
                 raise Refusal(
                     f"{self.path / name} was changed since glucoloop wrote it; move it away and run the same command "
@@ -259,7 +259,7 @@ class ResumableFolder(ABC):
                 raise Refusal(
                     f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
                 )
-        return sums.keys() == there.keys() >= self._first_files().keys() and self._all_done()
+        return sums.keys() == digests.keys() >= self._first_files().keys() and self._all_done()
 
     def _goes_on(self) -> bool:
         """Whether the folder holds the same work, undamaged and not finished."""
@@ -281,8 +281,8 @@ class ResumableFolder(ABC):
         return {**self._file_digests(), **self._part_digests()}
 
     def _file_digests(self) -> dict[str, str]:
-        there = {name: disk.digest(self.path / name) for name in self._files}
-        return {name: digest for name, digest in there.items() if digest}
+        digests = {name: disk.digest(self.path / name) for name in self._files}
+        return {name: digest for name, digest in digests.items() if digest}
 
     def _refuse_foreign(self) -> None:
         known = {*self._files, self._results, SUMS, LOCK}

@@ -78,9 +78,16 @@ class RowsFolder(ResumableFolder, Generic[R]):
     """A folder of rows that this process may write to; see `rows_folder`."""
 
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
-        first, here = (work.configuration, ARITHMETIC), Origin.here(work.keys)
+        first, origin = (work.configuration, ARITHMETIC), Origin.current(work.keys)
         super().__init__(
-            path, work, first=first, results=kind.file, in_parts=False, wanted=kind.wanted, unit=kind.what, here=here
+            path,
+            work,
+            first=first,
+            results=kind.file,
+            in_parts=False,
+            wanted=kind.wanted,
+            unit=kind.what,
+            origin=origin,
         )
         self.kind = kind
         self.rows: list[R] = []
@@ -96,9 +103,9 @@ class RowsFolder(ResumableFolder, Generic[R]):
         """Add a row; ValueError if the table cannot be written, and the rows that are written stay."""
         self.rows.append(row)
         if time.monotonic() - self._written_s >= self.kind.every_s:
-            self.settle()
+            self.write_pending()
 
-    def settle(self) -> None:
+    def write_pending(self) -> None:
         """Write the rows that are not written yet."""
         if self._written < len(self.rows):
             try:
@@ -109,7 +116,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
             self._written, self._written_s = len(self.rows), time.monotonic()
 
     def _first_files(self) -> dict[str, bytes]:
-        record = (json_text(self.here.arithmetic) + "\n").encode()
+        record = (json_text(self.origin.arithmetic) + "\n").encode()
         return {self.work.configuration: self.work.text.encode(), ARITHMETIC: record}
 
     def _read_origin(self) -> Origin:
@@ -118,7 +125,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
         record: dict[str, str] | None = None
         with contextlib.suppress(ValueError, AttributeError, RecursionError):
             found = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
-            record = {name: str(of) for name, of in found.items()}
+            record = {name: str(value) for name, value in found.items()}
         return Origin(written.version, written.keys if written.used is None else written.used, record)
 
     def _read_done(self) -> None:
@@ -133,7 +140,7 @@ class RowsFolder(ResumableFolder, Generic[R]):
 
     def finish(self, files: Mapping[str, bytes]) -> None:
         """Write the rows, the files about the whole work, and the digests of all files last."""
-        self.settle()
+        self.write_pending()
         super().finish(files)
 
     def _forget(self) -> None:
@@ -148,6 +155,6 @@ def rows_folder(path: Path, work: Work, kind: Rows[R], *, overwrite: bool = Fals
             yield folder
         except BaseException:
             with contextlib.suppress(ValueError):  # the error of the block matters more
-                folder.settle()
+                folder.write_pending()
             raise
-        folder.settle()
+        folder.write_pending()

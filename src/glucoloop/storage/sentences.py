@@ -63,8 +63,8 @@ def _meant(value: object, record: type[BaseModel], key: str) -> str:
     quantity = None if found is None else _quantity_of(found)
     if quantity is None or isinstance(value, bool) or not isinstance(value, int | float):
         return ""
-    told = quantity.looks_like(value)
-    return "" if told is None else f"; {told}"
+    hint = quantity.looks_like(value)
+    return "" if hint is None else f"; {hint}"
 
 
 def _is_branch(part: int | str) -> bool:

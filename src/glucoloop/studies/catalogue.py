@@ -19,6 +19,7 @@ SIMULATE: Final = "Simulate"
 SAFETY: Final = "Safety"
 LIMITS: Final = "Limits of what is possible"
 CARRY_ON: Final = "Carry on"
+MODELS: Final = "People and models"
 STUDIES: Final = {
     "run": CommandEntry("glucoloop.studies.run:RUN", SIMULATE, "Close the loop: controller, virtual patient, meals."),
     "compare": CommandEntry("glucoloop.studies.run:COMPARE", SIMULATE, "Close it with several controllers."),
@@ -27,6 +28,9 @@ STUDIES: Final = {
     ),
     "tune": CommandEntry(
         "glucoloop.studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."
+    ),
+    "identify": CommandEntry(
+        "glucoloop.studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."
     ),
     "stress": CommandEntry(
         "glucoloop.studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."

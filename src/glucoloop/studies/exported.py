@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import glucoloop
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import Option
-from glucoloop.situations.run import Loops
+from glucoloop.situations.run import ControlledSituation
 
 if TYPE_CHECKING:
     from glucoloop.control import Controller
@@ -23,7 +23,7 @@ Form = Annotated[
 ]
 
 
-class Export(Loops):
+class Export(ControlledSituation):
     """A controller in its situation, and the form of its C."""
 
     kind: ClassVar = "export"
@@ -69,6 +69,6 @@ def exported_controller(asked: Any, case: Case, controller: Controller, stepper:
     )
 
 
-def name_of(asked: Loops, case: Case) -> str:
+def name_of(asked: ControlledSituation, case: Case) -> str:
     """Name of the controller of a case, for titles."""
     return f"The controller {case.controller.called}{' with its guard' if case.guard else ''} for {asked.place}"

@@ -78,6 +78,8 @@ class Study:
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
     """Name of the file with everything that was found, as JSON."""
+    says_how_to_go_on: bool = False
+    """Whether the module has ``how_to_go_on(found, files)``: sentences on the use of the files."""
     in_mmol: bool = False
     """Whether glucose is told in mmol/l as well: by ``mmol_lines(found)`` of the module, and by ``mmol`` of `drawn`."""
 

@@ -48,9 +48,9 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
         )
     other = arithmetic.difference(identity, arithmetic.identity())
     if other is not None:
-        name, here, there = other
+        name, ours, theirs = other
         raise Refusal(
-            f"a worker has {name} {there}, and here it is {here}, which does not give the same bits; "
+            f"a worker has {name} {theirs}, and here it is {ours}, which does not give the same bits; "
             "have workers of one kind, with the same libraries and settings, and run the same command again"
         )
     with _designing:  # kept by the process, and made once even where it has several threads
@@ -102,13 +102,13 @@ def library() -> Any:
 @contextlib.contextmanager
 def _silent(logger: str) -> Iterator[None]:
     """Keep a logger from printing tracebacks about a lost scheduler, since the raised error says it."""
-    told = logging.getLogger(logger)
-    before = told.level
-    told.setLevel(logging.CRITICAL)
+    library_logger = logging.getLogger(logger)
+    before = library_logger.level
+    library_logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        told.setLevel(before)
+        library_logger.setLevel(before)
 
 
 @contextlib.contextmanager

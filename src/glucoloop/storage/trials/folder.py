@@ -54,7 +54,7 @@ class TrialFolder(ResumableFolder):
             in_parts=True,
             wanted=trial.shards,
             unit="shards",
-            here=self._header.origin,
+            origin=self._header.origin,
         )
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
@@ -99,15 +99,15 @@ class TrialFolder(ResumableFolder):
 
     def _read_origin(self) -> Origin:
         self._there = read_header(self.path)
-        before, now = (of.libraries.get(TABLES) for of in (self._there, self._header))
+        before, now = (header.libraries.get(TABLES) for header in (self._there, self._header))
         if before != now:
-            told = f"{self.path} was begun with {TABLES} {before}, and this is {now}"
-            self.notes = (f"{told}; tables hold the same, in other bytes.",)
+            difference = f"{self.path} was begun with {TABLES} {before}, and this is {now}"
+            self.notes = (f"{difference}; tables hold the same, in other bytes.",)
         return self._there.origin
 
     def _read_done(self) -> None:
-        there, here = ((of.fingerprint, of.people, of.shards) for of in (self._there, self._header))
-        if there != here:
+        earlier, now = ((header.fingerprint, header.people, header.shards) for header in (self._there, self._header))
+        if earlier != now:
             raise Refusal(
                 f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
@@ -189,8 +189,8 @@ def _identity(header: Header, index: int) -> dict[str, Any]:
 def _whole_shards(folder: Path, header: Header) -> dict[int, dict[str, str]]:
     """Digests of the files of each finished shard, in order; ValueError if one is damaged, or of another trial."""
     _refuse_foreign(folder, header.shards)
-    there = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
-    return {index: _whole_shard(folder, header, index) for index in sorted(there)}
+    indices = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
+    return {index: _whole_shard(folder, header, index) for index in sorted(indices)}
 
 
 def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
@@ -198,26 +198,26 @@ def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
     shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
     try:
         sums = disk.read_sums(place)
-        there = {name: disk.digest(place / name) for name in disk.names(place) if name != SUMS}
+        digests = {name: disk.digest(place / name) for name in disk.names(place) if name != SUMS}
     except ValueError as error:
         raise Refusal(f"{shard} is damaged: {str(error).partition(';')[0]}; {mend}") from None
-    if sums != there or SHARD not in sums:
-        changed = next((name for name in sums if there.get(name) != sums[name]), SUMS)
+    if sums != digests or SHARD not in sums:
+        changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
         raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
-    told = _told(place / SHARD)
+    record = _read_record(place / SHARD)
     for name, value in _identity(header, index).items():
-        if told.get(name) != value:
+        if record.get(name) != value:
             raise Refusal(
-                f"{shard} belongs to something else: its {name} is {told.get(name)}, and that of its place is {value}; "
-                f"{mend}"
+                f"{shard} belongs to something else: its {name} is {record.get(name)}, and that of its place is "
+                f"{value}; {mend}"
             )
-    rows = told.get("rows")
-    if not isinstance(rows, dict) or {SHARD, *rows} != there.keys():
+    rows = record.get("rows")
+    if not isinstance(rows, dict) or {SHARD, *rows} != digests.keys():
         raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
     return sums
 
 
-def _told(place: Path) -> dict[str, Any]:
+def _read_record(place: Path) -> dict[str, Any]:
     try:
         found = json.loads(kept_text(place, "the record of a shard"))
     except (ValueError, RecursionError):
@@ -232,7 +232,7 @@ def _refuse_foreign(folder: Path, shards: float = math.inf) -> None:
         if disk.is_part(name):
             continue
         of_shard = _NUMBER.fullmatch(name) is not None and int(name) < shards
-        foreign = [f"/{of}" for of in disk.names(folder / SHARDS / name) if of not in known] if of_shard else [""]
+        foreign = [f"/{file}" for file in disk.names(folder / SHARDS / name) if file not in known] if of_shard else [""]
         if foreign:
             raise Refusal(
                 f"{folder} holds {SHARDS}/{name}{foreign[0]}, which is no part of a trial; "

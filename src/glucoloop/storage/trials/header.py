@@ -60,8 +60,8 @@ class Header(BaseModel):
 
 def header_of(trial: Trial) -> Header:
     """The header of a trial that begins now."""
-    here = Origin.here(trial.tree(whole=True))
-    identity = here.arithmetic or {}
+    origin = Origin.current(trial.tree(whole=True))
+    identity = origin.arithmetic or {}
     libraries = {name: identity[name] for name in arithmetic.LIBRARIES}
     return Header(
         version=glucoloop.__version__,
@@ -70,7 +70,7 @@ def header_of(trial: Trial) -> Header:
         shards=trial.shards,
         libraries={**libraries, TABLES: pl.__version__},
         arithmetic={name: value for name, value in identity.items() if name not in libraries},
-        config=dict(here.config),
+        config=dict(origin.config),
     )
 
 

@@ -26,7 +26,7 @@ from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards,
 from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
-from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, left_behind
+from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, has_unstopped_work
 
 with needed_for("a question in SQL"):
     import duckdb
@@ -90,9 +90,9 @@ class TrialTables:
             raise Refusal(_refusal(error)) from None
         work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
 
-        def part(of: Callable[[], Any]) -> _Rows:
+        def part(query: Callable[[], Any]) -> _Rows:
             try:
-                return work.run(lambda: of().fetchmany(_ROWS))
+                return work.run(lambda: query().fetchmany(_ROWS))
             except TimeLimitError:
                 raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
@@ -104,7 +104,7 @@ class TrialTables:
                 found = part(lambda: self._connection)
 
         first = part(lambda: self._connection.execute(statements[0]))
-        return Answer([of[0] for of in self._connection.description], rows(first))
+        return Answer([column[0] for column in self._connection.description], rows(first))
 
     def _only_reads(self, statement: Any) -> bool:
         """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
@@ -162,7 +162,7 @@ def _connected() -> Iterator[Any]:
     try:
         yield connection
     finally:
-        if not left_behind():
+        if not has_unstopped_work():
             connection.close()
 
 
@@ -201,9 +201,9 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
     }
     views = {}
     for name, (columns, files, grouped) in tables.items():
-        there = ", ".join("'" + str(file).replace("'", "''") + "'" for file in files if file.exists())
-        if there:
-            views[name] = f"select {columns} from read_parquet([{there}]) {grouped}"
+        sources = ", ".join("'" + str(file).replace("'", "''") + "'" for file in files if file.exists())
+        if sources:
+            views[name] = f"select {columns} from read_parquet([{sources}]) {grouped}"
     return views
 
 
@@ -223,8 +223,8 @@ def _summary(connection: Any, folder: Path) -> None:
     columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
     called = [name.replace('"', '""') for name in columns]
     kinds = ["varchar"] * 2 + ["double"] * (len(columns) - 2)
-    told = ", ".join(f'"{name}" {kind}' for name, kind in zip(called, kinds, strict=True))
-    connection.execute(f"create table summary ({told})")
+    typed_columns = ", ".join(f'"{name}" {kind}' for name, kind in zip(called, kinds, strict=True))
+    connection.execute(f"create table summary ({typed_columns})")
     marks = ", ".join("?" * len(columns))
     connection.executemany(
         f"insert into summary values ({marks})", [[row.get(name) for name in columns] for row in rows]

@@ -133,13 +133,13 @@ def _trace_tables(
         glucose, insulin = result.glucose_mg_dl, result.insulin_mU_min
         if glucose is None or insulin is None:
             raise TypeError("traces were asked for, but the engine gave none")
-        kept = result.person[traced]
-        after = np.full((1, kept.size), np.nan, np.float32)  # no dose follows the end
+        traced_people = result.person[traced]
+        after = np.full((1, traced_people.size), np.nan, np.float32)  # no dose follows the end
         table = pl.DataFrame(
             {
-                "person": np.repeat(kept, t_min.size),
-                "controller": pl.repeat(label, kept.size * t_min.size, eager=True),
-                "t_min": np.tile(t_min, kept.size),
+                "person": np.repeat(traced_people, t_min.size),
+                "controller": pl.repeat(label, traced_people.size * t_min.size, eager=True),
+                "t_min": np.tile(t_min, traced_people.size),
                 "glucose_mg_dl": glucose[:, traced].astype(np.float32).ravel("F"),
                 "insulin_mU_min": np.concatenate([insulin[:, traced].astype(np.float32), after]).ravel("F"),
             }

@@ -19,7 +19,7 @@ GRACE_S: Final = 0.5
 """Time to wait for work that was asked to stop."""
 _AGAIN_S: Final = 0.02
 _LOOK_S: Final = 0.05
-LEFT_BEHIND: Final = "glucoloop left this behind"
+UNSTOPPED: Final = "glucoloop left this behind"
 """Name of a thread that did not stop."""
 
 
@@ -61,7 +61,7 @@ class Stoppable(Generic[T]):
                 self._stop()
                 wait([answer], _AGAIN_S)
             if thread.is_alive() and not answer.done():
-                thread.name = LEFT_BEHIND
+                thread.name = UNSTOPPED
             raise
         return answer.result()
 
@@ -70,6 +70,6 @@ class Stoppable(Generic[T]):
             raise TimeLimitError
 
 
-def left_behind() -> bool:
+def has_unstopped_work() -> bool:
     """Whether there is work that did not stop and for which the end of the process would wait."""
-    return any(thread.name == LEFT_BEHIND for thread in threading.enumerate())
+    return any(thread.name == UNSTOPPED for thread in threading.enumerate())

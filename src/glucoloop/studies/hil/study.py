@@ -151,14 +151,14 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
 
 
 @dataclass(frozen=True)
-class OnHardware(run_study.Loops):
+class OnHardware(run_study.ClosedLoops):
     """The loop, with what the chip did."""
 
     hardware: HilOutcome | None = None
 
 
 def drawn(asked: Hil, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
-    """What a run has, and the files of the firmware."""
+    """Files of a run and of the firmware."""
     firmware = found.extra.hardware.firmware()
     return {**run_study.drawn(asked, found, mmol=mmol), **{name: text.encode() for name, text in firmware.items()}}
 

@@ -225,7 +225,7 @@ ROBUST: Final = SearchStudy(
         "rare": dict.fromkeys(
             (
                 *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
-                *("sampler", "top", "announce_meals"),
+                *("prefer", "top", "announce_meals"),
             ),
             True,
         ),

@@ -29,10 +29,9 @@ def notes(asked: Search) -> tuple[str, ...]:
     """Refuse what is missing before anything is drawn; who is left out is known when people are."""
     for name in asked.objectives:
         objective(name)
-    for name, most in asked.bounds:
+    for text, (name, _) in zip(asked.at_most, asked.bounds, strict=True):
         if name not in OBJECTIVES:
-            told = known_names(name, OBJECTIVES)
-            raise Refusal(f"--at-most is '{name}={most}': unknown objective {name!r}; {told}")
+            raise Refusal(f"--at-most is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
     if asked.sampler != "random":
         library()
     return ()

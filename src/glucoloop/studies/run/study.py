@@ -1,4 +1,4 @@
-"""Loops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
+"""ClosedLoops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FILES: Final = {
 
 
 @dataclass(frozen=True)
-class Loops:
+class ClosedLoops:
     """The loops that were closed, by label, and the bound for all of them."""
 
     outcomes: Mapping[str, Outcome]
@@ -76,7 +76,7 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
     if not isinstance(asked, Comparison):
         [outcome] = outcomes.values()
         return findings(outcome, outcome.report(), outcome.notes)
-    loops = Loops(outcomes, bound_of_run(asked) if asked.bound else None)
+    loops = ClosedLoops(outcomes, bound_of_run(asked) if asked.bound else None)
     plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
     if loops.bound is not None:
         plain["bound"] = {
@@ -99,7 +99,7 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
 def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Findings:
     """Findings of one loop."""
     tables = _tables(stored.sample_table(outcome.trace), stored.minute_table(outcome.trace))
-    return Findings({**report, "notes": list(notes)}, tables, Loops({outcome.case.controller.called: outcome}))
+    return Findings({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
 
 
 def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFrame]:
@@ -110,7 +110,7 @@ def _gave_boluses(outcome: Outcome) -> bool:
     return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
 
 
-def _notes_on_bound(asked: Comparison, loops: Loops) -> Iterator[str]:
+def _notes_on_bound(asked: Comparison, loops: ClosedLoops) -> Iterator[str]:
     bound = loops.bound
     if bound is None:
         return
@@ -132,7 +132,7 @@ def _notes_on_bound(asked: Comparison, loops: Loops) -> Iterator[str]:
 
 def tables(asked: Run, found: Findings) -> Iterator[object]:
     """The metrics, one column for each controller, with the distances from the bound."""
-    loops: Loops = found.extra
+    loops: ClosedLoops = found.extra
     metrics = {label: outcome.metrics for label, outcome in loops.outcomes.items()}
     if isinstance(asked, Comparison):
         yield comparison_table(metrics, loops.distances())
@@ -141,7 +141,7 @@ def tables(asked: Run, found: Findings) -> Iterator[object]:
 
 
 def sentences(asked: Run, found: Findings) -> Iterator[str]:
-    """What a clinician would say first of each loop."""
+    """Sentences that a clinician would say first of each loop."""
     if "cases" not in found.plain:
         yield from found.plain["summary"]["sentences"]
         return
@@ -151,7 +151,7 @@ def sentences(asked: Run, found: Findings) -> Iterator[str]:
 
 def mmol_lines(found: Findings) -> Iterator[str]:
     """Glucose of each loop in mmol/l."""
-    loops: Loops = found.extra
+    loops: ClosedLoops = found.extra
     for label, outcome in loops.outcomes.items():
         metrics, setpoint = outcome.metrics, outcome.trace.setpoint_mg_dl
         low, high, target = (
@@ -163,7 +163,7 @@ def mmol_lines(found: Findings) -> Iterator[str]:
 
 def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
     """Page and figure, the models, and the configuration, which names them."""
-    loops: Loops = found.extra
+    loops: ClosedLoops = found.extra
     outcomes, models = loops.outcomes, _models(asked, loops)
     files = {name: text.encode() for name, text in models.values()}
     if isinstance(asked, Comparison):
@@ -196,7 +196,7 @@ def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes
     }
 
 
-def _models(asked: Run, loops: Loops) -> dict[str, tuple[str, str]]:
+def _models(asked: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
     """Name and text of the file of each model, by the label of the case."""
     found = {}
     for number, outcome in enumerate(loops.outcomes.values(), start=1):
@@ -208,7 +208,7 @@ def _models(asked: Run, loops: Loops) -> dict[str, tuple[str, str]]:
     return found
 
 
-def _repeat(asked: Run, loops: Loops, command: str, models: Mapping[str, str]) -> Repeat:
+def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, str]) -> Repeat:
     """Command and configuration that repeat the loops from the folder alone, with the models beside it."""
     used, given = asked.tree(whole=True), asked.tree()
     by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}

@@ -98,7 +98,7 @@ STRESS: Final = TrialStudy(
     module="glucoloop.studies.stress.study",
     request=StressTest,
     words={
-        "default": {"faults": "23 usual ones"},
+        "default": {"faults": "23 usual ones", "days": ""},
         "help": {
             "seed": "The same seed gives the same people, meals and noise.",
             "workers": "Threads that compute.",

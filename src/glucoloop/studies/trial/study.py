@@ -21,7 +21,7 @@ from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.table import Row, lines_table
 from glucoloop.report.trial_report import ranges_pct
-from glucoloop.situations.doubts import boluses_into_a_vein
+from glucoloop.situations.warnings import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.header import read_header

@@ -58,6 +58,8 @@ class Verification(Part):
     def __post_init__(self) -> None:
         if self.person is not None and self.loops is not None:
             raise Refusal("--loops and --person exclude one another; leave one out")
+        if len(set(self.controllers)) < len(self.controllers):
+            raise Refusal(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
         if self.nonsense is not None and self.loops is not None:
             raise Refusal("--loops and --nonsense exclude one another; leave one out")
         if self.nonsense is not None and self.patient != USUAL_PATIENT.name:

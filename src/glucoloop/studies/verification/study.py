@@ -13,8 +13,8 @@ from glucoloop.printable import how_many
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.facts import engine_notes
 from glucoloop.situations.case import Case
-from glucoloop.situations.doubts import boluses_into_a_vein
-from glucoloop.situations.run import Loops
+from glucoloop.situations.run import ControlledSituation
+from glucoloop.situations.warnings import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.verification import Verification, campaign, nonsense
 from glucoloop.studies.verification.campaign import Campaign, met
@@ -25,11 +25,12 @@ _LISTED: Final = 10
 
 
 def notes(asked: Verification) -> tuple[str, ...]:
-    """Sentence on boluses into a vein, where controllers were chosen."""
+    """Sentence on boluses into a vein, where controllers were chosen; what is impossible is refused before it."""
+    asked.definition()
     if asked.nonsense is not None or not asked.controllers:
         return ()
     chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in asked.controllers)
-    return boluses_into_a_vein(Loops(patient=PATIENTS.find(asked.patient).partial({}), controller=chosen))
+    return boluses_into_a_vein(ControlledSituation(patient=PATIENTS.find(asked.patient).partial({}), controller=chosen))
 
 
 def amount(request: Verification) -> int:
@@ -72,7 +73,7 @@ def found(request: Verification, progress: Callable[[int], None]) -> Findings:
 
 _ARM_COLUMNS: Final = (
     Column(name="engine", short="Engine", text=str, left=True),
-    Column(name="loops", short="Loops", text=whole),
+    Column(name="loops", short="ControlledSituation", text=whole),
     Column(name="samples", short="Samples", text=whole),
     Column(name="all_broken", short="Broken", text=whole),
     Column(name="below_60_pct", short="Below 60, %", text=decimals(2), only=lambda row: "below_60_pct" in row),
@@ -96,7 +97,7 @@ def tables(asked: Verification, found: Findings) -> Iterator[FittingTable]:
         rows = [(promise, [{arm["controller"]: arm["broken"][promise] for arm in arms}]) for promise in violations]
         yield terminal_table("Promise", [("", rows)], columns)
         return
-    column = Column(name="loops", short="Loops that broke it", text=whole)
+    column = Column(name="loops", short="ControlledSituation that broke it", text=whole)
     yield terminal_table("Promise", [("", [(promise, [{"loops": n}]) for promise, n in violations.items()])], [column])
     of_guard = {of["controller"]: of for of in found.plain["guarding"]}
     lines: list[Line] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -34,9 +34,15 @@ from glucoloop.identification.record import FROM_ZERO
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
 from glucoloop.refusal import Refusal
+from glucoloop.report import plot_identification, plot_validation
+from glucoloop.report.columns import Column, Line, terminal_table
+from glucoloop.report.print_figure import figure_files
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
+from glucoloop.situations.toml import toml_text
+from glucoloop.storage import tables as stored
 from glucoloop.storage.files import read_text
+from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
 from glucoloop.studies.identification import ModelRequest
@@ -361,3 +367,76 @@ def _in_file(told: str, path: Path) -> str:
     """Sentence of the library with the row as its file has it."""
     words = rf"in row (\d+){re.escape(FROM_ZERO)}"
     return re.sub(words, lambda row: f"in row {int(row[1]) + 1} of {path}, below its first line,", told)
+
+
+# ---------------------------------------------------------------------------------------------- how it is shown
+
+
+def notes(asked: ModelRequest) -> tuple[str, ...]:
+    """Return no sentence; what is to be noted follows from the record and the fit."""
+    return ()
+
+
+def found(asked: ModelRequest, progress: Callable[[str], None]) -> Findings:
+    """Identify a model, and check it."""
+    identified = identify(asked)
+    progress("the model")
+    plain = {**identified.report(), "notes": [*identified.notes, *_warning(identified)]}
+    return Findings(plain, {"record.csv": stored.record_table(identified.record)}, identified)
+
+
+def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
+    """Properties of the model with their units."""
+    columns = [Column(name="value", short="Value", text=str), Column(name="unit", short="Unit", text=str, left=True)]
+    lines: list[Line] = [(name, [{"value": value, "unit": unit}]) for name, value, unit in found.extra.rows()]
+    yield terminal_table("Model", [("", lines)], columns)
+
+
+def sentences(asked: ModelRequest, found: Findings) -> tuple[str, ...]:
+    """Return no sentence; the notes among what was found say all."""
+    return ()
+
+
+def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
+    """Command that uses the model, unless no controller should be designed on it."""
+    identified: Identified = found.extra
+    if "model.json" in files and not identified.model.doubts():
+        yield f"Use it: glucoloop run --model {files['model.json']}{identified.run_hint}"
+
+
+def drawn(asked: ModelRequest, found: Findings) -> dict[str, bytes]:
+    """The model, the record as it was given, the pictures, and the configuration, which names the record."""
+    identified: Identified = found.extra
+    response = plot_identification(identified.identification, truth=identified.truth)
+    validation = plot_validation(
+        identified.validation,
+        sample_time_min=identified.record.sample_time_min,
+        insulin_deviation_mU_min=identified.validation_insulin_mU_min,
+        title=identified.validated_on.capitalize(),
+    )
+    files = {
+        "model.json": identified.model.text().encode(),
+        **figure_files("response", response),
+        **figure_files("validation", validation),
+    }
+    if identified.data is not None:
+        copied = {"data": "data.csv"}
+        used, given = {**asked.tree(whole=True), **copied}, {**asked.tree(), **copied}
+        files["data.csv"] = identified.data.encode()
+        files["identify.toml"] = toml_text(used, "identify --config identify.toml", given).encode()
+    return files
+
+
+def _warning(identified: Identified) -> tuple[str, ...]:
+    """Lines of warning about a model on which no controller should be designed."""
+    doubts = identified.model.doubts()
+    if not doubts:
+        return ()
+    mend = "record for longer, or change insulin more, and more often, than meals and noise change glucose"
+    if identified.config.data is None:
+        mend = "lengthen the experiment with --samples, or give a lower --noise"
+    elif any((identified.config.memory, identified.config.laguerre_pole, identified.config.laguerre_functions)):
+        mend = (
+            f"leave out --memory, --laguerre-pole and --laguerre-functions, so that the record chooses them; or {mend}"
+        )
+    return ("DO NOT USE THIS MODEL for a controller; `glucoloop run` refuses it.", *doubts, f"To mend it, {mend}.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from glucoloop.situations.run import Loops
+from glucoloop.situations.run import ControlledSituation
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -12,7 +12,7 @@ BOLUS_INTO_A_VEIN: Final = (
 )
 
 
-def boluses_into_a_vein(asked: Loops) -> tuple[str, ...]:
+def boluses_into_a_vein(asked: ControlledSituation) -> tuple[str, ...]:
     """The sentence above if any of the controllers gives boluses to a patient with insulin into a vein."""
     if asked.patient.under_the_skin or not any(case.controller.gives_boluses for case in asked.cases):
         return ()

@@ -14,6 +14,7 @@ from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.situation import Situation
+from glucoloop.studies.study import PlainStudy
 
 EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 """Settings of the simulated experiment, which a record replaces."""
@@ -123,3 +124,25 @@ class ModelRequest(Situation):
         """Whether the memory and the Laguerre functions are given, so that nothing of them is chosen by the record."""
         pole_given = self.laguerre_pole is not None or self.best_pole or self.laguerre_functions == 0
         return self.memory is not None and self.laguerre_functions is not None and pole_given
+
+
+IDENTIFY: Final = PlainStudy(
+    name="identify",
+    what="an identification",
+    help=(
+        "Identify a step-response model, which `glucoloop run --model` uses.\n\n"
+        "Without --data the virtual patient gets the paper's insulin test, a pulse up and a pulse down, and the model "
+        "is checked on a random binary sequence. With --data the model comes from your record: a CSV file whose first "
+        "line names t_min, insulin_mU_min, glucose_mg_dl and, where something was eaten, carbs_g. A rate lasts until "
+        "the next row (1 U/h is 16.67 mU/min; a bolus of 1 U over a row of 5 min is 200 mU/min more); an empty reading "
+        "is missing. If the record does not say enough about insulin for a model to be used, the answer says so, and "
+        "why.\n\n"
+        "  glucoloop identify --noise 1.45 --out model\n\n"
+        "  glucoloop identify --data record.csv --out model\n\n"
+        "  glucoloop run --model model/model.json"
+    ),
+    module="glucoloop.studies.identification.study",
+    request=ModelRequest,
+    summary="fit.json",
+    says_how_to_go_on=True,
+)
