@@ -192,7 +192,8 @@ def search(path, asked, candidates, *, overwrite):
 
 def searched(seeds):
     asked = configured(ROBUST.request, {"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
-    numbers = {**dict.fromkeys(asked.initial, 0.5), **dict.fromkeys(NO_SCORES, 1.0), "undershoot_p95_mg_dl": float(seeds)}
+    numbers = {**dict.fromkeys(asked.initial, 0.5), **dict.fromkeys(NO_SCORES, 1.0)}
+    numbers["undershoot_p95_mg_dl"] = float(seeds)
     return asked, [{"candidate": number, "round": 0, **numbers} for number in range(2)]
 
 
