@@ -72,19 +72,25 @@ in_files = st.recursive(
 
 
 @pytest.mark.long
-@given(st.dictionaries(st.sampled_from(KEYS), in_files, max_size=3), pieces)
-@example({"sensor": [1]}, ["--noise", "1"])
-@example({"sensor": [1]}, ["--set", "sensor.x=1"])
-@example({"controller": 5}, ["--guard"])
-@example({"controller": [1, 2]}, ["--controller", "move_weight=1"])
-@example({"guard": "none", "controller": {"name": "pid", "guard": "none"}}, ["--guard", "max_hour=2"])
+@given(
+    st.sampled_from(["run", "compare", "trial", "tune", "identify"]),
+    st.dictionaries(st.sampled_from(KEYS), in_files, max_size=3),
+    pieces,
+)
+@example("run", {"sensor": [1]}, ["--noise", "1"])
+@example("run", {"sensor": [1]}, ["--set", "sensor.x=1"])
+@example("run", {"controller": 5}, ["--guard"])
+@example("run", {"controller": [1, 2]}, ["--controller", "move_weight=1"])
+@example("tune", {"controller": [1]}, [])
+@example("tune", {"controller": [{"name": 1, "move_weight": [1]}]}, [])
+@example("run", {"guard": "none", "controller": {"name": "pid", "guard": "none"}}, ["--guard", "max_hour=2"])
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_options_over_any_file_are_answered(asked, tmp_path_factory, keys, pieces):
+def test_options_over_any_file_are_answered(asked, tmp_path_factory, command, keys, pieces):
     keys = json.loads(json.dumps(keys).replace("\\u0000", "0").replace("\\udcff", "u"))  # TOML has neither
     file = tmp_path_factory.getbasetemp() / "any.toml"
     file.write_text(tomli_w.dumps(keys))
-    pieces = [piece for piece in pieces if piece != "--config"]
-    asked("run", "--config", str(file), *pieces)
+    pieces = [piece for piece in pieces if piece not in ("--config", "--dask")]
+    asked(command, "--config", str(file), *pieces)
 
 
 @pytest.mark.parametrize("option", ["--guard", "--model"])

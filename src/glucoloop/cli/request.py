@@ -155,11 +155,11 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     for key in ("guard", "model"):
         if key in upper and "controller" in tree and cases is None:
             tree["controller"] = [
-                {**case, key: over(as_table(case[key]), upper[key])} if key in case else case
+                {**case, key: over(case[key], upper[key])} if key in case else case
                 for case in as_tables(tree["controller"], "controller")
             ]
     for key, value in upper.items():
-        tree[key] = over(as_table(tree[key]), value) if key in tree and isinstance(value, Mapping) else value
+        tree[key] = over(tree[key], value) if key in tree and isinstance(value, Mapping) else value
     return tree
 
 
@@ -239,8 +239,10 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
             model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}
         found["model"] = model
     if "controller" in found:
+        cases = found["controller"]
         found["controller"] = [
-            _beside(case, path) if "model" in case else case for case in as_tables(found["controller"], "controller")
+            _beside(case, path) if isinstance(case, Mapping) and "model" in case else case
+            for case in map(as_table, cases if isinstance(cases, list) else [cases])
         ]
     return found
 

@@ -16,9 +16,12 @@ def over(lower: Any, upper: Any) -> Any:
     A part that is named again by the name that it has is replaced too: what is not said then is as usual. A part
     without a name changes the settings of the one that is there.
     """
-    if not isinstance(upper, Mapping) or NAME in upper or not isinstance(lower, Mapping):
+    if not isinstance(upper, Mapping) or NAME in upper:
         return upper
-    return {**lower, **{key: over(lower.get(key), value) for key, value in upper.items()}}
+    there = _there(lower)
+    if not isinstance(there, Mapping):
+        return upper
+    return {**there, **{key: over(there.get(key), value) for key, value in upper.items()}}
 
 
 def put(tree: Tree, path: str, value: str, where: str) -> Tree:
@@ -36,7 +39,7 @@ def put(tree: Tree, path: str, value: str, where: str) -> Tree:
         raise Refusal(f"{where}: {shown(path)} is longer than any path to a setting")
     if not rest:
         return {**tree, **part_tree(f"{first}={value}", where)}
-    inner = as_table(tree.get(first, {}))
+    inner = _there(tree.get(first, {}))
     if not isinstance(inner, list):
         if not isinstance(inner, Mapping):
             raise Refusal(f"{where}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
@@ -62,12 +65,13 @@ def _found(tables: list[Any], of: str, path: str, where: str) -> tuple[int, str]
     raise Refusal(f"{where}: {of} has no {which!r}; {told}")
 
 
+def _there(leaf: Any) -> Any:
+    """A part whose settings are changed; one that was left out has none of its own."""
+    return {} if plain(leaf) == NONE else as_table(leaf)
+
+
 def as_table(leaf: Any) -> Any:
-    """A part of a tree as a table, also where it stands as a text or was left out."""
-    return {} if plain(leaf) == NONE else _from_text(leaf)
-
-
-def _from_text(leaf: Any) -> Any:
+    """A part of a tree as a table, also where it stands as a text."""
     if isinstance(leaf, GivenValue) and isinstance(leaf.value, str):
         return part_tree(leaf.value, leaf.where)
     return leaf
@@ -81,7 +85,7 @@ def as_tables(leaf: Any, of: str) -> list[Tree]:
     Refusal
         For a value that is no part.
     """
-    tables = [_from_text(item) for item in (leaf if isinstance(leaf, list) else [leaf])]
+    tables = [as_table(item) for item in (leaf if isinstance(leaf, list) else [leaf])]
     for table in tables:
         if not isinstance(table, Mapping):
             raise Refusal(f"{place(table)}: {of} holds {shown(plain(table))}, which is no part; give a text or a table")
