@@ -87,6 +87,24 @@ def test_a_setting_of_one_of_several_controllers_is_named_by_its_label(read, com
         read(command, "--set", "controller.c.move_weight=3", cases=TWO)
 
 
+@pytest.mark.parametrize(
+    ("option", "path", "value"),
+    [
+        ("--sensor", "sensor", "none"),
+        ("--sensor", "sensor", "lag, lag_min=8"),
+        ("--meal", "meals", "30g@1h"),
+        ("--meal", "meals", "none"),
+        ("--pump", "pump", "max_bolus_U=3"),
+        ("--guard", "guard", "low_mg_dl=70"),
+        ("--guard", "guard", "none"),
+        ("--controller", "controller", "pid, label=x"),
+        ("--duration", "duration_min", "2h"),
+    ],
+)
+def test_a_setting_of_the_situation_is_read_by_its_path_as_by_its_option(read, option, path, value):
+    assert read("run", "--set", f"{path}={value}").tree() == read("run", option, value).tree()
+
+
 def test_guard_given_holds_for_the_controllers_of_the_file(read):
     cases = '[[controller]]\nlabel = "a"\nguard = {low_mg_dl = 60, max_hour = 3}\n[[controller]]\nlabel = "b"\n'
     found = read("compare", "--guard", "low_mg_dl=70", of_file="", cases=cases).cases

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -112,10 +113,15 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
             chain = as_tables(tree.get("sensor", []), "sensor")
             tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag, alone=True)})
     for text in typed.get(SET.key, ()):
-        place, equals, value = text.partition("=")
-        if not equals or not value.strip():
+        path_to, equals, value = map(str.strip, text.partition("="))
+        if not equals or not value:
             raise Refusal(f"--set {text!r} has no value; write it like --set controller.move_weight=.2")
-        tree = put(tree, place.strip(), value.strip(), SET.flag)
+        named = by_key.get(path_to)
+        if named is not None and named.setting is not None:  # as the option would read it
+            leaf = _leaf(dataclasses.replace(named, flag=f"{SET.flag} {path_to}"), [value] if named.many else value)
+            tree = _laid_over(tree, {path_to: leaf})
+        else:
+            tree = put(tree, path_to, value, SET.flag)
     return Request(tree, output, path, lower, used)
 
 
