@@ -14,15 +14,20 @@ _interrupted = threading.Event()
 
 @contextlib.contextmanager
 def catching_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt on Ctrl-C, and remember it for `raise_if_interrupted`."""
+    """Raise KeyboardInterrupt on Ctrl-C, and remember it for `raise_if_interrupted`.
+
+    While a module is imported the first is only remembered: extensions tell it as an error of their own.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        del number, frame
+        del number
+        first = not _interrupted.is_set()
         _interrupted.set()
-        raise KeyboardInterrupt
+        if not (first and _imports(frame)):
+            raise KeyboardInterrupt
 
     def tell(swallowed: sys.UnraisableHookArgs) -> None:
         if not issubclass(swallowed.exc_type, KeyboardInterrupt):
@@ -36,6 +41,12 @@ def catching_interrupts() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, before)
         sys.unraisablehook = hook
+
+
+def _imports(frame: FrameType | None) -> bool:
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 def raise_if_interrupted() -> None:

@@ -13,6 +13,7 @@ from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
+from glucoloop.parts.grammar import Tree
 from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
@@ -49,10 +50,14 @@ class Outcome:
         """Times in ranges, extremes and insulin, as a clinician reads them first."""
         return clinical_summary(self.trace, self.metrics)
 
+    def _of_a_run(self) -> Tree:
+        """What a run alone takes of what was asked for."""
+        return {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
+
     def report(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
-            "config": {**self.run.tree(whole=True), "controller": self.case.tree(whole=True)},
+            "config": {**self._of_a_run(), "controller": self.case.tree(whole=True)},
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "summary": self.summary.as_dict(),
