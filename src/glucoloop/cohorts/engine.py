@@ -269,14 +269,14 @@ def _drawn(
     if trial.plan.meals:
         meals = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
-    told = None if meals is None else announced_to(trial, meals, person)
+    announced_g = None if meals is None else announced_to(trial, meals, person)
     around = None if of_case.around is None else of_case.around(person.size)
     people = of_case.loop.people(
         drawn,
         keys_of_people(trial.seed, person),
         around=around,
         meals=meals if trial.plan.varies else None,
-        announced_g=told,
+        announced_g=announced_g,
     )
     return people, drawn, first_meal_min
 

@@ -185,8 +185,8 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
         If the experiment is not possible, or if no controller should be designed on the model and that is not allowed.
     """
     found = identified_model(situation, case, situation.nominal)
-    doubts = found.doubts()
-    if doubts and not situation.allow_unusual:
+    reasons = found.doubts()
+    if reasons and not situation.allow_unusual:
         asked = case.identified
         variance = asked.noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
@@ -198,7 +198,7 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
             else "Identify it with less noise, like --model 'noise_variance=0'"
         )
         raise Refusal(
-            f"no controller should be designed on the model that is identified {noise}. {' '.join(doubts)} {mend}, "
+            f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)} {mend}, "
             f"or {CONFIRM_OPTION} to use it all the same"
         )
     return found

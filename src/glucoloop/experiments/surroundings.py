@@ -137,13 +137,13 @@ def _around(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
     """Part of each case wrapped in the faults of all cases, of which only its own ever begins."""
     nothing, kind_of = _kind(bare), {label: _kind(part) for label, part in each.items()}
     kinds = {kind_of[label]: part for label, part in each.items() if kind_of[label] != nothing}
-    told = {}
+    by_label = {}
     for label, part in each.items():
         whole = bare
         for kind, example in kinds.items():
             whole = dataclasses.replace(part if kind == kind_of[label] else _idle(example), inner=whole)
-        told[label] = whole
-    return told
+        by_label[label] = whole
+    return by_label
 
 
 def _kind(part: Any) -> tuple[type, Any]:

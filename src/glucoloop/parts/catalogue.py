@@ -126,17 +126,19 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
         if isinstance(tree, GivenValue) and isinstance(tree.value, str):
             tree = self.tree(tree.value, tree.where)
         where = place(tree)
-        told = f"{where}: " if where else ""
+        prefix = f"{where}: " if where else ""
         if not isinstance(tree, Mapping):
-            raise Refusal(f"{told}{plain(tree)!r} is no {self._of.kind}; give a text like {self.example!r}, or a table")
+            raise Refusal(
+                f"{prefix}{plain(tree)!r} is no {self._of.kind}; give a text like {self.example!r}, or a table"
+            )
         name = plain(tree.get(NAME, self.usual if self.unnamed else None))
         if not isinstance(name, str) or not name:
             given = f"no {self._of.kind} is named" if name is None else f"{name!r} names no {self._of.kind}"
-            raise Refusal(f"{told}{given}; begin with its name, like {self.example!r}")
+            raise Refusal(f"{prefix}{given}; begin with its name, like {self.example!r}")
         try:
             part = self.find(name)
         except Refusal as error:
-            raise Refusal(f"{told}{error}") from None
+            raise Refusal(f"{prefix}{error}") from None
         return read(part, tree, ask=ask)
 
 

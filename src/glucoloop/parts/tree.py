@@ -59,10 +59,10 @@ def _found(tables: list[Any], of: str, path: str, where: str) -> tuple[int, str]
         return int(which) - 1, rest
     if len(tables) == 1 and which not in names:
         return 0, path
-    told = "there are none" if not names else known_names(which, names)
+    advice = "there are none" if not names else known_names(which, names)
     if names.count(which) > 1:
-        told = f"there are {names.count(which)} of that name; name one by its place, like {of}.1"
-    raise Refusal(f"{where}: {of} has no {which!r}; {told}")
+        advice = f"there are {names.count(which)} of that name; name one by its place, like {of}.1"
+    raise Refusal(f"{where}: {of} has no {which!r}; {advice}")
 
 
 def _there(leaf: Any) -> Any:

@@ -156,10 +156,10 @@ class Panel:
             points = np.rint(np.column_stack([x[start:end], y[start:end]])).astype(np.int64)
             moves = np.diff(points, axis=0)
             first, *rest = points[0].tolist()
-            told = f"M{first} {rest[0]}"
+            path_text = f"M{first} {rest[0]}"
             if len(moves):
-                told += "l" + " ".join(f"{dx} {dy}" for dx, dy in moves.tolist()).replace(" -", "-")
-            parts.append(told if len(moves) else told + "l0 0")  # a point alone is seen by its round ends
+                path_text += "l" + " ".join(f"{dx} {dy}" for dx, dy in moves.tolist()).replace(" -", "-")
+            parts.append(path_text if len(moves) else path_text + "l0 0")  # a point alone is seen by its round ends
         return "".join(parts)
 
     def ticks(self, factor: float = 1.0) -> list[tuple[str, str, int]]:

@@ -24,9 +24,9 @@ def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
 
     basal = person["basal_insulin_mU_min"]
     per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).under_the_skin else ""
-    told = [f"basal rate {basal:.1f} mU/min{per_hour}"]
+    phrases = [f"basal rate {basal:.1f} mU/min{per_hour}"]
     for name in sorted(drawn, key=lambda name: -abs(apart(name)))[:_REMARKABLE]:
         centre, way = distributions[name].centre, "above" if apart(name) > 0.0 else "below"
         far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
-        told.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
-    return "; ".join(told)
+        phrases.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
+    return "; ".join(phrases)

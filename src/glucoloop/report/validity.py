@@ -51,7 +51,7 @@ def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_d
 
 def in_words(periods: Sequence[tuple[float, float]]) -> str:
     """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
-    told = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
-    if len(told) > _MOST_PERIODS:
-        told = [*told[: _MOST_PERIODS - 1], f"in {len(told) - _MOST_PERIODS + 1} later periods"]
-    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    phrases = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
+    if len(phrases) > _MOST_PERIODS:
+        phrases = [*phrases[: _MOST_PERIODS - 1], f"in {len(phrases) - _MOST_PERIODS + 1} later periods"]
+    return phrases[0] if len(phrases) == 1 else f"{', '.join(phrases[:-1])} and {phrases[-1]}"

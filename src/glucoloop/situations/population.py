@@ -70,11 +70,11 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
 
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
     try:
-        told = Vary.partial(dict(table))
+        varied = Vary.partial(dict(table))
         for key in ("parameter", "distribution"):
             if key not in table:
                 raise Refusal(f"{key} is missing; add it")
-        return Variation(**told.values())
+        return Variation(**varied.values())
     except Refusal as error:
         raise Refusal(f"[[{VARY_KEY}]] number {number}: {error}") from None
 

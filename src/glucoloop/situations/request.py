@@ -80,6 +80,6 @@ def parted(
                 break
         else:
             known = [name for root in roots for name in root.settings() if name not in refused]
-            told = f"{at}: " if at and not at.startswith("--") else ""
-            raise Refusal(f"{told}unknown key {key!r} of {what}; {known_names(key, known)}")
+            prefix = f"{at}: " if at and not at.startswith("--") else ""
+            raise Refusal(f"{prefix}unknown key {key!r} of {what}; {known_names(key, known)}")
     return trees

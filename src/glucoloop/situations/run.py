@@ -79,8 +79,8 @@ class ControlledSituation(Situation):
             try:
                 found.append(case.completed_in(self, self.guard, self.model))
             except Refusal as error:
-                told = str(error)
-                raise Refusal(told if len(self.controller) < 2 else f"case {case.label!r}: {told}") from None
+                message = str(error)
+                raise Refusal(message if len(self.controller) < 2 else f"case {case.label!r}: {message}") from None
         return tuple(found)
 
     @property

@@ -80,8 +80,8 @@ class Adversary(GuardedTrial):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.errors_pct or len(set(self.errors_pct)) < len(self.errors_pct):
-            told = ", ".join(f"{error:g}" for error in self.errors_pct) or "empty"
-            raise Refusal(f"--error is {told}; give one largest error or more, each once")
+            sizes = ", ".join(f"{error:g}" for error in self.errors_pct) or "empty"
+            raise Refusal(f"--error is {sizes}; give one largest error or more, each once")
 
     @property
     def lanes(self) -> int:

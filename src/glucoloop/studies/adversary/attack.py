@@ -177,8 +177,10 @@ class Attack:
             people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
             person = people.draw.person
             key = keys_of_people(trial.seed, person)
-            told = announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
-        return self._loop.run(people, key, around=around, announced_g=told, threads=os.cpu_count() or 1)
+            announced_g = (
+                announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
+            )
+        return self._loop.run(people, key, around=around, announced_g=announced_g, threads=os.cpu_count() or 1)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         sensor: Any = self._around.sensor

@@ -88,6 +88,6 @@ def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_
     """
     sample = np.searchsorted(t_min, at_min, side="left")
     kept = np.minimum(sample, t_min.size - 1)
-    told = np.take_along_axis(values, kept, axis=0)
+    at_sample = np.take_along_axis(values, kept, axis=0)
     heard = (sample < t_min.size) & (t_min[kept] >= since_min) & (t_min[kept] < until_min)
-    return np.where(heard, told, np.nan)
+    return np.where(heard, at_sample, np.nan)

@@ -179,8 +179,8 @@ def _lines(found: HilOutcome) -> Iterator[str]:
             f"({asked.fallback}); {on_chip.equal.count(None)} were never decided."
         )
     if on_chip.differing:
-        told = ", ".join(map(str, on_chip.differing[:10]))
-        yield f"Decisions differ at the samples {told}; check the flags of the compiler."
+        listed = ", ".join(map(str, on_chip.differing[:10]))
+        yield f"Decisions differ at the samples {listed}; check the flags of the compiler."
     if on_chip.counts["contradictions"]:
         yield f"The chip contradicted itself {on_chip.counts['contradictions']} times; check its non-volatile memory."
     if len(on_chip.sessions) > 1:

@@ -356,17 +356,17 @@ _OPTIONS_OF: Final = {
 }
 
 
-def _in_options(told: str) -> str:
+def _in_options(message: str) -> str:
     """Sentence of the library with the names of options in place of arguments."""
     for word, option in _OPTIONS_OF.items():
-        told = told.replace(word, option)
-    return told
+        message = message.replace(word, option)
+    return message
 
 
-def _in_file(told: str, path: Path) -> str:
+def _in_file(message: str, path: Path) -> str:
     """Sentence of the library with the row as its file has it."""
     words = rf"in row (\d+){re.escape(FROM_ZERO)}"
-    return re.sub(words, lambda row: f"in row {int(row[1]) + 1} of {path}, below its first line,", told)
+    return re.sub(words, lambda row: f"in row {int(row[1]) + 1} of {path}, below its first line,", message)
 
 
 # ---------------------------------------------------------------------------------------------- how it is shown

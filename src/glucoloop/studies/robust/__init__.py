@@ -110,8 +110,10 @@ class Search(Trial):
             raise Refusal(f"the controller {name} has no ranges to search; give {SEARCHED.name}")
         self._refuse_shared_subjects()
         if len(set(self.objectives)) != 2 or len(self.objectives) != 2:
-            told = ", ".join(self.objectives)
-            raise Refusal(f"--objective is {told}; give two objectives that differ, and others as bounds by --at-most")
+            listed = ", ".join(self.objectives)
+            raise Refusal(
+                f"--objective is {listed}; give two objectives that differ, and others as bounds by --at-most"
+            )
         if self.prefer not in (*self.objectives, BOTH):
             raise Refusal(f"--prefer is {self.prefer!r}; give {', '.join(self.objectives)} or {BOTH}")
         for other in self.beside:
