@@ -218,11 +218,11 @@ def test_cells_in_which_nobody_took_part_do_not_count_as_passing(make_stress):
 
 
 def test_who_took_no_part_is_told(make_stress, stress_page):
-    told = "3 of 43 people have no basal rate for the setpoint and took no part."
+    told = "3 of 43 people have no basal rate for the setpoint and were left out."
     result = make_stress(["imc"], [STUCK], people=43)
     assert next(conclusions(result)) == told
     assert told in stress_page(result)
-    assert "took no part" not in " ".join(conclusions(make_stress(["imc"], [STUCK])))
+    assert "left out" not in " ".join(conclusions(make_stress(["imc"], [STUCK])))
 
 
 def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
@@ -235,7 +235,7 @@ def test_people_whose_glucose_did_not_stay_finite_are_told(make_stress):
 
 def test_nothing_is_concluded_where_nobody_took_part(make_stress):
     result = make_stress(["imc"], [STUCK], change=nobody, able=0)
-    assert list(sentences(None, result)) == ["40 of 40 people have no basal rate for the setpoint and took no part."]
+    assert list(sentences(None, result)) == ["40 of 40 people have no basal rate for the setpoint and were left out."]
 
 
 def test_a_test_without_faults_says_so(make_stress):

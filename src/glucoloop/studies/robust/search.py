@@ -171,7 +171,8 @@ class SearchEngine:
 
     def _left_out(self) -> list[str]:
         left, people = self.subjects.infeasible, how_many(self.asked.people, "person", "people")
-        return [f"{left} of {people} {'has' if left == 1 else 'have'} no basal rate and took no part."] if left else []
+        has, was = ("has", "was") if left == 1 else ("have", "were")
+        return [f"{left} of {people} {has} no basal rate and {was} left out."] if left else []
 
     def _plain(self, row: Candidate) -> dict[str, Any]:
         scores = {name: row[name] for name in NO_SCORES}

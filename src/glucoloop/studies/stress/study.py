@@ -158,10 +158,10 @@ def conclusions(found: Findings) -> Iterator[str]:
 def _left_out(found: Findings) -> Iterator[str]:
     """Sentences on people who are in no cell, or not in all."""
     people, able = found.plain["people"], found.plain["able"]
-    if people > able:
+    if missing := people - able:
         yield (
-            f"{people - able} of {how_many(people, 'person', 'people')} {'has' if people - able == 1 else 'have'} no "
-            "basal rate for the setpoint and took no part."
+            f"{missing} of {how_many(people, 'person', 'people')} {'has' if missing == 1 else 'have'} no basal rate "
+            f"for the setpoint and {'was' if missing == 1 else 'were'} left out."
         )
     lost = {cell: row for cell, row in Grid.of(found).rows.items() if row["people"] < able}
     if lost:
