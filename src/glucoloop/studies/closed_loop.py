@@ -51,7 +51,7 @@ class Outcome:
         return clinical_summary(self.trace, self.metrics)
 
     def _of_a_run(self) -> Tree:
-        """What a run alone takes of what was asked for."""
+        """Settings of the run by itself, without those of a comparison around it."""
         return {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
 
     def report(self) -> dict[str, Any]:
