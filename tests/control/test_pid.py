@@ -57,6 +57,14 @@ def test_at_the_limit_it_does_not_wind_up():
     np.testing.assert_allclose(doses[150:], [16.7, 33.4])
 
 
+def test_noise_at_the_least_rate_brings_no_insulin_back_while_glucose_is_low():
+    """Made up to the least rate at each fall of a reading, the integral would climb with the noise."""
+    noisy = 65.0 + 6.0 * np.random.default_rng(0).standard_normal(300)
+    for readings in (np.full(300, 65.0), noisy):
+        doses, _ = follow(design_pid(PIDTuning(0.3, 120.0, 20.0)), readings, 10.0)
+        assert doses[60:].mean() < 1.0
+
+
 def delivered_at_most(controller, readings, most, start):
     """Wanted and delivered rates where something after the controller gives at most a rate."""
     state, delivered, doses = controller.init(observe(readings[0], start)), start, []

@@ -1,7 +1,7 @@
 """PID control whose integral never winds up, tuned by hand or from a first-order model with dead time.
 
 K. J. Astrom, L. Rundqwist, "Integrator windup and how to avoid it", Proc. American Control Conference, 1989, 1693-1698
-(back-calculation at the range of the pump, conditional integration where a guard cuts a dose).
+(back-calculation at the greatest rate of the pump, conditional integration at the least and where a guard cuts).
 D. E. Rivera, M. Morari, S. Skogestad, "Internal model control. 4. PID controller design", Ind. Eng. Chem. Process Des.
 Dev. 25(1), 1986.
 """
@@ -148,9 +148,10 @@ class PID:
     def step(self, state: PIDState, observation: Observation) -> tuple[PIDState, Decision]:
         """Add up the three parts.
 
-        At the least or greatest rate of the pump the integral becomes what makes up that rate, so that it is left as
-        soon as glucose turns. Where less or more was delivered than was asked for, as by a guard or the limit of
-        change, it goes no further that way, and forgets nothing.
+        At the greatest rate of the pump the integral becomes what makes up that rate, so that it is left as soon as
+        glucose turns. At the least rate it only waits: if it made up that rate, each fall of a noisy reading would
+        raise it, and insulin would come back while glucose is low. Where less or more was delivered than was asked for,
+        as by a guard or the limit of change, it goes no further that way, and forgets nothing.
         """
         delivered = delivered_since(observation, state.insulin_mU_min)
         known = is_known(observation)
@@ -167,9 +168,11 @@ class PID:
         wanted = jnp.where(known, wanted, state.asked_mU_min)
         finite = jnp.isfinite(wanted)
         asked = jnp.clip(jnp.where(finite, wanted, delivered), self.limits.min_mU_min, self.limits.max_mU_min)
+        anew = integral + (asked - wanted)
+        at_limit = jnp.where(wanted < asked, jnp.maximum(integral, jnp.minimum(state.integral_mU_min, anew)), anew)
         state = PIDState(
             last_mg_dl=y,
-            integral_mU_min=integral + jnp.where(known & finite, asked - wanted, 0.0),
+            integral_mU_min=jnp.where(known & finite, at_limit, integral),
             asked_mU_min=asked,
             insulin_mU_min=delivered,
         )
@@ -184,8 +187,8 @@ def design_pid(tuning: PIDTuning, limits: DoseLimits = PARKER_1999_LIMITS, *, sa
 
         K_c e_k + I_k + K_c (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_c (T / T_I) e_k
 
-    The integral part ``I`` begins with the rate in force. Beyond the least or greatest rate of the pump it starts anew
-    from that rate, so that it never winds up. Where a guard or the limit of change cuts a dose within that range it
+    The integral part ``I`` begins with the rate in force. Beyond the greatest rate of the pump it starts anew from that
+    rate, so that it never winds up. Below the least rate, and where a guard or the limit of change cuts a dose, it
     waits: it goes no further that way until the cut ends, and forgets nothing.
 
     ============  =========================  ====
