@@ -36,6 +36,19 @@ def test_the_gain_of_a_slow_system_is_found(tau_min, starts_at_rest):
     assert found.doubts() == ()
 
 
+@pytest.mark.parametrize("starts_at_rest", [True, False])
+@pytest.mark.parametrize(("tau_min", "samples"), [(500.0, 576), (800.0, 576), (300.0, 250)])
+def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record(tau_min, samples, starts_at_rest):
+    for seed in range(10, 14):
+        found = identify_record(
+            first_order(-5.0, tau_min, samples, seed=seed),
+            "least-squares",
+            basal_insulin_mU_min=25.0,
+            starts_at_rest=starts_at_rest,
+        )
+        assert abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin
+
+
 def test_what_is_given_is_kept():
     record = first_order(-5.0, 300.0)
     paper = {"memory": 36, "laguerre_pole": 0.84, "laguerre_functions": 2, "under_the_skin": False}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -22,7 +23,13 @@ from glucoloop.identification.laguerre import (
 )
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
-from glucoloop.identification.reliability import Reliability, doubts, reliability
+from glucoloop.identification.reliability import (
+    Reliability,
+    doubts,
+    held_out_errors,
+    margin_of_slower_functions,
+    reliability,
+)
 from glucoloop.identification.skin_response import filtered_input, skin_basis, skin_coefficients
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
 from glucoloop.refusal import Refusal
@@ -235,6 +242,19 @@ def identify_record(
     network = None if coefficients is None else laguerre_realisation(coefficients, pole, memory)
     model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
 
+    columns, left = np.concatenate([sought, meals, constant], axis=1), np.asarray(readings)
+    quality = reliability(columns, left, np.append(of_gain, np.zeros(meals.shape[1] + free_baseline)))
+    if not by_pulses:
+        slower = margin_of_slower_functions(
+            np.asarray(insulin),
+            left,
+            np.asarray(beside),
+            (float(model.gain), held_out_errors(columns, left)[0]),
+            record.sample_time_min,
+            starts_at_rest=starts_at_rest,
+        )
+        quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
+
     left_by_estimate, _ = _left(readings - past @ estimate, beside)
     left_by_model, of_beside = _left(readings - model.predict(insulin)[first:], beside)
     return Identification(
@@ -249,11 +269,7 @@ def identify_record(
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
         meal_impulse_response=meal_impulse_response(of_beside[: meals.shape[1]], record.sample_time_min),
-        reliability=reliability(
-            np.concatenate([sought, meals, constant], axis=1),
-            np.asarray(readings),
-            np.append(of_gain, np.zeros(meals.shape[1] + free_baseline)),
-        ),
+        reliability=quality,
         method=method,
     )
 

@@ -5,6 +5,10 @@ differs from fit to fit gives its standard error, and how well each fit predicts
 the variance explained. Blocks, not single readings, are left out because what a model leaves of glucose is correlated
 over hours (meals that nobody wrote down, exercise, drift), so that the usual standard errors are far too small.
 
+The jackknife tells how a fit varies, not what its functions cannot say: those that end too early give a gain that is
+too small, and always the same. So the response is fitted with slower functions, too. Where these predict what was left
+out as well, the record does not say where the response ends, and the margin reaches the end of theirs.
+
 H. R. Künsch, "The jackknife and the bootstrap for general stationary observations", Ann. Statist. 17(3), 1217-1241,
 1989. A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
 """
@@ -18,11 +22,16 @@ import numpy.typing as npt
 from scipy.special import stdtrit
 
 from glucoloop._pytree import pytree
+from glucoloop.identification.laguerre import laguerre_sum
+from glucoloop.identification.skin_response import filtered_input
 
 Floats = npt.NDArray[np.float64]
 
 BLOCKS: Final = 10
 CONFIDENCE: Final = 0.95
+_SLOW_TAU_MIN: Final = (500.0, 1000.0)
+"""Time constants of the slower functions: twice and four times that of the slowest that a record chooses."""
+_SLOW_FUNCTIONS: Final = 2
 _NEGLIGIBLE: Final = 1e-9
 """Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
 """
@@ -103,6 +112,44 @@ def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliabili
         gain_margin=float(stdtrit(freedom, (1.0 + CONFIDENCE) / 2.0) * error),
         explained_percent=100.0 * (1.0 - misfit / variation) if variation else 0.0,
     )
+
+
+def margin_of_slower_functions(
+    insulin_deviation: Floats,
+    readings: Floats,
+    beside: Floats,
+    fit: tuple[float, Floats],
+    sample_time_min: float,
+    *,
+    starts_at_rest: bool,
+) -> float:
+    """Margin of a gain that reaches what slower functions say, where they predict left-out readings as well; else 0.
+
+    Parameters
+    ----------
+    insulin_deviation : (N,) array
+        Input of the whole record [mU/min].
+    readings, beside : (n,) and (n, K) array
+        The last n readings [mg/dl], and what is fitted beside the response.
+    fit : float and (blocks,) array
+        Gain of the fit in question [mg/dl per mU/min], and its errors on blocks left out, see `held_out_errors`.
+    """
+    gain, errors = fit
+    k = np.arange(readings.size)[:, None] / readings.size
+    margin = 0.0
+    for tau_min in _SLOW_TAU_MIN:
+        pole = float(np.exp(-sample_time_min / tau_min))
+        responses = filtered_input(insulin_deviation, pole, _SLOW_FUNCTIONS)[-readings.size :]
+        # what is left of insulin before the record
+        left = pole ** (readings.size * k) * np.concatenate([np.ones_like(k), k], axis=1)
+        columns = np.concatenate([responses, beside, *([] if starts_at_rest else [left])], axis=1)
+        of_gain = np.zeros(columns.shape[1])
+        of_gain[:_SLOW_FUNCTIONS] = laguerre_sum(pole)
+        more = held_out_errors(columns, readings)[0] - errors
+        if more.mean() <= more.std(ddof=1) / np.sqrt(more.size):
+            slower = of_gain @ np.linalg.lstsq(columns, readings, rcond=_NEGLIGIBLE)[0]
+            margin = max(margin, abs(slower - gain) + reliability(columns, readings, of_gain).gain_margin)
+    return margin
 
 
 def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = None) -> tuple[Floats, Floats, Floats]:
