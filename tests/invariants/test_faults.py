@@ -73,7 +73,7 @@ def number(kind, about):
 
 
 SETTINGS = {
-    entry.name: {name: number(setting.kind, setting.about) for name, setting in entry.own_settings().items()}
+    entry.name: {name: number(setting.kind, setting.about) for name, setting in entry.effect_settings().items()}
     for entry in FAULTS.values()
     if entry.timed and not entry.shared(lambda name, least, most: least)
 }

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
-from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
+from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.parts.patients import USUAL_PATIENT
-from glucoloop.parts.tree import as_table, as_tables, over, put
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:

@@ -66,33 +66,16 @@ class GuardSettings(Part, name="usual"):
     any_number: ClassVar = ANY_SETTING
 
     lowest_reading_mg_dl: Annotated[
-        float,
-        _limit(
-            "Lowest reading that the guard accepts.",
-            at_least=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
+        float, _limit("Lowest reading that the guard accepts.", at_least=0.0, quantity=GLUCOSE_BOUND)
     ] = 20.0
     highest_reading_mg_dl: Annotated[
-        float,
-        _limit(
-            "Highest reading that the guard accepts.",
-            above=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
+        float, _limit("Highest reading that the guard accepts.", above=0.0, quantity=GLUCOSE_BOUND)
     ] = 600.0
-    fastest_mg_dl_min: Annotated[
-        float,
-        _limit(
-            "Fastest rise of a reading that the guard accepts.",
-            above=0.0,
-        ),
-    ] = 3.0
+    fastest_mg_dl_min: Annotated[float, _limit("Fastest rise of a reading that the guard accepts.", above=0.0)] = 3.0
     stuck_min: Annotated[
         float,
         _limit(
-            "Minutes after which an unchanged reading is rejected while much or little insulin is on board.",
-            above=0.0,
+            "Minutes after which an unchanged reading is rejected while much or little insulin is on board.", above=0.0
         ),
     ] = 20.0
     stuck_on_board: Annotated[
@@ -104,88 +87,39 @@ class GuardSettings(Part, name="usual"):
     ] = 0.25
     held_min: Annotated[
         float,
-        _limit(
-            "Minutes for which a reading may stay unchanged before at most the basal rate is given.",
-            at_least=0.0,
-        ),
+        _limit("Minutes for which a reading may stay unchanged before at most the basal rate is given.", at_least=0.0),
     ] = 10.0
     gap_min: Annotated[
-        float,
-        _limit(
-            "Minutes without an accepted reading after which the basal rate is given.",
-            at_least=0.0,
-        ),
+        float, _limit("Minutes without an accepted reading after which the basal rate is given.", at_least=0.0)
     ] = 20.0
     long_gap_min: Annotated[
         float,
-        _limit(
-            "Minutes without an accepted reading after which a part of the basal rate is given.",
-            at_least=0.0,
-        ),
+        _limit("Minutes without an accepted reading after which a part of the basal rate is given.", at_least=0.0),
     ] = 90.0
     reduced_fraction: Annotated[
-        float,
-        _limit(
-            "Part of the basal rate that is given then.",
-            at_least=0.0,
-            at_most=1.0,
-        ),
+        float, _limit("Part of the basal rate that is given then.", at_least=0.0, at_most=1.0)
     ] = 0.5
     low_mg_dl: Annotated[
-        float,
-        _limit(
-            "Predicted glucose below which insulin is suspended.",
-            at_least=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
+        float, _limit("Predicted glucose below which insulin is suspended.", at_least=0.0, quantity=GLUCOSE_BOUND)
     ] = 65.0
     ahead_min: Annotated[float, _limit("Time of this prediction.", at_least=0.0)] = 40.0
     hysteresis_mg_dl: Annotated[
-        float,
-        _limit("Distance above that bound from which insulin is given again.", at_least=0.0),
+        float, _limit("Distance above that bound from which insulin is given again.", at_least=0.0)
     ] = 5.0
-    max_hour: Annotated[
-        float,
-        _limit(
-            "Largest dose in an hour, in basal hours.",
-            at_least=1.0,
-        ),
-    ] = 2.4
+    max_hour: Annotated[float, _limit("Largest dose in an hour, in basal hours.", at_least=1.0)] = 2.4
     max_on_board: Annotated[
-        float,
-        _limit(
-            "Largest insulin on board beyond the basal rate, as a multiple of it.",
-            at_least=0.0,
-        ),
+        float, _limit("Largest insulin on board beyond the basal rate, as a multiple of it.", at_least=0.0)
     ] = 1.3
-    on_board_tau_min: Annotated[
-        float,
-        _limit(
-            "Time constant with which insulin on board decays.",
-            at_least=1.0,
-        ),
-    ] = 90.0
+    on_board_tau_min: Annotated[float, _limit("Time constant with which insulin on board decays.", at_least=1.0)] = 90.0
     fall_mg_dl: Annotated[
-        float,
-        _limit(
-            "Glucose above the setpoint for which one basal rate may be on board.",
-            at_least=1.0,
-        ),
+        float, _limit("Glucose above the setpoint for which one basal rate may be on board.", at_least=1.0)
     ] = 60.0
     error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.", at_least=0.0)] = 5.0
     always_basal: Annotated[
-        float,
-        _limit(
-            "Multiple of the basal rate that is allowed at any reading.",
-            at_least=1.0,
-        ),
+        float, _limit("Multiple of the basal rate that is allowed at any reading.", at_least=1.0)
     ] = 1.2
     doubt_tau_min: Annotated[
-        float,
-        _limit(
-            "Time constant with which a jump of the reading is forgotten.",
-            above=0.0,
-        ),
+        float, _limit("Time constant with which a jump of the reading is forgotten.", above=0.0)
     ] = 480.0
 
     @classmethod
@@ -226,13 +160,7 @@ GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_h
 
 
 def guard_of(patient: PatientPart | type[PatientPart], given: GuardSettings | None = None) -> GuardSettings:
-    """A guard with the settings that are usual for a patient, in place of those that were not given.
-
-    Raises
-    ------
-    Refusal
-        For settings that are at odds with one another.
-    """
+    """A guard with the settings that are usual for a patient, in place of those that were not given."""
     usual = {**OF_ROUTE[patient.insulin_route], **patient.guard}
     whole = GuardSettings.partial({}) if given is None else given
     return whole.completed({name: Default(value) for name, value in usual.items()})

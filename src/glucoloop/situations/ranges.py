@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from glucoloop.parts.grammar import GivenValue, Tree, place, plain
-from glucoloop.parts.tree import as_table
+from glucoloop.parts.grammar import GivenValue, Tree, as_table, place, plain
 from glucoloop.refusal import Refusal
 
 RANGES: Final = "ranges"
