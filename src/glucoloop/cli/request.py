@@ -110,7 +110,9 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
             chain = as_tables(tree.get("sensor", []), "sensor")
-            tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag, alone=True)})
+            tree["sensor"] = _with_part(
+                chain, name, {setting: GivenValue(typed[option.key], option.flag, by_option=True)}
+            )
     for text in typed.get(SET.key, ()):
         path_to, equals, value = map(str.strip, text.partition("="))
         if not equals or not value:
@@ -140,8 +142,8 @@ def _leaf(option: CommandOption, value: Any) -> Any:
         parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
         return parts if option.many else parts[0]
     if option.many:
-        return [GivenValue(text, option.flag, alone=True) for text in value]
-    return GivenValue(value, option.flag, text=isinstance(value, str), alone=True)
+        return [GivenValue(text, option.flag, by_option=True) for text in value]
+    return GivenValue(value, option.flag, text=isinstance(value, str), by_option=True)
 
 
 def _laid_over(lower: Tree, upper: Tree) -> Tree:

@@ -26,7 +26,7 @@ HOMES: Final = {
 """Catalogue of each kind, as ``module:attribute``."""
 
 
-class Catalogue(Mapping[str, type[P]], Generic[P]):
+class Catalogue(dict[str, type[P]], Generic[P]):
     """Parts of one kind by name; `find` adds those of other packages.
 
     Parameters
@@ -43,24 +43,15 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
     """
 
     def __init__(self, base: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
-        self._base, self._parts, self.example = base, {part.name: part for part in parts}, example
-        self.unnamed = unnamed
+        super().__init__({part.name: part for part in parts})
+        self._base, self.example, self.unnamed = base, example, unnamed
         self._group = f"{base.kind}s"
         base.catalogue = self  # type: ignore[attr-defined]
-
-    def __getitem__(self, name: str) -> type[P]:
-        return self._parts[name]
-
-    def __iter__(self) -> Any:
-        return iter(self._parts)
-
-    def __len__(self) -> int:
-        return len(self._parts)
 
     @property
     def usual(self) -> str:
         """Name of the part that is usual."""
-        return next(iter(self._parts))
+        return next(iter(self))
 
     def names(self) -> list[str]:
         """Names of all parts, those of other packages included, which are not imported."""
@@ -68,8 +59,8 @@ class Catalogue(Mapping[str, type[P]], Generic[P]):
 
     def find(self, name: str) -> type[P]:
         """A part by name: of this package, of another one, or ``module:Class``."""
-        if name in self._parts:
-            return self._parts[name]
+        if name in self:
+            return self[name]
         kind, part = self._base.kind, added(self._group, name)
         if part is None:
             raise Refusal(f"unknown {kind} {name!r}; {known_names(name, self.names())}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from glucoloop.parts.code import loaded
@@ -63,8 +62,3 @@ class ControllerPart(Part):
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""
         designer = loaded(self.design)
         return designer(case, self) if self.settings() else designer(case)
-
-    @classmethod
-    def individual_designer(cls) -> Callable[..., Any] | None:
-        """Function that designs the controller for each person; None if it is the same for all people."""
-        return None if cls.individual is None else loaded(cls.individual)

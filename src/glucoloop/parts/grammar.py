@@ -32,8 +32,8 @@ class GivenValue:
     where: str
     text: bool = True
     """Whether it is a text of the command line, which the type of its setting reads; otherwise it has its type."""
-    alone: bool = False
-    """Whether the option gives this value alone, so that messages call it by the option."""
+    by_option: bool = False
+    """Whether messages call the value by its option, which gives this value alone."""
 
 
 def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tree:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final, TypeVar
+from typing import Final
 
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, MIN_PER_H
 
-Number = TypeVar("Number", int, float)
 DailyValues = tuple[tuple[float, float], ...]
 """Times of day in minutes after midnight, in their order, and the value from each of them on until the next."""
 
@@ -21,11 +20,11 @@ NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _DAILY: Final = "write values and times, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour"
 
 
-def number_of(text: str, kind: type[Number]) -> Number:
+def number_of(text: str) -> float:
     """A number from its text; ValueError for none, also one with underscores or digits of another script."""
     if not text.isascii() or "_" in text:
         raise Refusal(f"{text!r} is no number; write it in digits from 0 to 9, without underscores")
-    return kind(text)
+    return float(text)
 
 
 def parse_time_of_day(text: str) -> float:
@@ -72,7 +71,7 @@ def parse_daily(text: str) -> DailyValues:
 
 def _finite(text: str) -> float:
     try:
-        value = number_of(text, float)
+        value = number_of(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

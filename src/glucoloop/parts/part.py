@@ -27,7 +27,7 @@ from glucoloop.refusal import Refusal
 
 _SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Part")
-_RESERVED: Final = (NAME, "label", "given", "kind", "usual", NONE)
+_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
@@ -52,6 +52,12 @@ class Part:
     """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
+    given: ClassVar[Mapping[str, Any]] = {}
+    """The settings that were given, of each part; the class has none."""
+    where: ClassVar[str] = ""
+    """Option or file in which each part stood; empty for one that was made in Python."""
+    called: ClassVar[str] = ""
+    """Name by which each part was asked for, ``module:Class`` for one that no package has entered."""
 
     if typing.TYPE_CHECKING:
 
@@ -115,45 +121,25 @@ class Part:
         return made._noted(values, where, asked)
 
     def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
-        for key, value in (("_given", given), ("_where", where), ("_called", name)):
+        for key, value in (("given", given), ("where", where), ("called", name or self.name)):
             object.__setattr__(self, key, value)
         return self
 
-    @property
-    def given(self) -> Mapping[str, Any]:
-        """The settings that were given."""
-        found: Mapping[str, Any] = self.__dict__.get("_given", {})
-        return found
-
-    @property
-    def where(self) -> str:
-        """Option or file in which the part stood; empty for one that was made in Python."""
-        return str(self.__dict__.get("_where", ""))
-
-    @property
-    def called(self) -> str:
-        """Name by which the part was asked for, ``module:Class`` for one that no package has entered."""
-        return self.__dict__.get("_called") or self.name
-
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+    def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
         """The part with a value for every setting: for those that were not given, the usual one or the default.
 
-        Settings that are at odds with one another are refused.
+        Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
+        refused.
         """
-        known = usual or {}
-        values = {
-            name: self.given.get(name, known.get(name, setting.default).value(noisy=noisy))
-            for name, setting in self.settings().items()
-        }
+        values = dict(self.given)
+        for name, setting in self.settings().items():
+            value = (usual or {}).get(name, setting.default)
+            values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
         try:
             whole = type(self)(**values)
         except Refusal as error:
             raise Refusal(f"{self.where}: {error}" if self.where else str(error)) from None
         return whole._noted(self.given, self.where, self.called)
-
-    def replaced(self, **given: Any) -> Self:
-        """The same part with some settings given anew."""
-        return type(self).partial({**self.given, **given}, self.where, self.called)
 
     def values(self) -> dict[str, Any]:
         """Every setting with its value."""
@@ -252,7 +238,7 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
             continue
         value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
         first = leaf[0] if isinstance(leaf, list) and leaf else leaf
-        if isinstance(first, GivenValue) and first.alone:
+        if isinstance(first, GivenValue) and first.by_option:
             setting, called = setting.renamed(at), ""
         values[key] = setting.check(value, called)
         if not allow_unusual:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
 from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS
 from glucoloop.parts.setting import About, Default, Tunings, known_names
@@ -144,11 +143,6 @@ class PatientPart(Part):
             "laguerre_pole": float(cls.laguerre_pole ** (sample_time_min / 5.0)),
             "laguerre_functions": cls.laguerre_functions,
         }
-
-    @classmethod
-    def load(cls) -> Any:
-        """The model; importing it imports JAX."""
-        return loaded(cls.model)
 
 
 _AT_NOMINAL_22: Final = {

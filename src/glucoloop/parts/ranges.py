@@ -62,7 +62,7 @@ def parse_range(text: str, usual: Tuned) -> Tuned | float:
     The usual range of the setting says whether its logarithm is searched.
     """
     try:
-        numbers = [number_of(part, float) for part in text.split(":")]
+        numbers = [number_of(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):

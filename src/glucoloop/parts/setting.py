@@ -90,13 +90,14 @@ class About:
         unit = f" {unit}" if unit else ""
         if self.at_least > -math.inf and self.at_most < math.inf:
             return f"{what} from {_bound(self.at_least)} to {_bound(self.at_most)}{unit}"
-        bounds = [
-            f"of {_bound(self.at_least)}{unit} or more" if self.at_least > -math.inf else "",
-            f"above {_bound(self.above)}{unit}" if self.above > -math.inf else "",
-            f"up to {_bound(self.at_most)}{unit}" if self.at_most < math.inf else "",
-            f"below {_bound(self.below)}{unit}" if self.below < math.inf else "",
-        ]
-        return f"{what} {' and '.join(filter(None, bounds))}" if any(bounds) else f"{what}{unit}"
+        limits = {
+            "of {} or more": self.at_least,
+            "above {}": self.above,
+            "up to {}": self.at_most,
+            "below {}": self.below,
+        }
+        bounds = [words.format(f"{_bound(value)}{unit}") for words, value in limits.items() if math.isfinite(value)]
+        return f"{what} {' and '.join(bounds)}" if bounds else f"{what}{unit}"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from glucoloop.parts.grammar import NAME, GivenValue, Tree, as_table, part_text,
 from glucoloop.parts.guard import GuardSettings, guard_of
 from glucoloop.parts.models import IdentifiedPart, ModelPart
 from glucoloop.parts.part import Part, read
-from glucoloop.parts.setting import About, Default, Value
+from glucoloop.parts.setting import About, Value
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import Situation
@@ -54,23 +54,19 @@ class Case(Part):
         self, situation: Situation, guard: GuardSettings | None = None, model: ModelPart | None = None
     ) -> Self:
         """The case with everything that is usual in a situation, and a guard and a model if it has none of its own."""
-        patient, usual = situation.patient, self.controller
-        controller = usual.completed(patient.usual_of(usual.name), noisy=situation.noisy)
+        patient, controller = situation.patient, self.controller
         guard = self.guard if "guard" in self.given else guard
         model = self.model if self.model is not None else model
-        if isinstance(model, IdentifiedPart) or (model is None and usual.uses_model):
-            identification = {
-                "noise_variance": situation.noise_variance,
-                **patient.identification(situation.sample_time_min),
-            }
-            asked = IdentifiedPart.partial({}) if model is None else model
-            model = asked.completed({key: Default(value) for key, value in identification.items()})
-            model = model if usual.uses_model else None
+        if isinstance(model, IdentifiedPart) or (model is None and controller.uses_model):
+            usual = patient.identification(situation.sample_time_min)
+            identified = IdentifiedPart.partial({}) if model is None else model
+            model = identified.completed({"noise_variance": situation.noise_variance, **usual})
+            model = model if controller.uses_model else None
         elif model is not None:
             model = model.completed()
         whole = type(self)(
-            controller=controller,
-            label=self.label or part_text(usual.tree()),
+            controller=controller.completed(patient.usual_of(controller.name), noisy=situation.noisy),
+            label=self.label or part_text(controller.tree()),
             known_dead_time=self.known_dead_time,
             guard=None if guard is None else guard_of(patient, guard),
             model=model,

@@ -20,7 +20,6 @@ from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT, PatientPart
 from glucoloop.parts.pumps import PUMPS, PumpPart
 from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
-from glucoloop.parts.setting import Default
 from glucoloop.plausible import (
     CONFIRM_OPTION,
     LARGEST_RATE,
@@ -150,19 +149,14 @@ class Situation(Part):
     allow_unusual: Annotated[bool, Option("Accept values that look like another unit or are implausible.")] = False
 
     def __post_init__(self) -> None:
-        patient = self.patient.completed({"operating_point": Default(self.patient.usual_point)})
+        patient = self.patient.completed({"operating_point": self.patient.usual_point})
         usual = {
             key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
         }
-        parts = {
-            "patient": patient,
-            "sensor": tuple(part.completed() for part in self.sensor),
-            "pump": self.pump.completed({key: Default(of) for key, of in {**usual, **self.pump.limits}.items()}),
-            "faults": tuple(part.completed() for part in self.faults),
-            "metrics": tuple(part.completed() for part in self.metrics),
-        }
-        for name, value in parts.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "patient", patient)
+        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
+        for name in ("sensor", "faults", "metrics"):
+            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
         self._refuse_at_odds()
 
     def _refuse_at_odds(self) -> None:
@@ -265,11 +259,6 @@ class Situation(Part):
         return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
 
     @property
-    def drawn(self) -> bool:
-        """Whether runs may differ by their seeds."""
-        return self.noisy or self.drawn_otherwise
-
-    @property
     def dead_time_min(self) -> float:
         """Dead time of the readings."""
         return sum(part.minutes for part in self.sensor if isinstance(part, DeadTimeSettings))
@@ -292,9 +281,9 @@ class Situation(Part):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        own = {name: getattr(self, name) for name in Situation.settings()}
+        same = {name: getattr(self, name) for name in Situation.settings()}
         quiet = tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
-        return Situation(**{**own, "sensor": quiet})
+        return Situation(**{**same, "sensor": quiet})
 
     @property
     def nominal(self) -> SemilinearPatient:

@@ -87,20 +87,14 @@ def _holds_too_large(value: object) -> bool:
 
 
 def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | None = None) -> str:
-    """Text of a configuration file with which a command repeats itself; keys without a value are left out.
+    """Text of a configuration file with which a command, without the program's name, repeats itself.
 
-    Parameters
-    ----------
-    keys : mapping
-        All keys, with the values that were used.
-    command : str
-        Command without the name of the program.
-    given : mapping, optional
-        Keys from which the others follow; the file is read from them, and tells `keys` in a table of its own.
+    `keys` holds the values that were used, and `given` the keys from which they follow: where it is there, the file is
+    read from them, and has `keys` in a table of its own. Keys without a value are left out.
     """
-    said = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
+    table = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
     used = {} if given is None else {USED_KEY: _with_values(keys)}
-    return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**said, **used})}"
+    return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**table, **used})}"
 
 
 def _with_values(value: Any) -> Any:
