@@ -126,6 +126,7 @@ def converted(name: str, value: object, annotation: Any, function: str) -> Any:
 
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     signature = inspect.signature(function)
+    parameters = tuple(signature.parameters)
 
     @functools.cache
     def annotations() -> Mapping[str, Any]:
@@ -141,14 +142,14 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         hints = annotations()
         for parameter, value in given.arguments.items():
             if parameter in hints and parameter != "return":
-                argument = _Argument(parameter, value, name, tuple(signature.parameters), hints)
+                argument = _Argument(parameter, value, name, parameters, hints)
                 given.arguments[parameter] = argument.taken(hints[parameter])
         return function(*given.args, **given.kwargs)
 
     return check
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(slots=True)
 class _Argument:
     """One argument of one call."""
 

@@ -186,15 +186,14 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
     The sentence has the nearest sample time and, where a duration can be given, the nearest that would be possible.
     """
 
-    def samples_of(minutes: float) -> int | None:
-        number = max(1, round(horizon_min / minutes))
-        return number if abs(number * minutes - horizon_min) <= 1e-9 * horizon_min else None
+    def fits(minutes: float) -> bool:
+        return abs(max(1, round(horizon_min / minutes)) * minutes - horizon_min) <= 1e-9 * horizon_min
 
-    if samples_of(sample_time_min) is not None:
+    if fits(sample_time_min):
         return
     tenths = (tenth / 10.0 for tenth in range(1, round(10.0 * LONGEST_SAMPLE_TIME_MIN) + 1))
     near = (minutes for minutes in tenths if sample_time_min / 2.0 < minutes < 2.0 * sample_time_min)
-    possible = [minutes for minutes in near if samples_of(minutes) is not None]
+    possible = list(filter(fits, near))
     mends = [f"--sample-time {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
     if has_duration:
         mends.append(f"--duration {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
