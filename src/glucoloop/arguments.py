@@ -81,12 +81,8 @@ def checked(target: T) -> T:
 def on_host(reason: str) -> Callable[[T], T]:
     """Keep a function that needs the values of its arguments out of JAX's transformations.
 
-    Inside ``jax.jit`` it is computed at once if its arguments are known there, and else refused.
-
-    Parameters
-    ----------
-    reason : str
-        Reason why it cannot be traced: ``"it solves a Riccati equation with SciPy"``.
+    Inside ``jax.jit`` it is computed at once if its arguments are known there, and else refused, with the reason why it
+    cannot be traced: ``"it solves a Riccati equation with SciPy"``.
     """
 
     def decorate(function: T) -> T:
@@ -108,22 +104,14 @@ def on_host(reason: str) -> Callable[[T], T]:
 
 
 def random_key(key: object) -> jax.Array:
-    """A key of JAX from a key or a whole number.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For a value that is neither.
-    ValueError
-        For a number that does not fit into 64 bits.
-    """
+    """A key of JAX from a key or a whole number that fits into 64 bits."""
     if isinstance(key, jax.Array | np.ndarray):
         is_key = jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ()
         if is_key or (key.dtype == np.uint32 and key.shape == (2,)):
             return cast(jax.Array, key)
         if is_traced(key) and key.shape == () and jnp.issubdtype(key.dtype, jnp.integer):
             return jax.random.key(key)
-    if isinstance(key, bool | np.bool_) or not _is_whole(key):
+    if not _is_whole(key):
         raise ArgumentTypeError(f"key is {_described(key)}; give a whole number, or a key of jax.random.key")
     number = int(cast(Any, key))
     if not _KEY_BOUNDS[0] <= number <= _KEY_BOUNDS[1]:
@@ -131,8 +119,14 @@ def random_key(key: object) -> jax.Array:
     return jax.random.key(number)
 
 
+def converted(name: str, value: object, annotation: Any, function: str) -> Any:
+    """An argument as `checked` hands it on; ArgumentTypeError for one of the wrong type."""
+    return _Argument(name, value, function).taken(annotation)
+
+
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     signature = inspect.signature(function)
+    parameters = tuple(signature.parameters)
 
     @functools.cache
     def annotations() -> Mapping[str, Any]:
@@ -148,37 +142,42 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         hints = annotations()
         for parameter, value in given.arguments.items():
             if parameter in hints and parameter != "return":
-                given.arguments[parameter] = _Argument(parameter, value, name, signature, hints).taken(hints[parameter])
+                argument = _Argument(parameter, value, name, parameters, hints)
+                given.arguments[parameter] = argument.taken(hints[parameter])
         return function(*given.args, **given.kwargs)
 
     return check
 
 
+@dataclasses.dataclass(slots=True)
 class _Argument:
     """One argument of one call."""
 
-    def __init__(
-        self, name: str, value: object, function: str, signature: inspect.Signature, hints: Mapping[str, Any]
-    ) -> None:
-        self.name, self.value, self.function, self.signature, self.hints = name, value, function, signature, hints
+    name: str
+    value: Any
+    function: str
+    parameters: tuple[str, ...] = ()
+    """Names of all parameters of the function."""
+    hints: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def taken(self, annotation: Any) -> Any:
         """The value as its function wants it."""
         if typing.get_origin(annotation) in (types.UnionType, typing.Union):
             kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
             if (self.value is None and len(kinds) < len(typing.get_args(annotation))) or len(kinds) > 1:
-                return self._numbers() if set(kinds) == {float, jax.Array} else self.value
+                as_it_is = set(kinds) != {float, jax.Array} or isinstance(self.value, jax.Array | np.ndarray)
+                return self.value if as_it_is else self._number()
             annotation = kinds[0]
         if annotation is float:
             return self._number()
         if annotation is int:
             return self._whole_number()
+        if annotation is bool and not isinstance(self.value, bool | np.bool_):
+            raise self._refusal("; give True or False")
         if annotation is bool:
-            return self._truth()
-        if annotation is str:
-            return self._instance(str, "a text")
-        if _is_ours(annotation):
-            return self._fitting(annotation) if _is_protocol(annotation) else self._instance(annotation)
+            return bool(self.value)
+        if annotation is str or _is_ours(annotation):
+            self._refuse_other(annotation)
         return self.value
 
     def _number(self) -> Any:
@@ -197,71 +196,46 @@ class _Argument:
                 return float(value)
             except OverflowError:
                 raise Refusal(f"{self.name} of {reprlib.repr(value)} is too large for a float") from None
-        raise ArgumentTypeError(f"{self.name} is {_described(value)}; give a number{self._unit()}{self._in_text()}")
-
-    def _numbers(self) -> Any:
-        """One number or an array, as it is."""
-        value = self.value
-        if isinstance(value, jax.Array | np.ndarray):
-            return value
-        return self._number()
+        begins = re.match(r"\s*[-+]?\d+(\.\d+)?", value) if isinstance(value, str) else None
+        example = "" if begins is None else f", such as {float(begins[0]):g}"
+        raise self._refusal(f"; give a number{self._unit()}{example}")
 
     def _whole_number(self) -> int:
-        value = self.value
-        if is_traced(value):
+        if is_traced(self.value):
             raise ArgumentTypeError(
                 f"{self.name} is traced by JAX, but it decides what is computed; "
                 "give a plain int, outside of the transformation or by static_argnames"
             )
-        if isinstance(value, bool | np.bool_) or not _is_whole(value):
-            raise ArgumentTypeError(f"{self.name} is {_described(value)}; give a whole number{self._unit()}")
-        return int(cast(Any, value))
+        if not _is_whole(self.value):
+            raise self._refusal(f"; give a whole number{self._unit()}")
+        return int(self.value)
 
-    def _truth(self) -> bool:
-        if not isinstance(self.value, bool | np.bool_):
-            raise ArgumentTypeError(f"{self.name} is {_described(self.value)}; give True or False")
-        return bool(self.value)
-
-    def _instance(self, kind: type, wanted: str | None = None) -> Any:
-        if isinstance(self.value, kind):
-            return self.value
-        raise ArgumentTypeError(self._misplaced() or self._unlike(kind, wanted or f"an instance of {kind.__name__}"))
-
-    def _fitting(self, protocol: type) -> Any:
-        lacking = _lacking(self.value, protocol)
-        if not lacking:
-            return self.value
-        members = _members(protocol)
-        without = f" without {_in_words(lacking)}" if len(lacking) < len(members) else ""
-        name = re.sub(r"(?<!^)(?=[A-Z])", " ", protocol.__name__).lower()
-        wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_in_words(members)}"
-        raise ArgumentTypeError(self._misplaced() or self._unlike(protocol, wanted, without))
-
-    def _unlike(self, kind: type, wanted: str, without: str = "") -> str:
-        part = next((name for name, part in _parts(self.value) if _is_a(part, kind)), None)
-        mend = f"give {wanted}" if part is None else f"give its part .{part}"
-        return f"{self.name} is {_described(self.value)}{without}; {mend}"
-
-    def _misplaced(self) -> str | None:
-        """Name of another argument of the function that the value would suit."""
+    def _refuse_other(self, kind: type) -> None:
+        """Refuse what is no instance of a class or lacks members of a protocol, and say what would do."""
+        if _is_a(self.value, kind):
+            return
+        without = ""
+        wanted = "a text" if kind is str else f"an instance of {kind.__name__}"
+        if _is_protocol(kind):
+            lacking, members = _lacking(self.value, kind), _members(kind)
+            without = f" without {_in_words(lacking)}" if len(lacking) < len(members) else ""
+            name = re.sub(r"(?<!^)(?=[A-Z])", " ", kind.__name__).lower()
+            wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_in_words(members)}"
         for other, annotation in self.hints.items():
             kinds = (annotation, *typing.get_args(annotation))
-            if other not in (self.name, "return") and any(_is_ours(kind) and _is_a(self.value, kind) for kind in kinds):
-                order = ", ".join(self.signature.parameters)
-                return (
-                    f"{self.name} is {_described(self.value)}, which would do as {other}; "
-                    f"the arguments are {self.function}({order})"
-                )
-        return None
+            if other not in (self.name, "return") and any(_is_ours(of) and _is_a(self.value, of) for of in kinds):
+                order = ", ".join(self.parameters)
+                raise self._refusal(f", which would do as {other}; the arguments are {self.function}({order})")
+        record = dataclasses.is_dataclass(self.value) and not isinstance(self.value, type)
+        fields = dataclasses.fields(self.value) if record else ()
+        part = next((field.name for field in fields if _is_a(getattr(self.value, field.name), kind)), None)
+        raise self._refusal(f"{without}; give {wanted if part is None else f'its part .{part}'}")
+
+    def _refusal(self, rest: str) -> ArgumentTypeError:
+        return ArgumentTypeError(f"{self.name} is {_described(self.value)}{rest}")
 
     def _unit(self) -> str:
-        ending = next((ending for ending in _UNITS if self.name.endswith(ending)), None)
-        return "" if ending is None else f" in {_UNITS[ending]}"
-
-    def _in_text(self) -> str:
-        """Number at the beginning of a text."""
-        found = re.match(r"\s*[-+]?\d+(\.\d+)?", self.value) if isinstance(self.value, str) else None
-        return "" if found is None else f", such as {float(found[0]):g}"
+        return next((f" in {unit}" for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
 
 
 def _is_ours(annotation: Any) -> bool:
@@ -270,13 +244,6 @@ def _is_ours(annotation: Any) -> bool:
 
 def _is_a(value: object, kind: type) -> bool:
     return not _lacking(value, kind) if _is_protocol(kind) else isinstance(value, kind)
-
-
-def _parts(value: object) -> list[tuple[str, object]]:
-    """Fields of a record."""
-    if not dataclasses.is_dataclass(value) or isinstance(value, type):
-        return []
-    return [(field.name, getattr(value, field.name)) for field in dataclasses.fields(value)]
 
 
 def _is_protocol(kind: type) -> bool:
@@ -301,7 +268,7 @@ def _has(value: object, name: str) -> bool:
 def _is_whole(value: object) -> bool:
     if isinstance(value, jax.Array | np.ndarray):
         return value.shape == () and bool(jnp.issubdtype(value.dtype, jnp.integer))
-    return isinstance(value, numbers.Integral)
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
 def _described(value: object) -> str:
@@ -310,13 +277,12 @@ def _described(value: object) -> str:
         return "None"
     if isinstance(value, type):
         return f"the class {value.__name__}, not an instance of it"
-    kind = type(value).__name__
-    article = "an" if kind[0] in "aeiouAEIO" else "a"
     if is_traced(value):
         return "a number that JAX traces"
-    if isinstance(value, str | numbers.Number | np.generic | list | tuple | dict):
-        return f"{_SHORT.repr(value)}, {article} {kind}"
-    return f"{article} {kind}"
+    kind = type(value).__name__
+    kind = f"{'an' if kind[0] in 'aeiouAEIO' else 'a'} {kind}"
+    shown = isinstance(value, str | numbers.Number | np.generic | list | tuple | dict)
+    return f"{_SHORT.repr(value)}, {kind}" if shown else kind
 
 
 _SHORT: Final = reprlib.Repr()
@@ -325,14 +291,3 @@ _SHORT.maxstring = _SHORT.maxother = 60
 
 def _in_words(names: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-
-
-def converted(name: str, value: object, annotation: Any, function: str) -> Any:
-    """An argument as `checked` hands it on.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For an argument of the wrong type.
-    """
-    return _Argument(name, value, function, inspect.Signature(), {}).taken(annotation)

@@ -70,7 +70,7 @@ def test_text_of_a_part_with_every_setting_is_read_as_the_same_part(kind, name):
     assert again.completed() == part
     assert set(again.given) == {key for key, value in part.values().items() if value is not None}
     assert part.given == {}
-    assert part.replaced().tree() == {"name": name}
+    assert part.tree() == {"name": name}
 
 
 @of_every_part

@@ -73,9 +73,9 @@ def number(kind, about):
 
 
 SETTINGS = {
-    entry.name: {name: number(setting.kind, setting.about) for name, setting in entry.own_settings().items()}
+    entry.name: {name: number(setting.kind, setting.about) for name, setting in entry.effect_settings().items()}
     for entry in FAULTS.values()
-    if entry.timed and not entry.shared(lambda name, least, most: least)
+    if entry.timed and not entry.shared
 }
 """Strategies of the settings of every fault that comes and goes, but of those whose settings change the program."""
 

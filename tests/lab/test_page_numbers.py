@@ -445,9 +445,8 @@ def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
     case = usual_case(controller, around)
 
     def looking(samples_ahead):
-        return dataclasses.replace(
-            case, controller=case.controller.replaced(prediction_horizon=samples_ahead).completed()
-        )
+        controller = type(case.controller).partial({"prediction_horizon": samples_ahead})
+        return dataclasses.replace(case, controller=controller.completed())
 
     controller_of(around, looking(least))
     with pytest.raises(Refusal, match=f"give a prediction horizon of {least} or more"):

@@ -117,8 +117,9 @@ def test_what_is_wrong_is_told_with_the_value_the_bound_and_the_mend(text, sente
 def test_a_value_in_another_unit_is_asked_about():
     part = LAMPS.parse("desk, target_mg_dl=5.5")
     with pytest.raises(Refusal, match=r"--setpoint is 5\.5 mg/dl; that looks like mmol/l: 5\.5 mmol/l is 99\.1 mg/dl"):
-        part.setting("target_mg_dl").ask(part.target_mg_dl, "--setpoint")
-    part.setting("target_mg_dl").ask(LAMPS.parse("desk, target_mg_dl=5.5 mmol/l").target_mg_dl)
+        part.setting("target_mg_dl").refuse_unusual(part.target_mg_dl, "--setpoint")
+    in_mmol = LAMPS.parse("desk, target_mg_dl=5.5 mmol/l")
+    part.setting("target_mg_dl").refuse_unusual(in_mmol.target_mg_dl, "--setpoint")
 
 
 def test_settings_are_compared_once_the_part_is_whole():

@@ -78,16 +78,16 @@ def test_any_population_comes_back_from_its_file(variations, summary):
         ({"vary": [3]}, r"vary is \[3\]; give a table"),
         (
             {"vary": [{"parametre": "F_LC"}]},
-            r"\[\[vary\]\] number 1: a variation has no setting 'parametre'; did you mean 'parameter'",
+            r"\[\[vary\]\] number 1: unknown key 'parametre' of a variation; did you mean 'parameter'",
         ),
         ({"vary": [{"parameter": "F_LC"}]}, r"number 1: distribution is missing; add it"),
         (
             {"vary": [{"parameter": "F_LC", "distribution": "gamma", "spread": 0.1}]},
-            "number 1: distribution is 'gamma'; give uniform, normal or lognormal",
+            "number 1: unknown distribution 'gamma' of F_LC; the known ones are: uniform, normal, lognormal",
         ),
         (
             {"vary": [{"parameter": "F_LC", "distribution": "normal", "spread": "0.1"}]},
-            "number 1: spread is '0.1'; give a finite number",
+            "number 1: spread is '0.1', a str; give a number, such as 0.1",
         ),
         ({"vary": [{"parameter": "F_LC", "distribution": "normal"}]}, "number 1: F_LC needs one spread"),
         ({"vary": [{"parameter": "F_XX", "distribution": "normal", "spread": 1}]}, "unknown parameter 'F_XX'"),

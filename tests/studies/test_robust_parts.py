@@ -28,7 +28,7 @@ def test_ranges_are_read_as_they_are_written():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("2:1", "--move-weight is '2:1'.*the lower first"),
+        ("2:1", "move_weight is '2:1'.*the lower first"),
         ("0:1", "a lower bound above 0"),
         ("1:2:3", "write it like .1:2"),
         ("nan", "write it like .1:2"),
@@ -37,7 +37,7 @@ def test_ranges_are_read_as_they_are_written():
 )
 def test_what_is_no_range_is_refused(text, sentence):
     with pytest.raises(ValueError, match=sentence):
-        parse_range(text, RANGES["move_weight"], "--move-weight")
+        parse_range(text, RANGES["move_weight"])
 
 
 def test_front_is_what_nobody_beats():

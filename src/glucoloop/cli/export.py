@@ -13,7 +13,7 @@ from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.screen import note, stage
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for, read_root
-from glucoloop.situations.warnings import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.studies.exported import Export
 
 HELP: Final = (

@@ -64,7 +64,7 @@ def _query(typed: Given) -> None:
 
 def _seconds(text: str) -> float:
     try:
-        seconds = number_of(text, float)
+        seconds = number_of(text)
     except ValueError:
         seconds = math.nan
     if not 0.0 < seconds < math.inf:

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
-from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, given, plain
+from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.parts.patients import USUAL_PATIENT
-from glucoloop.parts.tree import as_table, as_tables, over, put
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -111,7 +110,9 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
             chain = as_tables(tree.get("sensor", []), "sensor")
-            tree["sensor"] = _with_part(chain, name, {setting: GivenValue(typed[option.key], option.flag, alone=True)})
+            tree["sensor"] = _with_part(
+                chain, name, {setting: GivenValue(typed[option.key], option.flag, by_option=True)}
+            )
     for text in typed.get(SET.key, ()):
         path_to, equals, value = map(str.strip, text.partition("="))
         if not equals or not value:
@@ -141,8 +142,8 @@ def _leaf(option: CommandOption, value: Any) -> Any:
         parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
         return parts if option.many else parts[0]
     if option.many:
-        return [GivenValue(text, option.flag, alone=True) for text in value]
-    return GivenValue(value, option.flag, text=isinstance(value, str), alone=True)
+        return [GivenValue(text, option.flag, by_option=True) for text in value]
+    return GivenValue(value, option.flag, text=isinstance(value, str), by_option=True)
 
 
 def _laid_over(lower: Tree, upper: Tree) -> Tree:

@@ -155,12 +155,12 @@ class Trial(ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
-        from glucoloop.situations.meal_text import meal_text, parse_meal
+        from glucoloop.situations.meal_text import same_meals
 
         super().__post_init__()
         resolved = {
             "population": population_of(self.population, self.patient.called),
-            "meals": tuple(meal_text(parse_meal(text)) for text in self.meals),
+            "meals": same_meals(self.meals),
         }
         for name, value in resolved.items():
             object.__setattr__(self, name, value)
@@ -196,14 +196,12 @@ class Trial(ControlledSituation):
         refuse_parts_of_samples(horizon_min, self.sample_time_min, has_duration=self.days is None)
         self.refuse_late_faults(horizon_min)
 
-    def ask(self) -> None:
-        """Ask about meals, too."""
-        from glucoloop.situations.meal_text import ask_about_clock, ask_about_meals
+    def refuse_unusual(self) -> None:
+        """Refuse what is possible and implausible, meals too."""
+        from glucoloop.situations.meal_text import refuse_unusual_meals
 
-        super().ask()
-        meals = self.given.get("meals", ())
-        ask_about_meals(meals)
-        ask_about_clock(meals, self.plan.horizon_min)
+        super().refuse_unusual()
+        refuse_unusual_meals(self.given.get("meals", ()), self.plan.horizon_min)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, with the table of a population from a file."""
@@ -234,10 +232,10 @@ class Trial(ControlledSituation):
             For a meal that does not fit into its day.
         """
         from glucoloop.meals.plan import MealPlan
-        from glucoloop.situations.meal_text import meal_text, parse_meal
+        from glucoloop.situations.meal_text import parse_meal, same_meals
 
         meals = [parse_meal(text) for text in self.meals]
-        if self.duration_min is not None and self.meals == tuple(meal_text(parse_meal(text)) for text in USUAL_DAY):
+        if self.duration_min is not None and self.meals == same_meals(USUAL_DAY):
             meals = [meal for meal in meals if meal.t_min < self.duration_min]
         return MealPlan(
             meals,

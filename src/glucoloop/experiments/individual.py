@@ -33,6 +33,7 @@ from glucoloop.identification import (
     laguerre_realisation,
     skin_coefficients,
 )
+from glucoloop.parts.code import loaded
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.refusal import Refusal
@@ -72,10 +73,10 @@ def individual_design(
     ValueError
         For an unknown controller, or one that cannot be designed.
     """
-    designer = case.controller.individual_designer()
-    if designer is None:
+    place = case.controller.individual
+    if place is None:
         return None
-    design: Design = designer(situation, _with_horizon(situation, case, controller), example)
+    design: Design = loaded(place)(situation, _with_horizon(situation, case, controller), example)
     return design
 
 

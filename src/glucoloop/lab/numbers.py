@@ -193,7 +193,7 @@ def _offered(
 
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     """A fault with its settings."""
-    usual = {name: setting.default.noise_free for name, setting in entry.own_settings().items()}
+    usual = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
     bounds = {name: OFFERED_FAULTS[name] for name in usual}
     return {
         "part": entry.part,

@@ -24,7 +24,7 @@ def short_table(metrics: Mapping[str, Any]) -> str:
         values = np.asarray(metrics[result.name], float) / result.divisor
         finite = values[np.isfinite(values)]
         told = np.percentile(finite, [5, 50, 95]) if people and finite.size else values.reshape(-1)[:1]
-        at_least = "+" if not people and result.settled and not bool(metrics[result.settled]) else ""
+        at_least = "+" if not people and result.exact_if and not bool(metrics[result.exact_if]) else ""
         numbers = "".join(f"{value:9.{result.digits}f}" for value in told)
         lines.append(f"{result.title:31}{numbers}{at_least} {result.unit}".rstrip())
     return "\n".join(lines)

@@ -23,16 +23,16 @@ _CODE: dict[str, tuple[str, str]] = {}
 
 def outside_code(config: object) -> dict[str, str]:
     """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
-    found = dict(_CODE[name] for name in _parts_in(config))
+    found = dict(_CODE[name] for name in _outside_parts(config))
     return {f"code of {package}": digest for package, digest in sorted(found.items())}
 
 
 def names_code(config: object) -> bool:
     """Whether a configuration names code as ``module:attribute``."""
-    return any(":" in name for name in _parts_in(config))
+    return any(":" in name for name in _outside_parts(config))
 
 
-def _parts_in(config: object) -> Iterator[str]:
+def _outside_parts(config: object) -> Iterator[str]:
     """Names of the parts of other packages in a configuration."""
     if isinstance(config, str):
         name = config.partition(",")[0].strip()
@@ -40,24 +40,20 @@ def _parts_in(config: object) -> Iterator[str]:
             yield name
     elif isinstance(config, Mapping | list | tuple):
         for inner in config.values() if isinstance(config, Mapping) else config:
-            yield from _parts_in(inner)
+            yield from _outside_parts(inner)
 
 
 def _note_code(name: str, value: str) -> None:
     """Note the code of a part as it was when it was loaded: all files of its package, or the file of its module."""
     package = value.partition(":")[0].partition(".")[0]
     module = sys.modules.get(package)
-    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
     alone = getattr(module, "__file__", None)
-    files = [file for folder in folders for file in sorted(folder.rglob("*.py"))] or ([Path(alone)] if alone else [])
-    digest = hashlib.sha256()
-    try:
-        for file in files:
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
-    except OSError:
-        return
-    if files:
-        _CODE[name] = package, digest.hexdigest()[:16]
+    files = [file for folder in getattr(module, "__path__", ()) for file in sorted(Path(folder).rglob("*.py"))]
+    files = files or ([Path(alone)] if alone else [])
+    with contextlib.suppress(OSError):
+        digests = b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)
+        if files:
+            _CODE[name] = package, hashlib.sha256(digests).hexdigest()[:16]
 
 
 @functools.cache
@@ -92,21 +88,8 @@ def only_code(allowed: Callable[[str], bool]) -> Iterator[None]:
 def added(group: str, name: str) -> Any | None:
     """Object that a package adds under a name, or that ``module:attribute`` names; None if there is none.
 
-    What was found is kept, so that a module is looked for once. The current folder is searched only for a module that
-    is named as ``module:attribute``.
-
-    Parameters
-    ----------
-    group : str
-        ``"controllers"``; the entry points of a package are then in ``glucoloop.controllers``.
-    name : str
-        Name of an entry point, or ``module:attribute`` of a module that Python finds or that lies in the current
-        folder.
-
-    Raises
-    ------
-    Refusal
-        For a module that cannot be imported, a missing attribute, or code that only a file names.
+    The entry points of a package for the group ``"controllers"`` are in ``glucoloop.controllers``. A module that is
+    named as ``module:attribute`` may lie in the current folder. Code that only a file names is refused.
     """
     points = entry_points(group)
     if ":" in name and _allowed is not None and not _allowed(name) and name not in points:
@@ -119,7 +102,7 @@ def added(group: str, name: str) -> Any | None:
 
 @functools.cache
 def found(name: str, value: str) -> Any:
-    """Object at a place, noted under the name by which it was asked for."""
+    """Object at a place, noted under the name by which it was asked for; a module is looked for once."""
     if name == value:
         global _from_here
         _from_here = True
@@ -129,34 +112,25 @@ def found(name: str, value: str) -> Any:
 
 
 def loaded(value: str) -> Any:
-    """Object that ``module:attribute`` names, in a module that Python finds.
+    """Object that ``module:attribute`` names; Refusal for a module that cannot be imported, or a missing attribute.
 
     The current folder is searched too, last, once a part was found by such a name: nothing that lies there takes the
     place of an installed module.
-
-    Raises
-    ------
-    ValueError
-        For a module that cannot be imported, or a missing attribute.
     """
     module, _, attribute = value.partition(":")
+    here = ""
     try:
-        found: Any = _imported(module)
+        if _from_here and str(Path.cwd()) not in sys.path:
+            here = str(Path.cwd())
+            sys.path.append(here)
+        found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except AttributeError:
         raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported
         raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
-    return found
-
-
-def _imported(module: str) -> Any:
-    here = str(Path.cwd())
-    if not _from_here or here in sys.path:
-        return importlib.import_module(module)
-    sys.path.append(here)
-    try:
-        return importlib.import_module(module)
     finally:
-        sys.path.remove(here)
+        if here:
+            sys.path.remove(here)
+    return found

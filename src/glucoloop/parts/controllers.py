@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from glucoloop.parts.code import loaded
@@ -51,8 +50,8 @@ class ControllerPart(Part):
     """Settings of the estimator of unknown meals in the controller, which `glucoloop detect` tries. The controller then
     has a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them."""
 
-    def __init_subclass__(cls, **of: Any) -> None:
-        super().__init_subclass__(**of)
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
         for place in filter(None, (cls.design, cls.individual)):
             if not all(place.partition(":")):
                 raise TypeError(f"{place!r} of the controller {cls.name} is no place; write it like module:function")
@@ -60,23 +59,6 @@ class ControllerPart(Part):
             raise TypeError(f"the controller {cls.name} cannot be tunable: it lacks one of {', '.join(_TUNED)}")
 
     def designed(self, case: Any) -> Any:
-        """The controller for a `control.design_case.DesignCase`; designing imports JAX.
-
-        Raises
-        ------
-        Refusal
-            If it cannot be designed.
-        """
+        """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""
         designer = loaded(self.design)
         return designer(case, self) if self.settings() else designer(case)
-
-    @classmethod
-    def individual_designer(cls) -> Callable[..., Any] | None:
-        """Function that designs the controller for each person; None if it is the same for all people.
-
-        Raises
-        ------
-        Refusal
-            If there is no such function.
-        """
-        return None if cls.individual is None else loaded(cls.individual)

@@ -57,20 +57,13 @@ class FaultPart(MadePart):
     both: ClassVar[str | None] = None
     """Setting, true or false, of which either value is drawn as a kind of its own."""
 
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        """Values ``(people,)`` of the settings that are drawn for random people; the others have their defaults."""
-        del even
-        return {}
-
-    @staticmethod
-    def shared(whole: Whole) -> dict[str, Any]:
-        """Values of the settings that all people of a compiled loop share."""
-        del whole
-        return {}
+    drawn: ClassVar[Mapping[str, Callable[[Even], Any]]] = {}
+    """Functions that draw values ``(people,)`` of settings for random people; the others have their defaults."""
+    shared: ClassVar[Mapping[str, Callable[[Whole], Any]]] = {}
+    """Functions that draw values of settings that all people of a compiled loop share."""
 
     @classmethod
-    def own_settings(cls) -> dict[str, Setting]:
+    def effect_settings(cls) -> dict[str, Setting]:
         """Settings of the fault itself, without those of its times and draws."""
         return {name: setting for name, setting in cls.settings().items() if name not in (*TIMING, KEY)}
 
@@ -80,8 +73,7 @@ class FaultPart(MadePart):
 
     def made(self, **known: Any) -> Any:
         """The sensor or pump with the fault."""
-        own = {name: getattr(self, name) for name in self.own_settings()}
-        return self.made_of(own, known)
+        return self.made_of({name: getattr(self, name) for name in self.effect_settings()}, known)
 
 
 class Timed(FaultPart):
@@ -91,8 +83,7 @@ class Timed(FaultPart):
         float | None, About("Time at which the fault begins, rounded up to a sample.", at_least=0.0)
     ] = None
     latest_min: Annotated[
-        float | None,
-        About("Latest start; the start is drawn between start_min and it, for each person.", at_least=0.0),
+        float | None, About("Latest start; the start is drawn between start_min and it, for each person.", at_least=0.0)
     ] = None
     duration_min: Annotated[
         float | None, About("Duration of the fault; by default to the end, or one sample with per_day.", above=0.0)
@@ -140,10 +131,7 @@ class LateSettings(Timed, name="late"):
 
     make: ClassVar = f"{_SENSORS}:late_by"
     delay_min: Annotated[float, About("Delay of the readings, rounded up to samples.", above=0.0)] = 15.0
-
-    @staticmethod
-    def shared(whole: Whole) -> dict[str, Any]:
-        return {"delay_min": 5.0 * whole("delay", 1, 12)}
+    shared: ClassVar = {"delay_min": lambda whole: 5.0 * whole("delay", 1, 12)}
 
 
 class RepeatedSettings(Timed, name="repeated"):
@@ -151,10 +139,7 @@ class RepeatedSettings(Timed, name="repeated"):
 
     make: ClassVar = f"{_SENSORS}:repeated"
     times: Annotated[int, About("Number of times that each reading is given.", at_least=2)] = 3
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"times": even(2.0, 13.0) // 1.0}
+    drawn: ClassVar = {"times": lambda even: even(2.0, 13.0) // 1.0}
 
 
 class OutOfOrderSettings(Timed, name="out-of-order"):
@@ -162,10 +147,7 @@ class OutOfOrderSettings(Timed, name="out-of-order"):
 
     make: ClassVar = f"{_SENSORS}:out_of_order"
     among: Annotated[int, About("Number of latest readings among which one is drawn.", at_least=2, at_most=48)] = 4
-
-    @staticmethod
-    def shared(whole: Whole) -> dict[str, Any]:
-        return {"among": whole("among", 2, 8)}
+    shared: ClassVar = {"among": lambda whole: whole("among", 2, 8)}
 
 
 class SpikesSettings(Timed, name="spikes"):
@@ -173,10 +155,7 @@ class SpikesSettings(Timed, name="spikes"):
 
     make: ClassVar = f"{_SENSORS}:spikes"
     size_mg_dl: Annotated[float, About("Error of the readings, of either sign.")] = 60.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"size_mg_dl": even(-1000.0, 1000.0)}
+    drawn: ClassVar = {"size_mg_dl": lambda even: even(-1000.0, 1000.0)}
 
 
 class StuckSettings(Timed, name="stuck"):
@@ -190,10 +169,7 @@ class DriftSettings(Timed, name="drift"):
 
     make: ClassVar = f"{_SENSORS}:drift"
     mg_dl_h: Annotated[float, About("Growth of the error in an hour, of either sign.", unit="mg/dl per hour")] = 5.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"mg_dl_h": even(-1.0, 1.0) * 10.0 ** even(0.0, 3.0, 1)}
+    drawn: ClassVar = {"mg_dl_h": lambda even: even(-1.0, 1.0) * 10.0 ** even(0.0, 3.0, 1)}
 
 
 class CalibrationSettings(Timed, name="calibration"):
@@ -202,10 +178,10 @@ class CalibrationSettings(Timed, name="calibration"):
     make: ClassVar = f"{_SENSORS}:calibration"
     gain: Annotated[float, About("Factor from the correct reading to the given one.", above=0.0)] = 1.15
     offset_mg_dl: Annotated[float, About("Offset that is added after the gain.")] = 0.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"gain": 10.0 ** even(-1.0, 1.0), "offset_mg_dl": even(-200.0, 200.0, 1)}
+    drawn: ClassVar = {
+        "gain": lambda even: 10.0 ** even(-1.0, 1.0),
+        "offset_mg_dl": lambda even: even(-200.0, 200.0, 1),
+    }
 
 
 class CompressionSettings(Timed, name="compression"):
@@ -214,10 +190,7 @@ class CompressionSettings(Timed, name="compression"):
     make: ClassVar = f"{_SENSORS}:compression"
     depth: Annotated[float, About("Part of the reading that is finally lost.", above=0.0, at_most=1.0)] = 0.3
     tau_min: Annotated[float, About("Time constant of fall and recovery.", above=0.0)] = 10.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"depth": even(0.05, 1.0), "tau_min": even(1.0, 60.0, 1)}
+    drawn: ClassVar = {"depth": lambda even: even(0.05, 1.0), "tau_min": lambda even: even(1.0, 60.0, 1)}
 
 
 class SaturationSettings(Timed, name="saturation"):
@@ -226,6 +199,10 @@ class SaturationSettings(Timed, name="saturation"):
     make: ClassVar = f"{_SENSORS}:saturation"
     low_mg_dl: Annotated[float, About("Lower end of the range.", at_least=0.0, quantity=GLUCOSE_BOUND)] = 40.0
     high_mg_dl: Annotated[float, About("Upper end of the range.", above=0.0, quantity=GLUCOSE_BOUND)] = 400.0
+    drawn: ClassVar = {
+        "low_mg_dl": lambda even: even(0.0, 150.0),
+        "high_mg_dl": lambda even: even(0.0, 150.0) + even(1.0, 300.0, 1),
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -235,21 +212,13 @@ class SaturationSettings(Timed, name="saturation"):
                 "give an upper end above the lower one"
             )
 
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        low = even(0.0, 150.0)
-        return {"low_mg_dl": low, "high_mg_dl": low + even(1.0, 300.0, 1)}
-
 
 class NonsenseSettings(Timed, name="nonsense"):
     """A fixed number is given as a valid reading: nan, inf, 0, 2000."""
 
     make: ClassVar = f"{_SENSORS}:nonsense"
     value: Annotated[float, About("Number that is given.", finite=False)] = 0.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"value": [_NONSENSE[int(place)] for place in even(0.0, float(len(_NONSENSE)))]}
+    drawn: ClassVar = {"value": lambda even: [_NONSENSE[int(place)] for place in even(0.0, float(len(_NONSENSE)))]}
 
 
 class ResolutionSettings(Untimed, name="resolution"):
@@ -261,11 +230,10 @@ class ResolutionSettings(Untimed, name="resolution"):
     idle: ClassVar = {"step_mU_min": _NO_STEP, "least_mU_min": 0.0}
     step_mU_min: Step = 0.5
     least_mU_min: Least = 0.0
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        step = 2.0 ** (even(-4.0, 4.0) // 1.0)
-        return {"step_mU_min": step, "least_mU_min": step * (even(0.0, 4.0, 1) // 1.0)}
+    drawn: ClassVar = {
+        "step_mU_min": lambda even: 2.0 ** (even(-4.0, 4.0) // 1.0),
+        "least_mU_min": lambda even: 2.0 ** (even(-4.0, 4.0) // 1.0) * (even(0.0, 4.0, 1) // 1.0),
+    }
 
 
 class BatterySettings(Timed, name="battery"):
@@ -293,10 +261,7 @@ class OcclusionSettings(Timed, name="occlusion"):
     both: ClassVar = "noticed"
     open_fraction: Annotated[float, About("Part of the insulin that is delivered.", at_least=0.0, below=1.0)] = 0.0
     noticed: Noticed = False
-
-    @staticmethod
-    def draw(even: Even) -> dict[str, Any]:
-        return {"open_fraction": (even(0.0, 1.0) >= 0.5) * even(0.0, 0.95, 1)}
+    drawn: ClassVar = {"open_fraction": lambda even: (even(0.0, 1.0) >= 0.5) * even(0.0, 0.95, 1)}
 
 
 class UnheardSettings(Timed, name="unheard"):

@@ -13,11 +13,14 @@ from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PatientPart
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.parts.setting import About, Default
+from glucoloop.parts.setting import About
 from glucoloop.plausible import ANY_SETTING, GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
 
-_limit = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
+_bounded: Final = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
+_limit: Final = functools.partial(_bounded, at_least=0.0)
+_positive: Final = functools.partial(_bounded, above=0.0)
+_one_or_more: Final = functools.partial(_bounded, at_least=1.0)
 
 
 OF_ROUTE: Final[dict[str, dict[str, float]]] = {
@@ -65,128 +68,42 @@ class GuardSettings(Part, name="usual"):
     kind: ClassVar = "guard"
     any_number: ClassVar = ANY_SETTING
 
-    lowest_reading_mg_dl: Annotated[
-        float,
-        _limit(
-            "Lowest reading that the guard accepts.",
-            at_least=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
-    ] = 20.0
+    lowest_reading_mg_dl: Annotated[float, _limit("Lowest reading that the guard accepts.", quantity=GLUCOSE_BOUND)] = (
+        20.0
+    )
     highest_reading_mg_dl: Annotated[
-        float,
-        _limit(
-            "Highest reading that the guard accepts.",
-            above=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
+        float, _positive("Highest reading that the guard accepts.", quantity=GLUCOSE_BOUND)
     ] = 600.0
-    fastest_mg_dl_min: Annotated[
-        float,
-        _limit(
-            "Fastest rise of a reading that the guard accepts.",
-            above=0.0,
-        ),
-    ] = 3.0
+    fastest_mg_dl_min: Annotated[float, _positive("Fastest rise of a reading that the guard accepts.")] = 3.0
     stuck_min: Annotated[
         float,
-        _limit(
-            "Minutes after which an unchanged reading is rejected while much or little insulin is on board.",
-            above=0.0,
-        ),
+        _positive("Minutes after which an unchanged reading is rejected while much or little insulin is on board."),
     ] = 20.0
     stuck_on_board: Annotated[
-        float,
-        _limit(
-            "Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.",
-            at_least=0.0,
-        ),
+        float, _limit("Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.")
     ] = 0.25
     held_min: Annotated[
-        float,
-        _limit(
-            "Minutes for which a reading may stay unchanged before at most the basal rate is given.",
-            at_least=0.0,
-        ),
+        float, _limit("Minutes for which a reading may stay unchanged before at most the basal rate is given.")
     ] = 10.0
-    gap_min: Annotated[
-        float,
-        _limit(
-            "Minutes without an accepted reading after which the basal rate is given.",
-            at_least=0.0,
-        ),
-    ] = 20.0
+    gap_min: Annotated[float, _limit("Minutes without an accepted reading after which the basal rate is given.")] = 20.0
     long_gap_min: Annotated[
-        float,
-        _limit(
-            "Minutes without an accepted reading after which a part of the basal rate is given.",
-            at_least=0.0,
-        ),
+        float, _limit("Minutes without an accepted reading after which a part of the basal rate is given.")
     ] = 90.0
-    reduced_fraction: Annotated[
-        float,
-        _limit(
-            "Part of the basal rate that is given then.",
-            at_least=0.0,
-            at_most=1.0,
-        ),
-    ] = 0.5
+    reduced_fraction: Annotated[float, _limit("Part of the basal rate that is given then.", at_most=1.0)] = 0.5
     low_mg_dl: Annotated[
-        float,
-        _limit(
-            "Predicted glucose below which insulin is suspended.",
-            at_least=0.0,
-            quantity=GLUCOSE_BOUND,
-        ),
+        float, _limit("Predicted glucose below which insulin is suspended.", quantity=GLUCOSE_BOUND)
     ] = 65.0
-    ahead_min: Annotated[float, _limit("Time of this prediction.", at_least=0.0)] = 40.0
-    hysteresis_mg_dl: Annotated[
-        float,
-        _limit("Distance above that bound from which insulin is given again.", at_least=0.0),
-    ] = 5.0
-    max_hour: Annotated[
-        float,
-        _limit(
-            "Largest dose in an hour, in basal hours.",
-            at_least=1.0,
-        ),
-    ] = 2.4
-    max_on_board: Annotated[
-        float,
-        _limit(
-            "Largest insulin on board beyond the basal rate, as a multiple of it.",
-            at_least=0.0,
-        ),
-    ] = 1.3
-    on_board_tau_min: Annotated[
-        float,
-        _limit(
-            "Time constant with which insulin on board decays.",
-            at_least=1.0,
-        ),
-    ] = 90.0
+    ahead_min: Annotated[float, _limit("Time of this prediction.")] = 40.0
+    hysteresis_mg_dl: Annotated[float, _limit("Distance above that bound from which insulin is given again.")] = 5.0
+    max_hour: Annotated[float, _one_or_more("Largest dose in an hour, in basal hours.")] = 2.4
+    max_on_board: Annotated[float, _limit("Largest insulin on board beyond the basal rate, as a multiple of it.")] = 1.3
+    on_board_tau_min: Annotated[float, _one_or_more("Time constant with which insulin on board decays.")] = 90.0
     fall_mg_dl: Annotated[
-        float,
-        _limit(
-            "Glucose above the setpoint for which one basal rate may be on board.",
-            at_least=1.0,
-        ),
+        float, _one_or_more("Glucose above the setpoint for which one basal rate may be on board.")
     ] = 60.0
-    error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.", at_least=0.0)] = 5.0
-    always_basal: Annotated[
-        float,
-        _limit(
-            "Multiple of the basal rate that is allowed at any reading.",
-            at_least=1.0,
-        ),
-    ] = 1.2
-    doubt_tau_min: Annotated[
-        float,
-        _limit(
-            "Time constant with which a jump of the reading is forgotten.",
-            above=0.0,
-        ),
-    ] = 480.0
+    error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.")] = 5.0
+    always_basal: Annotated[float, _one_or_more("Multiple of the basal rate that is allowed at any reading.")] = 1.2
+    doubt_tau_min: Annotated[float, _positive("Time constant with which a jump of the reading is forgotten.")] = 480.0
 
     @classmethod
     def for_route(cls, insulin_route: str) -> GuardSettings:
@@ -226,13 +143,7 @@ GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_h
 
 
 def guard_of(patient: PatientPart | type[PatientPart], given: GuardSettings | None = None) -> GuardSettings:
-    """A guard with the settings that are usual for a patient, in place of those that were not given.
-
-    Raises
-    ------
-    Refusal
-        For settings that are at odds with one another.
-    """
+    """A guard with the settings that are usual for a patient, in place of those that were not given."""
     usual = {**OF_ROUTE[patient.insulin_route], **patient.guard}
     whole = GuardSettings.partial({}) if given is None else given
-    return whole.completed({name: Default(value) for name, value in usual.items()})
+    return whole.completed(usual)

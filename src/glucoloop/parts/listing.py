@@ -10,144 +10,122 @@ from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.code import loaded
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.guard import OF_ROUTE, GuardSettings
+from glucoloop.parts.part import Part
 from glucoloop.parts.patients import NOMINAL, PatientPart
 from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, in_words, known_names, value_text
 from glucoloop.refusal import Refusal
 
-PATIENT: Final = "patient"
 _NAME_WIDTH: Final = 18
 _SKIN: Final = "under the skin"
+_USUAL_OF_PATIENT: Final = (
+    "max_change_mU_min",
+    "min_insulin_mU_min",
+    "max_insulin_mU_min",
+    "pulse_mU_min",
+    "memory_min",
+    "laguerre_pole",
+    "laguerre_functions",
+)
 
 
 def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
     """Descriptions of all parts, of those of a kind, or of one by its name, as plain values.
 
-    Parameters
-    ----------
-    asked : str, optional
-    requests : mapping
-        Places ``module:Class`` of what else can be listed by name, such as the settings of a whole run.
-
-    Raises
-    ------
-    Refusal
-        For a name that is neither a kind nor a part, or code that cannot be imported.
+    `requests` holds places ``module:Class`` of what else can be listed by name, such as the settings of a whole run.
     """
-    kinds = catalogues()
-    if asked is None:
-        return [described(of.find(name)) for of in kinds.values() for name in of.names()]
-    kind = asked.removesuffix("s")
-    if kind in kinds:
-        return [described(kinds[kind].find(name)) for name in kinds[kind].names()]
-    if asked in requests:
+    if asked is not None and asked in requests:
         return [described(loaded(requests[asked]))]
-    found = [described(of.find(asked)) for of in kinds.values() if asked in of.names()]
-    if not found:
-        names = [name for of in kinds.values() for name in of.names()]
-        told = known_names(asked, names, where=f"the kinds are: {', '.join((*kinds, *requests))}")
-        raise Refusal(f"there is no part and no kind of parts {asked!r}; {told}")
-    return found
+    kinds = catalogues()
+    names = [(kind, name) for kind, parts in kinds.items() for name in parts.names()]
+    if asked is not None:
+        every = [name for _, name in names]
+        of_kind = [(kind, name) for kind, name in names if kind == asked.removesuffix("s")]
+        names = of_kind or [(kind, name) for kind, name in names if name == asked]
+        if not names:
+            known = known_names(asked, every, where=f"the kinds are: {', '.join((*kinds, *requests))}")
+            raise Refusal(f"there is no part and no kind of parts {asked!r}; {known}")
+    return [described(kinds[kind].find(name)) for kind, name in names]
 
 
-def described(part: Any) -> dict[str, Any]:
+def described(part: type[Part]) -> dict[str, Any]:
     """A part as plain values."""
-    settings = [_setting(part, setting) for setting in part.settings().values() if setting.name not in part.refused]
-    own = _of_patient(part) if issubclass(part, PatientPart) else {}
-    return {"kind": part.kind, "name": part.name, "summary": part.summary, **own, "settings": settings}
-
-
-def _setting(part: Any, setting: Setting) -> dict[str, Any]:
-    kind: Any = setting.kind
-    possible = (in_words(setting.choices) if setting.choices else "") or {bool: "true or false", str: "a text"}.get(
-        kind
-    )
-    if setting.is_part:
-        return {
-            "name": setting.name,
-            "summary": setting.summary,
-            "possible": f"{'parts' if setting.many else 'a part'} of the kind {kind.kind}",
-            "unit": "",
-            "usual": {},
+    found: dict[str, Any] = {"kind": part.kind, "name": part.name, "summary": part.summary}
+    if issubclass(part, PatientPart):
+        found |= {
+            "insulin_route": part.insulin_route,
+            "operating_points": {point.name: point.summary for point in part.operating_points},
+            "populations": {NOMINAL: "the nominal patient, whoever is drawn", **part.populations},
+            "usual": {name: getattr(part, name) for name in _USUAL_OF_PATIENT},
         }
+    settings = (setting for setting in part.settings().values() if setting.name not in part.refused)
+    return {**found, "settings": [_setting(part, setting) for setting in settings]}
+
+
+def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
+    if setting.is_part:
+        usual, possible = {}, f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
+    elif setting.choices:
+        possible = in_words(setting.choices)
+    elif setting.kind in (int, float):
+        possible = setting.about.possible(setting.kind, setting.unit)
+    else:
+        possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
     if issubclass(part, ControllerPart):
-        own = ROUTES[SUBCUTANEOUS].tunings.get(part.name, {})
-        usual |= {_SKIN: own[setting.name].noise_free} if setting.name in own else {}
+        tuning = ROUTES[SUBCUTANEOUS].tunings.get(part.name, {})
+        usual |= {_SKIN: tuning[setting.name].noise_free} if setting.name in tuning else {}
     if issubclass(part, GuardSettings) and setting.name in OF_ROUTE[SUBCUTANEOUS]:
         usual[_SKIN] = OF_ROUTE[SUBCUTANEOUS][setting.name]
     return {
         "name": setting.name,
         "summary": setting.summary,
-        "possible": possible or (setting.about.possible(kind, setting.unit) if kind in (int, float) else "a text"),
-        "unit": setting.unit,
+        "possible": possible,
+        "unit": "" if setting.is_part else setting.unit,
         "usual": usual,
-    }
-
-
-def _of_patient(entry: type[PatientPart]) -> dict[str, Any]:
-    """Points, populations, pump and identification of a patient."""
-    return {
-        "insulin_route": entry.insulin_route,
-        "operating_points": {point.name: point.summary for point in entry.operating_points},
-        "populations": {NOMINAL: "the nominal patient, whoever is drawn", **entry.populations},
-        "usual": {
-            name: getattr(entry, name)
-            for name in (
-                "max_change_mU_min",
-                "min_insulin_mU_min",
-                "max_insulin_mU_min",
-                "pulse_mU_min",
-                "memory_min",
-                "laguerre_pole",
-                "laguerre_functions",
-            )
-        },
     }
 
 
 def listing(parts: list[dict[str, Any]], width: int = 100) -> str:
     """Descriptions as text: a line for each of several parts, or everything about one."""
     if len(parts) == 1:
-        return "\n".join(_whole(parts[0], width))
+        return "\n".join(line for text, indent in _whole(parts[0]) for line in _wrapped(text, indent, width))
     lines: list[str] = []
     kind = ""
     for part in parts:
         if part["kind"] != kind:
             kind = part["kind"]
             lines += ["", f"{kind.capitalize()}s"] if lines else [f"{kind.capitalize()}s"]
-        lines += _wrapped(f"  {part['name']:<{_NAME_WIDTH}} {part['summary']}", " " * (_NAME_WIDTH + 3), width)
+        lines += _wrapped(f"  {part['name']:<{_NAME_WIDTH}} {part['summary']}", _NAME_WIDTH + 3, width)
     return "\n".join(lines)
 
 
-def _whole(part: dict[str, Any], width: int) -> Iterator[str]:
-    yield from _wrapped(f"{part['kind']} {part['name']}".strip() + f": {part['summary']}", "  ", width)
+def _whole(part: dict[str, Any]) -> Iterator[tuple[str, int]]:
+    """Paragraphs on a part, and the indent of their further lines."""
+    yield f"{part['kind']} {part['name']}".strip() + f": {part['summary']}", 2
     for key, what in (("operating_points", "Operating point"), ("populations", "Population")):
         for name, summary in part.get(key, {}).items():
-            yield from _wrapped(f"  {what} {name}: {summary}", "    ", width)
-    if part["kind"] == PATIENT:
+            yield f"  {what} {name}: {summary}", 4
+    if "insulin_route" in part:
         usual = part["usual"]
-        yield f"  Route of insulin: {part['insulin_route']}"
-        yield from _wrapped(
+        yield f"  Route of insulin: {part['insulin_route']}", 4
+        yield (
             f"  Usual pump: {usual['min_insulin_mU_min']:g} to {usual['max_insulin_mU_min']:g} mU/min, changed by at "
             f"most {usual['max_change_mU_min']:g} mU/min from one sample to the next",
-            "    ",
-            width,
+            4,
         )
-        yield from _wrapped(
+        yield (
             f"  Usual identification: pulses of {usual['pulse_mU_min']:g} mU/min, a memory of "
             f"{usual['memory_min']:g} min, {usual['laguerre_functions']} Laguerre functions with a pole of "
             f"{usual['laguerre_pole']:g} at 5-min samples",
-            "    ",
-            width,
+            4,
         )
-    for setting in part.get("settings", ()):
+    for setting in part["settings"]:
         usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
-        told = f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})"
-        yield from _wrapped(told, " " * 6, width)
-        yield from _wrapped(f"      {setting['summary']}", " " * 6, width)
+        yield f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})", 6
+        yield f"      {setting['summary']}", 6
 
 
 def _text(value: Any) -> str:
@@ -156,5 +134,5 @@ def _text(value: Any) -> str:
     return "not given" if value is None else f'"{value}"' if value == "" else value_text(value)
 
 
-def _wrapped(text: str, indent: str, width: int) -> list[str]:
-    return textwrap.wrap(text, width, subsequent_indent=indent, break_on_hyphens=False, drop_whitespace=True)
+def _wrapped(text: str, indent: int, width: int) -> list[str]:
+    return textwrap.wrap(text, width, subsequent_indent=" " * indent, break_on_hyphens=False)

@@ -8,22 +8,16 @@ where it is asked for by name. Nothing here imports a numerical library.
 from __future__ import annotations
 
 import math
+import types
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
 from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
-
-REGULATION: Final = "Regulation"
-GLYCEMIA: Final = "Glycemia"
-INSULIN: Final = "Insulin"
-CONSTRAINTS: Final = "Bounds of Parker et al. (1999)"
-SAMPLES: Final = "Samples"
-FURTHER: Final = "Further metrics"
 
 
 @dataclass(frozen=True)
@@ -41,8 +35,8 @@ class Result:
     digits: int = 1
     divisor: float = 1.0
     """Number by which the value is divided to be in the unit of tables."""
-    settled: str = ""
-    """Result that says whether the value is more than a lower bound."""
+    exact_if: str = ""
+    """Result that is true where the value is exact, and false where it is only a lower bound."""
     seldom: bool = False
     """Whether tables leave it out if it is 0 in all runs."""
     concentration: bool = False
@@ -75,31 +69,32 @@ class MetricPart(MadePart):
     """A metric; `make` names the `metrics.protocol.Metric`, a class or a function."""
 
     kind: ClassVar = "metric"
-    section: ClassVar[str] = FURTHER
+    section: ClassVar[str] = "Further metrics"
     """Heading of its rows in tables."""
     numbers: ClassVar[tuple[Result, ...]] = ()
     """Numbers that it gives, where they do not depend on its settings."""
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """Numbers that it gives with these settings.
-
-        Raises
-        ------
-        Refusal
-            For settings with which the name of a number is not possible.
-        """
+        """Numbers that it gives with these settings; Refusal for settings that make an impossible name of a number."""
         return self.numbers
 
 
-_METRICS: Final = "glucoloop.metrics"
+def _metric(name: str, section: str, summary: str, *numbers: Result) -> type[MetricPart]:
+    """A metric of this package; ``low-events`` is the class ``LowEvents`` of `glucoloop.metrics.low_events`."""
+    fold = name.title().replace("-", "")
+    place = f"glucoloop.metrics.{name.replace('-', '_')}:{fold}"
+    body = {"__doc__": summary, "__module__": __name__, "make": place, "section": section, "numbers": numbers}
+    return types.new_class(f"{fold}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
 
 
-def _share(
-    name: str, where: str, title: str, *, seldom: bool = False, everyday: bool = False, more: str = ""
-) -> Result:
+def _share(name: str, where: str, title: str = "", more: str = "", **shown: Any) -> Result:
     summary = f"Percentage of time with glucose {where}{more}."
-    return Result(name, summary, title, "%", seldom=seldom, everyday=everyday)
+    return Result(name, summary, title or f"Time {where}", "%", **shown)
+
+
+def _minutes(name: str, summary: str, title: str, **shown: Any) -> Result:
+    return Result(name, summary, title, "min", 0, **shown)
 
 
 def _events(name: str, bound_mg_dl: int) -> Result:
@@ -111,272 +106,195 @@ def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Resu
     return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
 
 
-class TimeInRangesPart(MetricPart, name="time-in-ranges"):
-    """Times in ranges of glucose, and the risk index that follows from them."""
-
-    make: ClassVar = f"{_METRICS}.time_in_ranges:TimeInRanges"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        _share(
-            "time_70_180_pct",
-            "from 70 to 180 mg/dl",
-            "Time from 70 to 180 mg/dl",
-            everyday=True,
-            more=", both included; with those below 70 and above 180 it makes 100",
-        ),
-        _share("time_above_180_pct", "above 180 mg/dl", "Time above 180 mg/dl", everyday=True),
-        _share("time_above_250_pct", "above 250 mg/dl", "Time above 250 mg/dl", everyday=True),
-        _share("time_below_70_pct", "below 70 mg/dl", "Time below 70 mg/dl", everyday=True),
-        _share("time_below_60_pct", "below 60 mg/dl", "Time below 60 mg/dl"),
-        _share("time_below_54_pct", "below 54 mg/dl", "Time below 54 mg/dl", everyday=True),
-        _share(
-            "time_below_validity_pct",
-            "below the valid range of the patient's model",
-            "Time below the model's validity",
-            seldom=True,
-            more="; a value above 0 means severe hypoglycemia",
-        ),
-        Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
-    )
-
-
-class LowEventsPart(MetricPart, name="low-events"):
-    """Events of low glucose."""
-
-    make: ClassVar = f"{_METRICS}.low_events:LowEvents"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        _events("low_events", 70),
-        _events("very_low_events", 54),
-    )
-
-
-class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
-    """Mean glucose and its variation."""
-
-    make: ClassVar = f"{_METRICS}.mean_and_variation:MeanAndVariation"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        Result(
-            "mean_mg_dl",
-            "Mean glucose over the grid.",
-            "Mean glucose",
-            "mg/dl",
-            concentration=True,
-            everyday=True,
-        ),
-        Result(
-            "cv_pct",
-            "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
-            "Coefficient of variation",
-            "%",
-            everyday=True,
-        ),
-        Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
-    )
-
-
-class RiskIndicesPart(MetricPart, name="risk-indices"):
-    """Risk of low and of high glucose."""
-
-    make: ClassVar = f"{_METRICS}.risk_indices:RiskIndices"
-    section: ClassVar = GLYCEMIA
-    numbers: ClassVar = (
-        Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
-        Result("hbgi", "High blood glucose index.", "High blood glucose index", "", 2),
-    )
-
-
-class ExtremesPart(MetricPart, name="extremes"):
-    """Least and greatest glucose."""
-
-    make: ClassVar = f"{_METRICS}.extremes:Extremes"
-    section: ClassVar = REGULATION
-    numbers: ClassVar = (
-        Result(
-            "undershoot_mg_dl",
-            "Setpoint minus the least glucose.",
-            "Undershoot",
-            "mg/dl",
-            fall=True,
-            everyday=True,
-        ),
-        Result(
-            "minimum_mg_dl",
-            "Least glucose of the run.",
-            "Least glucose",
-            "mg/dl",
-            concentration=True,
-            everyday=True,
-        ),
-        Result(
-            "minimum_t_min",
-            "Time from the start of the run at which the minimum is first reached.",
-            "  at",
-            "min",
-            0,
-        ),
-        Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
-        Result(
-            "peak_mg_dl",
-            "Greatest glucose of the run.",
-            "Greatest glucose",
-            "mg/dl",
-            concentration=True,
-            everyday=True,
-        ),
-        Result("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at", "min", 0),
-    )
-
-
-class SettlingPart(MetricPart, name="settling"):
-    """Time until glucose stays near the setpoint."""
-
-    make: ClassVar = f"{_METRICS}.settling:Settling"
-    section: ClassVar = REGULATION
-    numbers: ClassVar = (
-        Result(
-            "settling_2pct_min",
-            "Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, "
-            "or of the start if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 "
-            "takes the place of that minute.",
-            "Settling, 2 % band",
-            "min",
-            0,
-            settled="settled_2pct",
-            everyday=True,
-        ),
-        Result("settled_2pct", "Whether glucose is within 2 % of the setpoint at the end."),
-        Result(
-            "settling_5pct_min",
-            "Settling time for a band of 5 % of the setpoint.",
-            "Settling, 5 % band",
-            "min",
-            0,
-            settled="settled_5pct",
-        ),
-        Result("settled_5pct", "Whether glucose is within 5 % of the setpoint at the end."),
-    )
-
-
-class SquaredErrorPart(MetricPart, name="squared-error"):
-    """Sum of squared errors."""
-
-    make: ClassVar = f"{_METRICS}.squared_error:SquaredError"
-    section: ClassVar = REGULATION
-    numbers: ClassVar = (
-        Result(
-            "sse",
-            "Sum over the controller's samples of the squared distance from the setpoint [(mg/dl)^2].",
-            "Sum of squared errors",
-            "(mg/dl)²",
-            0,
-        ),
-    )
-
-
-class InsulinPart(MetricPart, name="insulin"):
-    """Insulin delivered and its changes."""
-
-    make: ClassVar = f"{_METRICS}.insulin:Insulin"
-    section: ClassVar = INSULIN
-    numbers: ClassVar = (
-        Result(
-            "insulin_total_mU",
-            "Insulin delivered over the run.",
-            "Insulin delivered",
-            "U",
-            2,
-            divisor=MU_PER_U,
-            everyday=True,
-        ),
-        Result(
-            "insulin_off_min",
-            "Time of the samples at which the pump delivered no insulin at all.",
-            "Time without insulin",
-            "min",
-            0,
-            everyday=True,
-        ),
-        Result(
-            "longest_insulin_off_min",
-            "Longest time without insulin that no delivery interrupts.",
-            "  longest",
-            "min",
-            0,
-        ),
-        Result(
-            "insulin_total_variation_mU_min",
-            "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
-            "Total variation",
-            "mU/min",
-        ),
-        Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
-    )
-
-
-class SamplesPart(MetricPart, name="samples"):
-    """Samples at which the controller or its guard met a difficulty."""
-
-    make: ClassVar = f"{_METRICS}.samples:Samples"
-    section: ClassVar = SAMPLES
-    numbers: ClassVar = (
-        _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
-        _samples("missing", "without a valid, finite reading", "Reading missing"),
-        _samples("not_converged", "at which an optimisation did not converge", "Not converged"),
-        _samples(
-            "non_finite",
-            "at which the controller computed no finite dose, or was restarted by its guard because of that",
-            "Dose not finite",
-        ),
-        _samples(
-            "rejected",
-            "at which the guard rejected a reading; 0, like the next three, without a guard",
-            "Reading not believed",
-            seldom=True,
-        ),
-        _samples(
-            "fallback",
-            "at which the guard gave the basal rate, or a part of it, because readings were missing",
-            "Fallback to the basal rate",
-            seldom=True,
-        ),
-        _samples("suspended", "at which the guard suspended insulin", "Insulin suspended", seldom=True),
-        _samples(
-            "dose_limited",
-            "at which the guard cut the dose to its limit per hour or of insulin on board",
-            "Dose cut by the guard",
-            seldom=True,
-        ),
-    )
-
-
-class ConstraintsPart(MetricPart, name="constraints"):
-    """Constraints of Parker, Doyle and Peppas (1999)."""
-
-    make: ClassVar = f"{_METRICS}.constraints:Constraints"
-    section: ClassVar = CONSTRAINTS
-    numbers: ClassVar = (
-        Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
-        Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
-        Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
-        Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
-    )
-
-
 METRICS: Final = Catalogue(
     MetricPart,
     (
-        TimeInRangesPart,
-        LowEventsPart,
-        MeanAndVariationPart,
-        RiskIndicesPart,
-        ExtremesPart,
-        SettlingPart,
-        SquaredErrorPart,
-        InsulinPart,
-        SamplesPart,
-        ConstraintsPart,
+        _metric(
+            "time-in-ranges",
+            "Glycemia",
+            "Times in ranges of glucose, and the risk index that follows from them.",
+            _share(
+                "time_70_180_pct",
+                "from 70 to 180 mg/dl",
+                more=", both included; with those below 70 and above 180 it makes 100",
+                everyday=True,
+            ),
+            _share("time_above_180_pct", "above 180 mg/dl", everyday=True),
+            _share("time_above_250_pct", "above 250 mg/dl", everyday=True),
+            _share("time_below_70_pct", "below 70 mg/dl", everyday=True),
+            _share("time_below_60_pct", "below 60 mg/dl"),
+            _share("time_below_54_pct", "below 54 mg/dl", everyday=True),
+            _share(
+                "time_below_validity_pct",
+                "below the valid range of the patient's model",
+                "Time below the model's validity",
+                "; a value above 0 means severe hypoglycemia",
+                seldom=True,
+            ),
+            Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
+        ),
+        _metric(
+            "low-events",
+            "Glycemia",
+            "Events of low glucose.",
+            _events("low_events", 70),
+            _events("very_low_events", 54),
+        ),
+        _metric(
+            "mean-and-variation",
+            "Glycemia",
+            "Mean glucose and its variation.",
+            Result(
+                "mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", concentration=True, everyday=True
+            ),
+            Result(
+                "cv_pct",
+                "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
+                "Coefficient of variation",
+                "%",
+                everyday=True,
+            ),
+            Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+        ),
+        _metric(
+            "risk-indices",
+            "Glycemia",
+            "Risk of low and of high glucose.",
+            Result("lbgi", "Low blood glucose index.", "Low blood glucose index", digits=2),
+            Result("hbgi", "High blood glucose index.", "High blood glucose index", digits=2),
+        ),
+        _metric(
+            "extremes",
+            "Regulation",
+            "Least and greatest glucose.",
+            Result(
+                "undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True, everyday=True
+            ),
+            Result(
+                "minimum_mg_dl",
+                "Least glucose of the run.",
+                "Least glucose",
+                "mg/dl",
+                concentration=True,
+                everyday=True,
+            ),
+            _minutes("minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at"),
+            Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
+            Result(
+                "peak_mg_dl",
+                "Greatest glucose of the run.",
+                "Greatest glucose",
+                "mg/dl",
+                concentration=True,
+                everyday=True,
+            ),
+            _minutes("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at"),
+        ),
+        _metric(
+            "settling",
+            "Regulation",
+            "Time until glucose stays near the setpoint.",
+            _minutes(
+                "settling_2pct_min",
+                "Last minute farther than 2 % of the setpoint from it, plus 1, minus the time of the first meal, "
+                "or of the start if nothing is eaten; 0 if never so far. Where not settled, the horizon plus 1 "
+                "takes the place of that minute.",
+                "Settling, 2 % band",
+                exact_if="settled_2pct",
+                everyday=True,
+            ),
+            Result("settled_2pct", "Whether glucose is within 2 % of the setpoint at the end."),
+            _minutes(
+                "settling_5pct_min",
+                "Settling time for a band of 5 % of the setpoint.",
+                "Settling, 5 % band",
+                exact_if="settled_5pct",
+            ),
+            Result("settled_5pct", "Whether glucose is within 5 % of the setpoint at the end."),
+        ),
+        _metric(
+            "squared-error",
+            "Regulation",
+            "Sum of squared errors.",
+            Result(
+                "sse",
+                "Sum over the controller's samples of the squared distance from the setpoint [(mg/dl)^2].",
+                "Sum of squared errors",
+                "(mg/dl)²",
+                digits=0,
+            ),
+        ),
+        _metric(
+            "insulin",
+            "Insulin",
+            "Insulin delivered and its changes.",
+            Result(
+                "insulin_total_mU",
+                "Insulin delivered over the run.",
+                "Insulin delivered",
+                "U",
+                digits=2,
+                divisor=MU_PER_U,
+                everyday=True,
+            ),
+            _minutes(
+                "insulin_off_min",
+                "Time of the samples at which the pump delivered no insulin at all.",
+                "Time without insulin",
+                everyday=True,
+            ),
+            _minutes(
+                "longest_insulin_off_min", "Longest time without insulin that no delivery interrupts.", "  longest"
+            ),
+            Result(
+                "insulin_total_variation_mU_min",
+                "Sum of the absolute changes from sample to sample, the first from the rate at rest.",
+                "Total variation",
+                "mU/min",
+            ),
+            Result("largest_change_mU_min", "Largest of these changes.", "Largest change", "mU/min"),
+        ),
+        _metric(
+            "samples",
+            "Samples",
+            "Samples at which the controller or its guard met a difficulty.",
+            _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
+            _samples("missing", "without a valid, finite reading", "Reading missing"),
+            _samples("not_converged", "at which an optimisation did not converge", "Not converged"),
+            _samples(
+                "non_finite",
+                "at which the controller computed no finite dose, or was restarted by its guard because of that",
+                "Dose not finite",
+            ),
+            _samples(
+                "rejected",
+                "at which the guard rejected a reading; 0, like the next three, without a guard",
+                "Reading not believed",
+                seldom=True,
+            ),
+            _samples(
+                "fallback",
+                "at which the guard gave the basal rate, or a part of it, because readings were missing",
+                "Fallback to the basal rate",
+                seldom=True,
+            ),
+            _samples("suspended", "at which the guard suspended insulin", "Insulin suspended", seldom=True),
+            _samples(
+                "dose_limited",
+                "at which the guard cut the dose to its limit per hour or of insulin on board",
+                "Dose cut by the guard",
+                seldom=True,
+            ),
+        ),
+        _metric(
+            "constraints",
+            "Bounds of Parker et al. (1999)",
+            "Constraints of Parker, Doyle and Peppas (1999).",
+            Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
+            Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
+            Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
+            Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+        ),
     ),
     example="NAME, setting=value",
 )
@@ -389,15 +307,11 @@ RESULTS: Final = tuple(result for metric in _USUAL for result in metric.results)
 def metrics_with(further: Iterable[str | MetricPart] = ()) -> Iterator[MetricPart]:
     """All metrics of this package, and further ones, as parts or by their texts.
 
-    Raises
-    ------
-    ValueError
-        For an unknown metric or setting, or one with a result of a name that another one has.
+    An unknown metric or setting, and a metric with a result of a name that another one has, are refused.
     """
     seen: dict[str, str] = {}
-    asked = (METRICS.choose(of) if isinstance(of, str) else of for of in further)
-    others = (metric for metric in asked if metric.name not in METRICS)
-    for metric in (*_USUAL, *others):
+    asked = (METRICS.choose(metric) if isinstance(metric, str) else metric for metric in further)
+    for metric in (*_USUAL, *(metric for metric in asked if metric.name not in METRICS)):
         for result in metric.results:
             if result.name in seen:
                 raise Refusal(
@@ -408,14 +322,8 @@ def metrics_with(further: Iterable[str | MetricPart] = ()) -> Iterator[MetricPar
         yield metric
 
 
-def described(name: str, further: Iterable[str] = ()) -> Result:
-    """Description of a result by its name.
-
-    Raises
-    ------
-    ValueError
-        For a name that no metric has.
-    """
+def result_named(name: str, further: Iterable[str] = ()) -> Result:
+    """Description of a result by its name; Refusal for a name that no metric has."""
     known = {result.name: result for metric in metrics_with(further) for result in metric.results}
     if name not in known:
         raise Refusal(f"unknown metric {name!r}; use one of {', '.join(known)}")

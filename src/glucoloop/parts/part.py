@@ -21,13 +21,13 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
-from glucoloop.parts.setting import AMONG_SETTINGS, Default, Setting, described, known_names, usual, with_article
+from glucoloop.parts.setting import ALL_SETTINGS, Default, Setting, declared_setting, known_names, usual
 from glucoloop.plausible import Quantity
 from glucoloop.refusal import Refusal
 
-_PLAIN: Final = (int, float, str, bool, type(None))
+_SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Part")
-_RESERVED: Final = (NAME, "label", "given", "kind", "usual", NONE)
+_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
@@ -52,6 +52,12 @@ class Part:
     """Plausible range of numbers whose settings declare none."""
     refused: ClassVar[tuple[str, ...]] = ()
     """Settings of a class that this one extends which cannot be given here."""
+    given: ClassVar[Mapping[str, Any]] = {}
+    """The settings that were given, of each part; the class has none."""
+    where: ClassVar[str] = ""
+    """Option or file in which each part stood; empty for one that was made in Python."""
+    called: ClassVar[str] = ""
+    """Name by which each part was asked for, ``module:Class`` for one that no package has entered."""
 
     if typing.TYPE_CHECKING:
 
@@ -78,102 +84,62 @@ class Part:
 
     @classmethod
     def settings(cls) -> Mapping[str, Setting]:
-        """Settings of the part by name, as its fields declare them.
-
-        Raises
-        ------
-        TypeError
-            For a field without a description or without a default.
-        """
+        """Settings of the part by name, as its fields declare them; each has a description and a default."""
         found: dict[str, Setting] | None = vars(cls).get("_settings")
         if found is None:
-            found = _declared(cls)
+            found = {}
+            hints = typing.get_type_hints(cls, include_extras=True)
+            for field in dataclasses.fields(typing.cast(Any, cls)):
+                if field.default is dataclasses.MISSING:
+                    raise TypeError(f"the setting {field.name} of {cls.__name__} has no default; give it one")
+                default = Default(field.default, field.metadata.get("noisy"))
+                found[field.name] = declared_setting(field.name, hints[field.name], default)
             type.__setattr__(cls, "_settings", found)
         return found
 
     @classmethod
     def setting(cls, name: str) -> Setting:
-        """A setting by name.
-
-        Raises
-        ------
-        Refusal
-            If there is no such setting.
-        """
+        """A setting by name; Refusal if there is no such setting."""
         found = cls.settings().get(name)
         if found is None:
-            whose = f"the {cls.kind} {cls.name}" if cls.name else with_article(cls.kind)
-            known = [of for of in cls.settings() if of not in cls.refused]
-            raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=AMONG_SETTINGS)}")
+            whose = f"the {cls.kind} {cls.name}" if cls.name else _with_article(cls.kind)
+            known = [known for known in cls.settings() if known not in cls.refused]
+            raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=ALL_SETTINGS)}")
         return found
 
     @classmethod
     def partial(cls, given: Mapping[str, Any], where: str = "", asked: str = "") -> Self:
         """The part with some settings given and the others to be completed; settings are not compared before.
 
-        Parameters
-        ----------
-        given : mapping
-        where : str
-            Option or file in which the part stood, for messages.
-        asked : str
-            Name by which it was asked for, ``module:Class``; by default its own.
-
-        Raises
-        ------
-        Refusal
-            For an unknown setting, or a value of another type or out of its bounds.
+        An unknown setting, and a value of another type or out of its bounds, are refused. `where` is the option or file
+        in which the part stood, and `asked` the name by which it was asked for, if that is not its own.
         """
-        called = where or None
         made = object.__new__(cls)
-        values = {name: cls.setting(name).check(value, called) for name, value in given.items()}
+        values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
         for name, setting in cls.settings().items():
             object.__setattr__(made, name, values.get(name, setting.default.noise_free))
         return made._noted(values, where, asked)
 
     def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
-        for key, value in (("_given", given), ("_where", where), ("_called", name)):
+        for key, value in (("given", given), ("where", where), ("called", name or self.name)):
             object.__setattr__(self, key, value)
         return self
 
-    @property
-    def given(self) -> Mapping[str, Any]:
-        """The settings that were given."""
-        found: Mapping[str, Any] = self.__dict__.get("_given", {})
-        return found
-
-    @property
-    def where(self) -> str:
-        """Option or file in which the part stood; empty for one that was made in Python."""
-        return str(self.__dict__.get("_where", ""))
-
-    @property
-    def called(self) -> str:
-        """Name by which the part was asked for, ``module:Class`` for one that no package has entered."""
-        return self.__dict__.get("_called") or self.name
-
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+    def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
         """The part with a value for every setting: for those that were not given, the usual one or the default.
 
-        Raises
-        ------
-        Refusal
-            For settings that are at odds with one another.
+        Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
+        refused.
         """
-        known = usual or {}
-        values = {
-            name: self.given.get(name, known.get(name, setting.default).value(noisy=noisy))
-            for name, setting in self.settings().items()
-        }
+        values = dict(self.given)
+        for name, setting in self.settings().items():
+            value = (usual or {}).get(name, setting.default)
+            values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
         try:
             whole = type(self)(**values)
         except Refusal as error:
             raise Refusal(f"{self.where}: {error}" if self.where else str(error)) from None
         return whole._noted(self.given, self.where, self.called)
-
-    def replaced(self, **given: Any) -> Self:
-        """The same part with some settings given anew."""
-        return type(self).partial({**self.given, **given}, self.where, self.called)
 
     def values(self) -> dict[str, Any]:
         """Every setting with its value."""
@@ -181,15 +147,12 @@ class Part:
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
-        named = {NAME: self.called} if self.called else {}
-        return {
-            **named,
-            **{
-                name: NONE if value is None and not whole and self.setting(name).is_part else _plain(value, whole)
-                for name, value in (self.values() if whole else self.given).items()
-                if name not in self.refused
-            },
-        }
+        found: Tree = {NAME: self.called} if self.called else {}
+        for name, value in (self.values() if whole else self.given).items():
+            if name not in self.refused:
+                left_out = value is None and not whole and self.setting(name).is_part
+                found[name] = NONE if left_out else _plain(value, whole)
+        return found
 
     @property
     def text(self) -> str:
@@ -199,33 +162,23 @@ class Part:
 
 def _inherit_annotations(part: type[Part]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""
-    inherited = [base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)]
-    if not inherited:
-        return
-    known = {field.name for field in dataclasses.fields(typing.cast(Any, inherited[0]))}
-    changed = [name for name in vars(part) if name in known]
+    inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
+    known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
+    changed = [field.name for field in known if field.name in vars(part)]
     if changed:
-        hints, own = (typing.get_type_hints(of, include_extras=True) for of in (inherited[0], part))
-        undescribed = [name for name in changed if not hasattr(own.get(name), "__metadata__")]
+        hints, new = (typing.get_type_hints(cls, include_extras=True) for cls in (inherited, part))
+        undescribed = [name for name in changed if not hasattr(new.get(name), "__metadata__")]
         part.__annotations__ = {**inspect.get_annotations(part), **{name: hints[name] for name in undescribed}}
+
+
+def _with_article(noun: str) -> str:
+    return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
 
 
 def _plain(value: Any, whole: bool) -> Any:
     if isinstance(value, Part):
         return value.tree(whole=whole)
     return [_plain(item, whole) for item in value] if isinstance(value, tuple | list) else value
-
-
-def _declared(part: type[Part]) -> dict[str, Setting]:
-    hints = typing.get_type_hints(part, include_extras=True)
-    found = {}
-    for field in dataclasses.fields(typing.cast(Any, part)):
-        if field.default is dataclasses.MISSING:
-            raise TypeError(f"the setting {field.name} of {part.__name__} has no default; give it one")
-        found[field.name] = described(
-            field.name, hints[field.name], Default(field.default, field.metadata.get("noisy"))
-        )
-    return found
 
 
 def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[..., None]:
@@ -250,46 +203,23 @@ def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[...
 def _taken(part: type[Part], name: str, value: Any) -> Any:
     """A value within its bounds, in the type of its setting."""
     setting = part.settings()[name]
-    if type(value) not in _PLAIN and setting.kind in (int, float, str, bool) and not setting.many:
+    if setting.kind not in _SCALARS or setting.many:
+        return setting.check(value)
+    of_python = type(value) in _SCALARS or value is None
+    if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
 
         value = converted(name, value, setting.kind, part.__name__)
         if is_traced(value):
             return value
-    elif (
-        setting.kind in (int, float, str, bool)
-        and not setting.choices
-        and not setting.many
-        and not ((value is None and setting.optional) or _of_kind(value, setting.kind))
-    ):
-        from glucoloop.arguments import converted
-
-        converted(name, value, setting.kind, part.__name__)  # raises
     return setting.check(value)
 
 
-def _of_kind(value: object, kind: type) -> bool:
-    if isinstance(value, bool):
-        return kind is bool
-    return isinstance(value, int | float if kind is float else kind)
-
-
-def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: str | None = None) -> P:
+def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, where: str | None = None) -> P:
     """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
 
-    Parameters
-    ----------
-    part : type
-    tree : mapping
-    ask : bool
-        Whether values that are possible and implausible are asked about.
-    where : str, optional
-        Option or file in which the part stands; by default that of its first value.
-
-    Raises
-    ------
-    Refusal
-        For an unknown part or setting, or a value that is not possible.
+    Values that are possible and implausible are taken only with `allow_unusual`. `where` is the option or file in which
+    the part stands, by default that of its first value.
     """
     values: dict[str, Any] = {}
     for key, leaf in tree.items():
@@ -298,27 +228,22 @@ def read(part: type[P], tree: Mapping[str, Any], *, ask: bool = False, where: st
         at = place(leaf)
         if key in part.refused:
             what = at if at.startswith("--") else f"{at}: {key}" if at else key
-            raise Refusal(f"{what} is no part of {with_article(part.kind)}; leave it out")
+            raise Refusal(f"{what} is no part of {_with_article(part.kind)}; leave it out")
         try:
             setting = part.setting(key)
         except Refusal as error:
             raise Refusal(f"{at}: {error}" if at else str(error)) from None
         if setting.is_part:
-            values[key] = _parts(setting, leaf, ask)
+            values[key] = _parts(setting, leaf, allow_unusual)
             continue
         value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
-        if _alone(leaf):
+        first = leaf[0] if isinstance(leaf, list) and leaf else leaf
+        if isinstance(first, GivenValue) and first.by_option:
             setting, called = setting.renamed(at), ""
         values[key] = setting.check(value, called)
-        if ask:
-            told = f"{called}: {setting.name}" if called else setting.name
-            setting.ask(values[key], told, part.any_number)
+        if not allow_unusual:
+            setting.refuse_unusual(values[key], ": ".join(filter(None, (called, setting.name))), part.any_number)
     return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
-
-
-def _alone(leaf: Any) -> bool:
-    first = leaf[0] if isinstance(leaf, list) and leaf else leaf
-    return isinstance(first, GivenValue) and first.alone
 
 
 def _value(setting: Setting, leaf: Any) -> Any:
@@ -333,15 +258,16 @@ def _value(setting: Setting, leaf: Any) -> Any:
     return setting.read(value) if typed or with_unit else value
 
 
-def _parts(setting: Setting, leaf: Any, ask: bool) -> Any:
+def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
     catalogue = setting.kind.catalogue
     if setting.optional and plain(leaf) in (None, NONE):
         return None
-    if not setting.many and isinstance(leaf, list):
+    if setting.many:
+        items = leaf if isinstance(leaf, list) else [leaf]
+        return tuple(catalogue.read(item, allow_unusual=allow_unusual) for item in items)
+    if isinstance(leaf, list):
         raise Refusal(f"{place(leaf)}: {setting.name} is a list; give one, a table with a {NAME}")
-    if not setting.many:
-        return catalogue.read(leaf, ask=ask)
-    return tuple(catalogue.read(item, ask=ask) for item in (leaf if isinstance(leaf, list) else [leaf]))
+    return catalogue.read(leaf, allow_unusual=allow_unusual)
 
 
 class MadePart(Part):

@@ -6,15 +6,13 @@ A patient joins every command by one class, entered in `PATIENTS` or by the entr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
-from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, pole_at, samples_of_memory
+from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS
 from glucoloop.parts.setting import About, Default, Tunings, known_names
 from glucoloop.refusal import Refusal
 
@@ -54,18 +52,18 @@ class PatientPart(Part):
     """Summary of each population by name besides the nominal one; the first is the usual one."""
     insulin_route: ClassVar[str] = INTRAVENOUS
     """Way of insulin into the body, one of `parts.routes.ROUTES`."""
-    max_change_mU_min: ClassVar[float] = math.nan
-    """Largest change of the rate of a usual pump, from one sample to the next; NaN: that of the route."""
-    min_insulin_mU_min: ClassVar[float] = math.nan
-    max_insulin_mU_min: ClassVar[float] = math.nan
-    pulse_mU_min: ClassVar[float] = math.nan
+    max_change_mU_min: ClassVar[float]
+    """Largest change of the rate of a usual pump, from one sample to the next."""
+    min_insulin_mU_min: ClassVar[float]
+    max_insulin_mU_min: ClassVar[float]
+    pulse_mU_min: ClassVar[float]
     """Height of the pulses from which a model is identified; at most the basal rate."""
-    memory_min: ClassVar[float] = math.nan
-    """Time after which the effect of a dose has died out; NaN: that of the route."""
-    laguerre_pole: ClassVar[float] = math.nan
-    """Usual pole of the Laguerre functions, at 5-min samples; NaN: that of the route."""
-    laguerre_functions: ClassVar[int] = -1
-    """Usual number of Laguerre functions; -1: that of the route."""
+    memory_min: ClassVar[float]
+    """Time after which the effect of a dose has died out."""
+    laguerre_pole: ClassVar[float]
+    """Usual pole of the Laguerre functions, at 5-min samples."""
+    laguerre_functions: ClassVar[int]
+    """Usual number of Laguerre functions."""
     tunings: ClassVar[Tunings] = {}
     """Settings of controllers that are usual for this patient, where they differ from those of the route."""
     guard: ClassVar[Mapping[str, float]] = {}
@@ -82,8 +80,8 @@ class PatientPart(Part):
         str | None, About("Where the patient rests; by default at the first of the patient's operating points.")
     ] = None
 
-    def __init_subclass__(cls, **of: Any) -> None:
-        super().__init_subclass__(**of)
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
         if not cls.model:
             return
         if cls.insulin_route not in ROUTES:
@@ -91,7 +89,7 @@ class PatientPart(Part):
                 f"the patient {cls.name or cls.__name__} has insulin by the route {cls.insulin_route!r}; the known "
                 f"ones are: {', '.join(ROUTES)}"
             )
-        if not cls.operating_points or math.isnan(cls.pulse_mU_min):
+        if not (cls.operating_points and hasattr(cls, "pulse_mU_min")):
             raise TypeError(f"the patient {cls.__name__} lacks operating_points or pulse_mU_min; add them")
         route = ROUTES[cls.insulin_route]
         usual = {
@@ -100,12 +98,11 @@ class PatientPart(Part):
             "max_insulin_mU_min": route.pump.max_mU_min,
             "memory_min": route.memory_min,
             "laguerre_pole": route.laguerre_pole,
+            "laguerre_functions": route.laguerre_functions,
         }
         for name, value in usual.items():
-            if math.isnan(getattr(cls, name)):
+            if not hasattr(cls, name):
                 setattr(cls, name, value)
-        if cls.laguerre_functions < 0:
-            cls.laguerre_functions = route.laguerre_functions
         cls.under_the_skin = cls.insulin_route == SUBCUTANEOUS
         cls.usual_point = cls.operating_points[0].name
         cls.usual_population = next(iter(cls.populations), NOMINAL)
@@ -126,13 +123,7 @@ class PatientPart(Part):
 
     @classmethod
     def point(cls, name: str) -> OperatingPoint:
-        """An operating point by name.
-
-        Raises
-        ------
-        Refusal
-            If the patient has none of that name.
-        """
+        """An operating point by name; Refusal if the patient has none of that name."""
         points = {point.name: point for point in cls.operating_points}
         if name not in points:
             raise Refusal(f"unknown operating point {name!r} of {cls.name}; {known_names(name, points)}")
@@ -140,42 +131,32 @@ class PatientPart(Part):
 
     def usual_of(self, controller: str) -> Mapping[str, Default]:
         """Usual settings of a controller for this patient, where they differ from the controller's own."""
-        of_route = ROUTES[self.insulin_route].tunings
-        own = self.point(self.rests_at).tunings.get(controller, {})
-        return {**of_route.get(controller, {}), **self.tunings.get(controller, {}), **own}
+        tunings = (ROUTES[self.insulin_route].tunings, self.tunings, self.point(self.rests_at).tunings)
+        return {name: value for tuning in tunings for name, value in tuning.get(controller, {}).items()}
 
     @classmethod
     def identification(cls, sample_time_min: float) -> dict[str, Any]:
         """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
         return {
-            "memory": samples_of_memory(cls.memory_min, sample_time_min),
-            "laguerre_pole": pole_at(cls.laguerre_pole, sample_time_min),
+            "memory": max(2, round(cls.memory_min / sample_time_min)),
+            # at another sample time than 5 min the pole falls as fast
+            "laguerre_pole": float(cls.laguerre_pole ** (sample_time_min / 5.0)),
             "laguerre_functions": cls.laguerre_functions,
         }
 
-    @classmethod
-    def load(cls) -> Any:
-        """The model; importing it imports JAX.
 
-        Raises
-        ------
-        Refusal
-            If there is no such model.
-        """
-        return loaded(cls.model)
-
-
-def _process_noise(glucose: Default, other: Default, glucagon: Default) -> dict[str, Default]:
-    return {
-        "reference_start": Default(0),
-        "glucose_process_noise": glucose,
-        "other_process_noise": other,
-        "glucagon_process_noise": glucagon,
-    }
-
-
-_OF_NOMINAL_22: Final = _process_noise(Default(10.0, noisy=0.9), Default(0.01), Default(0.1, noisy=0.003))
-_OF_FASTING_81: Final = _process_noise(Default(10.0, noisy=0.3), Default(0.01, noisy=0.1), Default(0.1, noisy=0.03))
+_AT_NOMINAL_22: Final = {
+    "reference_start": Default(0),
+    "glucose_process_noise": Default(10.0, noisy=0.9),
+    "other_process_noise": Default(0.01),
+    "glucagon_process_noise": Default(0.1, noisy=0.003),
+}
+_AT_FASTING_81: Final = {
+    "reference_start": Default(0),
+    "glucose_process_noise": Default(10.0, noisy=0.3),
+    "other_process_noise": Default(0.01, noisy=0.1),
+    "glucagon_process_noise": Default(0.1, noisy=0.03),
+}
 
 
 class Parker1999Part(PatientPart, name="parker-1999"):
@@ -185,14 +166,12 @@ class Parker1999Part(PatientPart, name="parker-1999"):
     operating_points = (
         OperatingPoint("setpoint-81", "held at 81.1 mg/dl by 25.61 mU/min"),
         OperatingPoint(
-            "nominal-22",
-            "22.33 mU/min, which hold 92.1 mg/dl",
-            {"mpc-se": _OF_NOMINAL_22, "nlqdmc-se": _OF_NOMINAL_22},
+            "nominal-22", "22.33 mU/min, which hold 92.1 mg/dl", {"mpc-se": _AT_NOMINAL_22, "nlqdmc-se": _AT_NOMINAL_22}
         ),
         OperatingPoint(
             "fasting-81",
             "22.33 mU/min, which hold 81.2 mg/dl in a person whose healthy fasting glucose is 81 mg/dl",
-            {"mpc-se": _OF_FASTING_81, "nlqdmc-se": _OF_FASTING_81},
+            {"mpc-se": _AT_FASTING_81, "nlqdmc-se": _AT_FASTING_81},
         ),
     )
     populations: ClassVar = {
@@ -202,7 +181,7 @@ class Parker1999Part(PatientPart, name="parker-1999"):
     pulse_mU_min = 22.33
 
 
-class _OfHovorka(PatientPart):
+class _HovorkaPart(PatientPart):
     """A patient of Hovorka's family, with the pump and the horizons with which the numbers of the guide were made."""
 
     insulin_route = SUBCUTANEOUS
@@ -218,7 +197,7 @@ class _OfHovorka(PatientPart):
     }
 
 
-class Hovorka2004Part(_OfHovorka, name="hovorka-2004"):
+class Hovorka2004Part(_HovorkaPart, name="hovorka-2004"):
     """The model of Hovorka et al. (2004); insulin under the skin, 75 kg."""
 
     model = "glucoloop.patients.hovorka.model:HOVORKA_2004_MODEL"
@@ -229,7 +208,7 @@ class Hovorka2004Part(_OfHovorka, name="hovorka-2004"):
     pulse_mU_min = 6.5
 
 
-class Wilinska2010Part(_OfHovorka, name="wilinska-2010"):
+class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
     """The Cambridge simulator's model, of Wilinska et al. (2010); insulin under the skin, 74.9 kg."""
 
     model = "glucoloop.patients.hovorka.model:WILINSKA_2010_MODEL"
@@ -241,14 +220,15 @@ class Wilinska2010Part(_OfHovorka, name="wilinska-2010"):
 
 
 class _Patients(Catalogue[PatientPart]):
-    """The patients; one that is named by its operating point is asked about."""
+    """The patients; one that is named by its operating point is refused with the mend."""
 
     def find(self, name: str) -> type[PatientPart]:
-        of = next((part for part in self.values() if name in [point.name for point in part.operating_points]), None)
-        if of is not None and name not in self.names():
-            raise Refusal(
-                f"{name!r} is an operating point of {of.name} and no patient; write '{of.name}, operating_point={name}'"
-            )
+        for part in self.values():
+            if name in [point.name for point in part.operating_points] and name not in self.names():
+                raise Refusal(
+                    f"{name!r} is an operating point of {part.name} and no patient; write "
+                    f"'{part.name}, operating_point={name}'"
+                )
         return super().find(name)
 
 

@@ -52,15 +52,15 @@ class PumpPart(MadePart):
     ] = 0.05
     bolus_step_U: Annotated[float, _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0)] = 0.05
 
-    def __init_subclass__(cls, **of: Any) -> None:
-        super().__init_subclass__(**of)
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
         for key in cls.limits:
             if key not in PumpPart.settings():
                 raise TypeError(f"the pump {cls.name} has a limit {key!r}; {known_names(key, PumpPart.settings())}")
 
     def made(self, **known: Any) -> Any:
         """The pump, made of its own settings; the limits of all pumps are kept by the one inside."""
-        return self.made_of({name: of for name, of in self.values().items() if name not in PumpPart.settings()}, known)
+        return self.made_of({name: self.values()[name] for name in self.settings().keys() - PumpPart.settings()}, known)
 
 
 class LimitedSettings(PumpPart, name="limited"):

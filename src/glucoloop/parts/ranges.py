@@ -9,36 +9,22 @@ from typing import Final
 from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
-DIGITS: Final = 4
+_DIGITS: Final = 4
 """Significant digits of a tuned number; more make no difference to a loop."""
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """A number that is searched for.
-
-    Parameters
-    ----------
-    name : str
-        Name of the setting.
-    low, high : float
-        Bounds, both included.
-    log : bool
-        Whether its logarithm is searched.
-    unasked : bool
-        Whether it is searched for even where no range is given.
-
-    Raises
-    ------
-    ValueError
-        For bounds that are not finite, not in order, or not above 0 where the logarithm is searched.
-    """
+    """A number that is searched for, from `low` to `high`, both included; the bounds are refused if they are none."""
 
     name: str
+    """Name of the setting."""
     low: float
     high: float
     log: bool
+    """Whether its logarithm is searched."""
     unasked: bool = True
+    """Whether it is searched for even where no range is given."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
@@ -58,7 +44,7 @@ class Tuned:
 
     def rounded(self, value: float) -> float:
         """A number rounded to the significant digits, within the bounds."""
-        return min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
+        return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
     def holds(self, value: float) -> bool:
         """Whether a number is within the bounds."""
@@ -70,32 +56,20 @@ class Tuned:
         return f"{self.low:.12g}:{self.high:.12g}"
 
 
-def parse_range(text: str, usual: Tuned, called: str | None = None) -> Tuned | float:
+def parse_range(text: str, usual: Tuned) -> Tuned | float:
     """Range from a text: ``.1:2``, with both ends; or one number, which is fixed.
 
-    Parameters
-    ----------
-    text : str
-    usual : Tuned
-        Usual range of the setting, which says whether its logarithm is searched.
-    called : str, optional
-        Name of the setting for the user.
-
-    Raises
-    ------
-    ValueError
-        For a text that is not a range, or bounds that are not possible.
+    The usual range of the setting says whether its logarithm is searched.
     """
-    called = usual.name if called is None else called
     try:
-        numbers = [number_of(part, float) for part in text.split(":")]
+        numbers = [number_of(part) for part in text.split(":")]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):
-        raise Refusal(f"{called} is {text!r}; write it like .1:2, or one number that is kept")
+        raise Refusal(f"{usual.name} is {text!r}; write it like .1:2, or one number that is kept")
     if len(numbers) == 1:
         return numbers[0]
     try:
         return Tuned(usual.name, numbers[0], numbers[1], log=usual.log)
     except Refusal as error:
-        raise Refusal(f"{called} is {text!r}: {error}") from None
+        raise Refusal(f"{usual.name} is {text!r}: {error}") from None

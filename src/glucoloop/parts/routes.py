@@ -11,7 +11,6 @@ from glucoloop.refusal import Refusal
 
 INTRAVENOUS: Final = "intravenous"
 SUBCUTANEOUS: Final = "subcutaneous"
-_PRINTED_SAMPLE_TIME_MIN: Final = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,6 @@ _SLOW_TUNINGS: Final = {
 class Route:
     """Usual values for insulin by one route."""
 
-    name: str
     pump: PumpRange
     memory_min: float
     """Time after which the effect of a dose has died out."""
@@ -70,51 +68,19 @@ class Route:
     tunings: Tunings = field(default_factory=dict)
     """Settings of controllers, where they differ from the controller's own, which are for a vein."""
 
-    def memory(self, sample_time_min: float) -> int:
-        """Memory as a number of samples."""
-        return samples_of_memory(self.memory_min, sample_time_min)
-
-    def pole(self, sample_time_min: float) -> float:
-        """Pole at a sample time."""
-        return pole_at(self.laguerre_pole, sample_time_min)
-
-
-def samples_of_memory(memory_min: float, sample_time_min: float) -> int:
-    """A memory as a number of samples, 2 at least."""
-    return max(2, round(memory_min / sample_time_min))
-
-
-def pole_at(laguerre_pole: float, sample_time_min: float) -> float:
-    """A pole at 5-min samples as one at another sample time, which falls as fast."""
-    return float(laguerre_pole ** (sample_time_min / _PRINTED_SAMPLE_TIME_MIN))
-
 
 ROUTES: Final[Mapping[str, Route]] = {
-    route.name: route
-    for route in (
-        Route(name=INTRAVENOUS, pump=PUMP_OF_1999, memory_min=180.0, laguerre_pole=0.84, laguerre_functions=2),
-        # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
-        # would hide half of the gain.
-        Route(
-            name=SUBCUTANEOUS,
-            pump=_PUMP_UNDER_THE_SKIN,
-            memory_min=1440.0,
-            laguerre_pole=0.96,
-            laguerre_functions=8,
-            tunings=_SLOW_TUNINGS,
-        ),
-    )
+    INTRAVENOUS: Route(pump=PUMP_OF_1999, memory_min=180.0, laguerre_pole=0.84, laguerre_functions=2),
+    # Insulin under the skin acts for hours and glucose near the setpoint hardly regulates itself: a shorter record
+    # would hide half of the gain.
+    SUBCUTANEOUS: Route(
+        pump=_PUMP_UNDER_THE_SKIN, memory_min=1440.0, laguerre_pole=0.96, laguerre_functions=8, tunings=_SLOW_TUNINGS
+    ),
 }
 
 
 def route_of(name: str) -> Route:
-    """A route by name.
-
-    Raises
-    ------
-    ValueError
-        For an unknown one.
-    """
+    """A route by name; Refusal for an unknown one."""
     if name not in ROUTES:
         raise Refusal(f"unknown route of insulin {name!r}; {known_names(name, ROUTES)}")
     return ROUTES[name]

@@ -13,8 +13,8 @@ from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
 from glucoloop.plausible import DEAD_TIME, NOISE_BOUND, NOISE_VARIANCE
 from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
 
-LONGEST_DEAD_TIME_MIN: Final = 1440.0
 LONGEST_LAG_MIN: Final = 120.0
 
 
@@ -46,8 +46,7 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
 
     make: ClassVar = "glucoloop.sensors:white_noise"
     variance: Annotated[
-        float,
-        About("Variance of the noise of each reading.", at_least=0.0, at_most=10_000.0, quantity=NOISE_VARIANCE),
+        float, About("Variance of the noise of each reading.", at_least=0.0, at_most=10_000.0, quantity=NOISE_VARIANCE)
     ] = 1.45
     bound_mg_dl: Annotated[
         float, About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
@@ -84,20 +83,14 @@ class DeadTimeSettings(SensorPart, name="dead-time"):
         About(
             "Time after which a reading is given; a whole number of samples.",
             at_least=0.0,
-            at_most=LONGEST_DEAD_TIME_MIN,
+            at_most=MIN_PER_DAY,
             unit="min",
             quantity=DEAD_TIME,
         ),
     ] = 5.0
 
     def samples(self, sample_time_min: float) -> int:
-        """The time as a number of samples.
-
-        Raises
-        ------
-        Refusal
-            Unless it is a whole number of them.
-        """
+        """The time as a number of samples; Refusal unless it is a whole number of them."""
         return whole_samples(self.minutes, sample_time_min, "a dead time")
 
     def made(self, **known: Any) -> Any:
@@ -114,13 +107,7 @@ SENSORS: Final = Catalogue(
 
 
 def whole_samples(minutes: float, sample_time_min: float, what: str) -> int:
-    """Minutes as a number of samples; `what` names the quantity in messages.
-
-    Raises
-    ------
-    Refusal
-        Unless they are a whole number of samples.
-    """
+    """Minutes as a number of samples; Refusal unless it is a whole one. `what` names the quantity in messages."""
     samples = round(minutes / sample_time_min)
     if abs(samples * sample_time_min - minutes) > 1e-9 * max(minutes, sample_time_min):
         below = int(minutes / sample_time_min) * sample_time_min

@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from glucoloop.plausible import CONFIRM_OPTION, Quantity, doubt
+from glucoloop.parts.number_text import NUMBER
+from glucoloop.plausible import CONFIRM_OPTION, Quantity, ask
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U, S_PER_MIN
 
@@ -35,8 +36,7 @@ _UNITS: Final = {
     "_g": "g",
 }
 """Unit of a value by the end of its name."""
-
-OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
+_OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
     "mg/dl": {"mmol/l": MG_DL_PER_MMOL_L},
     "mU/min": {"U/h": MU_PER_U / MIN_PER_H, "mU/h": 1.0 / MIN_PER_H},
     "min": {"m": 1.0, "h": MIN_PER_H, "s": 1.0 / S_PER_MIN, "d": HOURS_PER_DAY * MIN_PER_H},
@@ -44,15 +44,13 @@ OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
     "U": {"mU": 1.0 / MU_PER_U},
 }
 """Other units in which a value may be typed, by the setting's own, and their factors to it."""
-
-_NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?(?:inf|nan)")
-_WITH_UNIT: Final = re.compile(rf"({_NUMBER.pattern})\s*([A-Za-zµ²()/%]+)")
+_NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-zµ²()/%]+)?")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
 _LONGEST: Final = 60
-MOST_NAMES_TOLD: Final = 12
-AMONG_SETTINGS: Final = "--help of the command has each, and glucoloop list"
-"""Text on where all settings are told."""
+_MOST_NAMES: Final = 12
+ALL_SETTINGS: Final = "--help of the command has each, and glucoloop list"
+"""Text on where all settings are described."""
 _SHORTEST_WORD: Final = 4
 """Length from which a part of a name says what it is about; shorter ones are mostly units."""
 
@@ -92,14 +90,14 @@ class About:
         unit = f" {unit}" if unit else ""
         if self.at_least > -math.inf and self.at_most < math.inf:
             return f"{what} from {_bound(self.at_least)} to {_bound(self.at_most)}{unit}"
-        bounds = [
-            f"of {_bound(self.at_least)}{unit} or more" if self.at_least > -math.inf else "",
-            f"above {_bound(self.above)}{unit}" if self.above > -math.inf else "",
-            f"up to {_bound(self.at_most)}{unit}" if self.at_most < math.inf else "",
-            f"below {_bound(self.below)}{unit}" if self.below < math.inf else "",
-        ]
-        words = " and ".join(filter(None, bounds))
-        return f"{what} {words}" if words else f"{what}{unit}"
+        limits = {
+            "of {} or more": self.at_least,
+            "above {}": self.above,
+            "up to {}": self.at_most,
+            "below {}": self.below,
+        }
+        bounds = [words.format(f"{_bound(value)}{unit}") for words, value in limits.items() if math.isfinite(value)]
+        return f"{what} {' and '.join(bounds)}" if bounds else f"{what}{unit}"
 
 
 @dataclass(frozen=True)
@@ -156,15 +154,10 @@ class Setting:
         return self.about.summary
 
     @property
-    def quantity(self) -> Quantity | None:
-        """Quantity with its plausible range, if it has one."""
-        return self.about.quantity
-
-    @property
     def unit(self) -> str:
         """Unit of a number."""
-        own = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")
-        return own or next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
+        declared = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")
+        return declared or next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
 
     @property
     def is_part(self) -> bool:
@@ -182,62 +175,60 @@ class Setting:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
             return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) else text
-        if self.kind is not float:
-            return text
-        if _NUMBER.fullmatch(text):
-            return float(text)
-        found = _WITH_UNIT.fullmatch(text)
+        found = _NUMBER.fullmatch(text) if self.kind is float else None
         if found is None:
             return text
-        factor = 1.0 if found[2] == self.unit else OTHER_UNITS.get(self.unit, {}).get(found[2])
-        return text if factor is None else float(found[1]) * factor
+        factor = 1.0 if found["unit"] in (None, self.unit) else _OTHER_UNITS.get(self.unit, {}).get(found["unit"])
+        return text if factor is None else float(found["number"]) * factor
 
-    def wrong(self, value: object) -> str | None:
-        """Sentence on what is wrong with a value, and the mend; None for a possible one. 2.0 is no whole number."""
-        if value is None and self.optional:
-            return None
-        if self.many:
-            if not isinstance(value, tuple | list):
-                return f"{self.name} is {shown(value)}; give a list"
-            return next(filter(None, (self._wrong(item) for item in value)), None)
-        return self._wrong(value)
+    def has_type(self, value: object) -> bool:
+        """Whether a single value is of the type of the setting; 2.0 is no whole number, and True is no number."""
+        if isinstance(value, bool):
+            return self.kind is bool
+        return isinstance(value, int | float if self.kind is float else self.kind)
 
     def _wrong(self, value: object) -> str | None:
+        """Sentence on what is wrong with a single value, and the mend; None for a possible one."""
         if self.choices:
-            known = in_words(self.choices)
-            return None if value in self.choices else f"{self.name} is {shown(value)}; give {known}"
+            return None if value in self.choices else f"{self.name} is {shown(value)}; give {in_words(self.choices)}"
         if self.kind in (str, bool):
             wanted = "a text" if self.kind is str else "true or false"
-            return None if isinstance(value, self.kind) else f"{self.name} is {shown(value)}; give {wanted}"
+            return None if self.has_type(value) else f"{self.name} is {shown(value)}; give {wanted}"
         if self.kind not in (int, float):
             return None
-        number = isinstance(value, int if self.kind is int else int | float) and not isinstance(value, bool)
-        if number and _within_floats(value) and self.about.allows(float(typing.cast(float, value))):
-            return None
-        unit = f" {self.unit}" if number and self.unit else ""
-        meant = f"; {told}" if number and (told := self._looks_like(value)) else ""
-        about, size = (
-            self.about,
-            abs(float(typing.cast(float, value))) if number and _within_floats(value) else math.inf,
-        )
-        huge = about.finite and about.at_most == about.below == math.inf and LARGEST < size < math.inf
-        mend = f"a number of a size up to {LARGEST:g}" if huge else self.about.possible(self.kind, self.unit)
-        timed = ", or a time with its unit, like 1.5h" if isinstance(value, str) and self.unit == "min" else ""
+        about = self.about
+        unit = meant = timed = ""
+        mend = about.possible(self.kind, self.unit)
+        if self.has_type(value):
+            try:
+                number = float(typing.cast(float, value))
+                allowed = about.allows(number)
+            except OverflowError:
+                number, allowed = math.inf, False
+            if allowed:
+                return None
+            unit = f" {self.unit}" if self.unit else ""
+            if about.finite and about.at_most == about.below == math.inf and LARGEST < abs(number) < math.inf:
+                mend = f"a number of a size up to {LARGEST:g}"
+            likeness = None if about.quantity is None else about.quantity.looks_like(typing.cast(float, value))
+            meant = "" if likeness is None else f"; {likeness}"
+        elif isinstance(value, str) and self.unit == "min":
+            timed = ", or a time with its unit, like 1.5h"
         return f"{self.name} is {shown(value)}{unit}; give {mend}{timed}{meant}"
 
-    def _looks_like(self, value: Any) -> str | None:
-        return None if self.about.quantity is None else self.about.quantity.looks_like(value)
+    def check(self, value: object, called: str = "") -> Any:
+        """A value in the type of the setting; refused if it is of another type, out of the bounds, or no choice.
 
-    def check(self, value: object, called: str | None = None) -> Any:
-        """A value in the type of the setting.
-
-        Raises
-        ------
-        Refusal
-            For a value of another type, out of the bounds, or not among the choices; `called` is what the user called
-            the part or the option.
+        `called` is what the user called the part or the option.
         """
-        wrong = self.wrong(value)
+        if value is None and self.optional:
+            wrong = None
+        elif not self.many:
+            wrong = self._wrong(value)
+        elif isinstance(value, tuple | list):
+            wrong = next(filter(None, map(self._wrong, value)), None)
+        else:
+            wrong = f"{self.name} is {shown(value)}; give a list"
         if wrong is None and self.about.reads is not None:
             try:
                 return self.about.reads(value)
@@ -246,27 +237,18 @@ class Setting:
         if wrong is not None:
             raise Refusal(f"{called}: {wrong}" if called else wrong)
         if self.many and value is not None:
-            return tuple(self._typed(item) for item in typing.cast(Iterable[Any], value))
+            return tuple(map(self._typed, typing.cast(Iterable[Any], value)))
         return self._typed(value)
 
     def _typed(self, value: Any) -> Any:
         return float(value) if self.kind is float and isinstance(value, int | float) else value
 
-    def ask(self, value: object, called: str | None = None, otherwise: Quantity | None = None) -> None:
-        """Ask about a value that is possible and implausible; `otherwise` is the quantity of a number that has none.
-
-        Raises
-        ------
-        Refusal
-            With the unit that it looks like, if there is one.
-        """
+    def refuse_unusual(self, value: object, called: str, otherwise: Quantity | None = None) -> None:
+        """Refuse a value that is possible and implausible; `otherwise` is the quantity of a number that has none."""
         quantity = self.about.quantity or (otherwise if self.kind in (int, float) else None)
-        if quantity is None or value is None:
-            return
-        for number in value if isinstance(value, tuple | list) else (value,):
-            asked = doubt(float(number), quantity, called or self.name, CONFIRM_OPTION)
-            if asked is not None:
-                raise Refusal(asked)
+        if quantity is not None and value is not None:
+            for number in value if isinstance(value, tuple | list) else (value,):
+                ask(float(number), quantity, called, CONFIRM_OPTION)
 
 
 def _bound(value: float) -> str:
@@ -285,22 +267,8 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def _within_floats(value: Any) -> bool:
-    try:
-        float(value)
-    except OverflowError:
-        return False
-    return True
-
-
-def described(name: str, hint: Any, default: Default) -> Setting:
-    """Setting that an annotated field declares.
-
-    Raises
-    ------
-    TypeError
-        For a field without a description.
-    """
+def declared_setting(name: str, hint: Any, default: Default) -> Setting:
+    """Setting that an annotated field declares; TypeError for a field without a description."""
     about = next((part for part in getattr(hint, "__metadata__", ()) if isinstance(part, About)), None)
     if about is None:
         raise TypeError(
@@ -319,38 +287,22 @@ def described(name: str, hint: Any, default: Default) -> Setting:
     return Setting(name, type(choices[0]) if choices else kind, choices, optional, many, default, about)
 
 
-def refuse_unknown_keys(keys: Iterable[str], known: Iterable[str], of: str = "") -> None:
-    """Raise ValueError for the first key that is not known; ``of`` says of what: ``" of a trial"``."""
-    names = list(known)
-    for key in keys:
-        if key not in names:
-            told = known_names(key, names, where=AMONG_SETTINGS)
-            raise Refusal(f"unknown key {key!r}{of}; {told}")
-
-
-def with_article(noun: str) -> str:
-    """A noun with its article."""
-    return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
-
-
 def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
     """Text about known names after an unknown one: the most similar one, and the others unless they are many.
 
-    Where they are many and `where` says where all stand, those that share a word with the unknown one are told.
+    Where they are many and `where` says where all stand, those that share a word with the unknown one are named.
     """
     names = list(known)
     if not names:
         return "there are none"
     close = difflib.get_close_matches(unknown, names, n=1)
-    if close and len(names) > MOST_NAMES_TOLD:
-        return f"did you mean {close[0]!r}?"
-    if where and len(names) > MOST_NAMES_TOLD:
+    if len(names) <= _MOST_NAMES:
+        return f"{f'did you mean {close[0]!r}? ' if close else ''}the known ones are: {', '.join(names)}"
+    if not close and where:
         words = {word for word in unknown.casefold().split("_") if len(word) >= _SHORTEST_WORD}
-        alike = [name for name in names if words & set(name.casefold().split("_"))]
-        if len(alike) == 1:
-            return f"did you mean {alike[0]!r}?"
-        if 1 < len(alike) <= MOST_NAMES_TOLD:
-            return f"those like it are: {', '.join(alike)}"
-        return f"none of the {len(names)} known ones is like it; {where}"
-    meant = f"did you mean {close[0]!r}? " if close else ""
-    return f"{meant}the known ones are: {', '.join(names)}"
+        close = [name for name in names if words & set(name.casefold().split("_"))]
+        if not close or len(close) > _MOST_NAMES:
+            return f"none of the {len(names)} known ones is like it; {where}"
+    if not close:
+        return f"the known ones are: {', '.join(names)}"
+    return f"did you mean {close[0]!r}?" if len(close) == 1 else f"those like it are: {', '.join(close)}"

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.arguments import checked
+from glucoloop.parts.code import loaded
 from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.patients.variation import Distribution
@@ -96,7 +97,7 @@ def patient_model(name: str) -> PatientModel:
     ValueError
         For an unknown name.
     """
-    model: PatientModel = patient_entry(name).load()
+    model: PatientModel = loaded(patient_entry(name).model)
     return model
 
 

@@ -67,7 +67,7 @@ def _cell(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
         return NOT_AVAILABLE if value is None else "yes" if value else "no"
     least, fall = metrics["minimum_mg_dl"], metrics["undershoot_mg_dl"]
     setpoint = math.inf if least is None or fall is None else least + fall
-    return result.text(value, setpoint) + ("+" if result.settled and not metrics[result.settled] else "")
+    return result.text(value, setpoint) + ("+" if result.exact_if and not metrics[result.exact_if] else "")
 
 
 def metrics_table(metrics: Metrics) -> Table:

@@ -15,7 +15,7 @@ from glucoloop.metrics.control_variability import (
     region_pct,
     zone_pct,
 )
-from glucoloop.parts.metrics import Result, described
+from glucoloop.parts.metrics import Result, result_named
 from glucoloop.printable import percent
 from glucoloop.report.charts import nice_ticks
 from glucoloop.report.trial_report import CaseReport, Floats, MetricDistribution, TrialReport
@@ -97,7 +97,7 @@ class SpreadOfMetric:
 
 def distribution_of(report: TrialReport, metric: str) -> SpreadOfMetric:
     """Distribution of a metric over the people."""
-    told = described(metric)
+    told = result_named(metric)
     of_all = {label: case.metric_counts[metric] for label, case in report.cases.items()}
     occupied = np.flatnonzero(np.sum([part.counts for part in of_all.values()], axis=0))
     edges = np.asarray(next(iter(of_all.values())).edges, float) / told.divisor

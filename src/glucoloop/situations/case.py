@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
 from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.faults import FaultPart
-from glucoloop.parts.grammar import NAME, GivenValue, Tree, part_text, place
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, as_table, part_text, place
 from glucoloop.parts.guard import GuardSettings, guard_of
 from glucoloop.parts.models import IdentifiedPart, ModelPart
 from glucoloop.parts.part import Part, read
-from glucoloop.parts.setting import About, Default, Value
+from glucoloop.parts.setting import About, Value
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import Situation
@@ -53,30 +53,20 @@ class Case(Part):
     def completed_in(
         self, situation: Situation, guard: GuardSettings | None = None, model: ModelPart | None = None
     ) -> Self:
-        """The case with everything that is usual in a situation, and a guard and a model if it has none of its own.
-
-        Raises
-        ------
-        Refusal
-            For settings that are at odds with one another.
-        """
-        patient, usual = situation.patient, self.controller
-        controller = usual.completed(patient.usual_of(usual.name), noisy=situation.noisy)
+        """The case with everything that is usual in a situation, and a guard and a model if it has none of its own."""
+        patient, controller = situation.patient, self.controller
         guard = self.guard if "guard" in self.given else guard
         model = self.model if self.model is not None else model
-        if isinstance(model, IdentifiedPart) or (model is None and usual.uses_model):
-            identification = {
-                "noise_variance": situation.noise_variance,
-                **patient.identification(situation.sample_time_min),
-            }
-            asked = IdentifiedPart.partial({}) if model is None else model
-            model = asked.completed({key: Default(value) for key, value in identification.items()})
-            model = model if usual.uses_model else None
+        if isinstance(model, IdentifiedPart) or (model is None and controller.uses_model):
+            usual = patient.identification(situation.sample_time_min)
+            identified = IdentifiedPart.partial({}) if model is None else model
+            model = identified.completed({"noise_variance": situation.noise_variance, **usual})
+            model = model if controller.uses_model else None
         elif model is not None:
             model = model.completed()
         whole = type(self)(
-            controller=controller,
-            label=self.label or part_text(usual.tree()),
+            controller=controller.completed(patient.usual_of(controller.name), noisy=situation.noisy),
+            label=self.label or part_text(controller.tree()),
             known_dead_time=self.known_dead_time,
             guard=None if guard is None else guard_of(patient, guard),
             model=model,
@@ -86,9 +76,9 @@ class Case(Part):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """The controller, with what else is of the case among its settings."""
-        own = super().tree(whole=whole)
-        controller = own.pop("controller", self.controller.tree(whole=whole))
-        return {**controller, **{key: value for key, value in own.items() if value not in (None, [])}}
+        found = super().tree(whole=whole)
+        controller = found.pop("controller", self.controller.tree(whole=whole))
+        return {**controller, **{key: value for key, value in found.items() if value not in (None, [])}}
 
     @property
     def tuning(self) -> Mapping[str, Value]:
@@ -101,7 +91,8 @@ class Case(Part):
         return self.model if isinstance(self.model, IdentifiedPart) else IdentifiedPart()
 
 
-_OWN: Final = tuple(name for name in Case.settings() if name != "controller")
+_BESIDE: Final = tuple(name for name in Case.settings() if name != "controller")
+"""Settings of a case that stand among those of its controller."""
 
 
 class _Cases:
@@ -111,39 +102,31 @@ class _Cases:
         """Tree of a case from its text."""
         return CONTROLLERS.tree(text, where)
 
-    def read(self, tree: Any, *, ask: bool = False) -> Case:
+    def read(self, tree: Any, *, allow_unusual: bool = True) -> Case:
         """A case from its tree, or from its text as a leaf of one."""
-        if isinstance(tree, GivenValue) and isinstance(tree.value, str):
-            tree = self.tree(tree.value, tree.where)
-        of_controller = tree
-        own: dict[str, Any] = {}
-        if isinstance(tree, Mapping):
-            own = {key: value for key, value in tree.items() if key in _OWN}
-            of_controller = {key: value for key, value in tree.items() if key not in _OWN}
-            if not of_controller:
-                of_controller = {NAME: GivenValue(USUAL_CONTROLLER, place(tree))}
-        controller = CONTROLLERS.read(of_controller, ask=ask)
-        for name in _OWN:
-            if name in controller.settings():
+        controller = as_table(tree, self.tree)
+        beside: dict[str, Any] = {}
+        if isinstance(controller, Mapping):
+            beside = {key: value for key, value in controller.items() if key in _BESIDE}
+            controller = {key: value for key, value in controller.items() if key not in _BESIDE} or {
+                NAME: GivenValue(USUAL_CONTROLLER, place(beside))
+            }
+        designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
+        for name in _BESIDE:
+            if name in designed.settings():
                 raise Refusal(
-                    f"the controller {controller.called} has a setting {name!r}, which every case has already; its "
+                    f"the controller {designed.called} has a setting {name!r}, which every case has already; its "
                     "author has to give it another name"
                 )
-        case = read(Case, own, ask=ask)
-        return Case.partial({**case.given, "controller": controller}, place(tree))
+        case = read(Case, beside, allow_unusual=allow_unusual)
+        return Case.partial({**case.given, "controller": designed}, place(tree))
 
 
 Case.catalogue = _Cases()  # type: ignore[attr-defined]
 
 
 def usual_case(controller: str, situation: Situation) -> Case:
-    """A controller with the settings that are usual in a situation, on a model identified from an equally noisy record.
-
-    Raises
-    ------
-    Refusal
-        For an unknown controller.
-    """
+    """A controller with its usual settings in a situation, on a model identified from an equally noisy record."""
     return Case(controller=CONTROLLERS.find(controller).partial({})).completed_in(situation)
 
 

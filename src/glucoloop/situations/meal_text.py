@@ -8,20 +8,21 @@ from typing import Final
 
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
-from glucoloop.parts.number_text import NUMBER, UNIT_OF_TIME, UNITS_OF_TIME
+from glucoloop.parts.number_text import NUMBER, UNITS_OF_TIME
 from glucoloop.plausible import CONFIRM_OPTION, MEAL, ask
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
+_UNIT: Final = "|".join(UNITS_OF_TIME)
 _MEAL: Final = re.compile(
-    rf"\s*(?P<carbs>{NUMBER})\s*(?P<of_carbs>g\s*)?@\s*(?P<time>{NUMBER})\s*(?:(?P<unit>{UNIT_OF_TIME})\s*)?"
-    rf"(?:/\s*(?P<eating>{NUMBER})\s*(?:(?P<eating_unit>{UNIT_OF_TIME})\s*)?)?",
+    rf"\s*(?P<carbs>{NUMBER})\s*(?P<of_carbs>g\s*)?@\s*(?P<time>{NUMBER})\s*(?:(?P<unit>{_UNIT})\s*)?"
+    rf"(?:/\s*(?P<eating>{NUMBER})\s*(?:(?P<eating_unit>{_UNIT})\s*)?)?",
     re.ASCII,
 )
 
 
 def parse_meal(text: str) -> Meal:
-    """Meal from its text; `ask_about_meals` asks about one without any unit.
+    """Meal from its text; `refuse_unusual_meals` refuses one without any unit.
 
     Raises
     ------
@@ -38,51 +39,40 @@ def parse_meal(text: str) -> Meal:
     meant = MEAL.looks_like(carbs_g) if carbs_g > LARGEST_MEAL_G else None
     if meant is not None:
         raise Refusal(f"a meal of {carbs_g:g} g is not possible; {meant}")
-    eating_min = 0.0 if match["eating"] is None else _minutes(match["eating"], match["eating_unit"])
-    return Meal(carbs_g=carbs_g, t_min=_minutes(match["time"], match["unit"]), eating_min=eating_min)
-
-
-def names_units(text: str) -> tuple[bool, bool]:
-    """Whether the text of a meal says in which unit its carbohydrate is, and its time."""
-    match = _MEAL.fullmatch(text)
-    return (False, False) if match is None else (match["of_carbs"] is not None, match["unit"] is not None)
+    t_min = float(match["time"]) * UNITS_OF_TIME[match["unit"] or "min"]
+    eating_min = float(match["eating"] or 0.0) * UNITS_OF_TIME[match["eating_unit"] or "min"]
+    return Meal(carbs_g=carbs_g, t_min=t_min, eating_min=eating_min)
 
 
 def meal_text(meal: Meal) -> str:
     """Text from which the same meal is read, to the last bit."""
-    eating = f"/{_shortest(meal.eating_min)}min" if meal.eating_min else ""
-    return f"{_shortest(meal.carbs_g)}g@{_shortest(meal.t_min)}min{eating}"
+    carbs, time, eating = (
+        repr(float(value)).removesuffix(".0") for value in (meal.carbs_g, meal.t_min, meal.eating_min)
+    )
+    return f"{carbs}g@{time}min{f'/{eating}min' if meal.eating_min else ''}"
 
 
-def ask_about_meals(texts: Iterable[str]) -> None:
-    """Ask for confirmation of meals of unusual size, or without any unit."""
+def same_meals(texts: Iterable[str]) -> tuple[str, ...]:
+    """Texts of the same meals, each written in grams and minutes."""
+    return tuple(meal_text(parse_meal(text)) for text in texts)
+
+
+def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
+    """Refuse meals of unusual size or without any unit, and one like ``45g@7`` where hours were probably meant.
+
+    They were probably meant in a run of a day or longer.
+    """
     for text in texts:
-        meal = parse_meal(text)
-        if not any(names_units(text)):
+        meal, match = parse_meal(text), _MEAL.fullmatch(text)
+        if match is None or not (match["of_carbs"] or match["unit"]):
             raise Refusal(
                 f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
             )
         ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
-
-
-def ask_about_clock(texts: Iterable[str], horizon_min: float) -> None:
-    """Ask about a meal like ``45g@7`` in a run of a day or longer, where hours were probably meant."""
-    if horizon_min < MIN_PER_DAY:
-        return
-    for text in texts:
-        meal = parse_meal(text)
-        if not names_units(text)[1] and 0.0 < meal.t_min < HOURS_PER_DAY:
+        if horizon_min >= MIN_PER_DAY and not match["unit"] and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
             eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""
             raise Refusal(
                 f"the meal {text!r} begins {time} min after the start; that looks like hours. "
                 f"Write {size}@{time}h{eating}, or {size}@{time}min{eating} if minutes are meant"
             )
-
-
-def _minutes(number: str, unit: str | None) -> float:
-    return float(number) * UNITS_OF_TIME[unit or "min"]
-
-
-def _shortest(value: float) -> str:
-    return repr(float(value)).removesuffix(".0")

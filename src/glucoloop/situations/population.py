@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Final
 
-from glucoloop.parts.part import Part
+from glucoloop.arguments import converted
 from glucoloop.parts.patients import USUAL_PATIENT
-from glucoloop.parts.setting import About, known_names, refuse_unknown_keys
+from glucoloop.parts.setting import known_names
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
@@ -19,40 +20,17 @@ VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
 
 
-class Vary(Part):
-    """One parameter that varies, as it stands in a file."""
-
-    kind: ClassVar = "variation"
-
-    parameter: Annotated[str, About("Parameter of the patient, like F_LC.")] = ""
-    distribution: Annotated[Literal["uniform", "normal", "lognormal"], About("How its values are distributed.")] = (
-        "uniform"
-    )
-    spread_pct: Annotated[float | None, About("Spread in percent of the centre; this or spread.")] = None
-    spread: Annotated[float | None, About("Spread in the unit of the parameter.")] = None
-    centre: Annotated[float | None, About("Centre of the distribution; by default the nominal value.")] = None
-    lower: Annotated[float | None, About("Bound below which no value is drawn.")] = None
-    upper: Annotated[float | None, About("Bound above which no value is drawn.")] = None
-
-
 def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.name, name: str = "custom") -> Population:
-    """Population from the keys of a file.
+    """Population of a patient from the keys of a file.
 
-    Parameters
-    ----------
-    keys : mapping
-        ``name`` and ``summary``, which may be left out, and ``vary``, a list of tables.
-    patient : str
-        Name of the nominal patient.
-    name : str
-        Name of the population if the keys have none.
-
-    Raises
-    ------
-    ValueError
-        For an unknown key, a value of the wrong type or out of bounds, or a table that can make a person who cannot be.
+    The keys are ``name`` and ``summary``, which may be left out, and ``vary``, a list of tables; a population whose
+    keys have no name has `name`. An unknown key, a value of the wrong type or out of bounds, and a table that can make
+    a person who cannot be are refused.
     """
-    refuse_unknown_keys(keys, ("name", "summary", VARY_KEY), " of a population")
+    known = ("name", "summary", VARY_KEY)
+    for key in keys:
+        if key not in known:
+            raise Refusal(f"unknown key {key!r} of a population; {known_names(key, known)}")
     for key in ("name", "summary"):
         if not isinstance(keys.get(key, ""), str):
             raise Refusal(f"{key} is {keys[key]!r}; give a text")
@@ -69,12 +47,15 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
 
 
 def _read_variation(number: int, table: Mapping[str, object]) -> Variation:
+    types = typing.get_type_hints(Variation)
     try:
-        varied = Vary.partial(dict(table))
+        for key in table:
+            if key not in types:
+                raise Refusal(f"unknown key {key!r} of a variation; {known_names(key, types)}")
         for key in ("parameter", "distribution"):
             if key not in table:
                 raise Refusal(f"{key} is missing; add it")
-        return Variation(**varied.values())
+        return Variation(**{key: converted(key, value, types[key], "Variation") for key, value in table.items()})
     except Refusal as error:
         raise Refusal(f"[[{VARY_KEY}]] number {number}: {error}") from None
 
@@ -89,13 +70,7 @@ def population_keys(population: Population) -> dict[str, object]:
 
 
 def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population:
-    """Population of a patient by its name, or from a file whose name ends in ``.toml``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a file that cannot be read as a population.
-    """
+    """Population of a patient by its name, or from a file whose name ends in ``.toml``; Refusal if there is none."""
     path = Path(text)
     if path.suffix != ".toml":
         known = populations_of(patient)
@@ -105,8 +80,12 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
         return known[text]
+    if "\0" in text:
+        raise Refusal(f"the path {text!r} holds a NUL character, which no file has in its name; leave it out")
     try:
-        keys = read_toml(_text(path), text).keys
+        with path.open(encoding="utf-8-sig") as file:
+            # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
+            keys = read_toml(file.read(LARGEST_CHARACTERS + 1), text).keys
     except OSError as error:
         raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
@@ -121,11 +100,3 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
             f"{text} has no [[vary]] table, so all people would be the same; add one, or name the preset nominal"
         )
     return people
-
-
-def _text(path: Path) -> str:
-    """Text of a file, read only up to the largest size of a configuration, so that a larger one is refused."""
-    if "\0" in str(path):
-        raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
-    with path.open(encoding="utf-8-sig") as file:
-        return file.read(LARGEST_CHARACTERS + 1)

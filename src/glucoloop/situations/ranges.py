@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from glucoloop.parts.grammar import GivenValue, Tree, place, plain
-from glucoloop.parts.tree import as_table
+from glucoloop.parts.grammar import GivenValue, Tree, as_table, place, plain
 from glucoloop.refusal import Refusal
 
 RANGES: Final = "ranges"
@@ -19,13 +18,7 @@ RANGES: Final = "ranges"
 def ranges_parted(tree: Mapping[str, Any], tuned: Collection[str], *, always: bool) -> Tree:
     """A tree whose ranges stand apart from the settings of its first controller.
 
-    Parameters
-    ----------
-    tree : mapping
-    tuned : collection of str
-        Settings that may be ranges.
-    always : bool
-        Whether a single value of such a setting is a range too; otherwise it stays a setting.
+    The settings `tuned` may be ranges; with `always` a single value of such a setting is a range too.
     """
     found = dict(tree)
     leaf = found.get("controller")

@@ -18,7 +18,11 @@ from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 if TYPE_CHECKING:
     from glucoloop.meals import Meal, Scenario
 
-MOST_CASES: Final = 20
+BOLUS_INTO_A_VEIN: Final = (
+    "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
+    "meant for insulin under the skin, as of hovorka-2004."
+)
+_MOST_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 
 
@@ -57,8 +61,8 @@ class ControlledSituation(Situation):
         for label in labels:
             if labels.count(label) > 1:
                 raise Refusal(f"two cases are called {label!r}; give each a label of its own, like label=careful")
-        if len(labels) > MOST_CASES and type(self).few_cases:
-            raise Refusal(f"{len(labels)} controllers at once are too many; give at most {MOST_CASES}")
+        if len(labels) > _MOST_CASES and type(self).few_cases:
+            raise Refusal(f"{len(labels)} controllers at once are too many; give at most {_MOST_CASES}")
         if self.model is not None and not any(case.model is not None for case in self.cases):
             used = ", ".join(dict.fromkeys(case.controller.called for case in self.cases))
             raise Refusal(f"a model is given, but none of these controllers uses one: {used}; leave it out")
@@ -67,13 +71,7 @@ class ControlledSituation(Situation):
 
     @functools.cached_property
     def cases(self) -> tuple[Case, ...]:
-        """The controllers with everything that is usual in the situation.
-
-        Raises
-        ------
-        Refusal
-            For settings that are at odds with one another, with the label of the case.
-        """
+        """The controllers with everything that is usual in the situation; a refusal has the label of the case."""
         found = []
         for case in self.controller or (Case.partial({}),):
             try:
@@ -85,13 +83,7 @@ class ControlledSituation(Situation):
 
     @property
     def case(self) -> Case:
-        """The only controller.
-
-        Raises
-        ------
-        Refusal
-            If there are several.
-        """
+        """The only controller; Refusal if there are several."""
         if len(self.cases) > 1:
             raise Refusal(
                 f"there are {len(self.cases)} controllers ({', '.join(case.label for case in self.cases)}); give one, "
@@ -109,15 +101,9 @@ class ControlledSituation(Situation):
                 found.pop(key, None)
         return found
 
-    def ask(self) -> None:
-        """Ask about what is possible and implausible where it is put together.
-
-        Raises
-        ------
-        Refusal
-            With what was probably meant.
-        """
-        self.ask_about_pump()
+    def refuse_unusual(self) -> None:
+        """Refuse what is possible and implausible where it is put together."""
+        self.refuse_unusual_pump()
 
 
 class Run(ControlledSituation):
@@ -154,10 +140,10 @@ class Run(ControlledSituation):
     ] = "fast"
 
     def __post_init__(self) -> None:
-        from glucoloop.situations.meal_text import meal_text, parse_meal
+        from glucoloop.situations.meal_text import same_meals
 
         super().__post_init__()
-        object.__setattr__(self, "meals", tuple(meal_text(parse_meal(text)) for text in self.meals))
+        object.__setattr__(self, "meals", same_meals(self.meals))
         refuse_parts_of_samples(self.duration_min, self.sample_time_min)
         self.refuse_late_faults(self.duration_min)
 
@@ -172,13 +158,7 @@ class Run(ControlledSituation):
         return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
 
     def scenario(self) -> Scenario:
-        """Meals, length, target, start and time of day.
-
-        Raises
-        ------
-        Refusal
-            For meals or a length that are not possible.
-        """
+        """Meals, length, target, start and time of day; Refusal for meals or a length that are not possible."""
         from glucoloop.meals import Scenario
 
         return Scenario(
@@ -192,34 +172,28 @@ class Run(ControlledSituation):
             start_min=self.start_min,
         )
 
-    def ask(self) -> None:
-        """Ask about meals, too."""
-        from glucoloop.situations.meal_text import ask_about_clock, ask_about_meals
+    def refuse_unusual(self) -> None:
+        """Refuse what is possible and implausible, meals too."""
+        from glucoloop.situations.meal_text import refuse_unusual_meals
 
-        super().ask()
-        meals = self.given.get("meals", ())
-        ask_about_meals(meals)
-        ask_about_clock(meals, self.duration_min)
+        super().refuse_unusual()
+        refuse_unusual_meals(self.given.get("meals", ()), self.duration_min)
 
 
 def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:
     """Refuse a run that is not a whole number of samples long.
 
-    Raises
-    ------
-    Refusal
-        With the nearest sample time and, where a duration can be given, the nearest one that would be possible.
+    The sentence has the nearest sample time and, where a duration can be given, the nearest that would be possible.
     """
 
-    def samples_of(minutes: float) -> int | None:
-        number = max(1, round(horizon_min / minutes))
-        return number if abs(number * minutes - horizon_min) <= 1e-9 * horizon_min else None
+    def fits(minutes: float) -> bool:
+        return abs(max(1, round(horizon_min / minutes)) * minutes - horizon_min) <= 1e-9 * horizon_min
 
-    if samples_of(sample_time_min) is not None:
+    if fits(sample_time_min):
         return
     tenths = (tenth / 10.0 for tenth in range(1, round(10.0 * LONGEST_SAMPLE_TIME_MIN) + 1))
     near = (minutes for minutes in tenths if sample_time_min / 2.0 < minutes < 2.0 * sample_time_min)
-    possible = [minutes for minutes in near if samples_of(minutes) is not None]
+    possible = list(filter(fits, near))
     mends = [f"--sample-time {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
     if has_duration:
         mends.append(f"--duration {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
@@ -227,3 +201,9 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
         f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
         f"give {' or '.join(mends) or 'another sample time'}"
     )
+
+
+def boluses_into_a_vein(asked: ControlledSituation) -> tuple[str, ...]:
+    """`BOLUS_INTO_A_VEIN` if any of the controllers gives boluses to a patient with insulin into a vein."""
+    boluses = any(case.controller.gives_boluses for case in asked.cases)
+    return (BOLUS_INTO_A_VEIN,) if boluses and not asked.patient.under_the_skin else ()

@@ -12,15 +12,14 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.parts.clock_text import parse_time_of_day
 from glucoloop.parts.faults import START, FaultPart
 from glucoloop.parts.grammar import given as given_values
-from glucoloop.parts.metrics import MetricPart
-from glucoloop.parts.part import Part, read
+from glucoloop.parts.metrics import MetricPart, metrics_with
+from glucoloop.parts.number_text import parse_time_of_day
+from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT, PatientPart
 from glucoloop.parts.pumps import PUMPS, PumpPart
 from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
-from glucoloop.parts.setting import Default
 from glucoloop.plausible import (
     CONFIRM_OPTION,
     LARGEST_RATE,
@@ -33,6 +32,7 @@ from glucoloop.plausible import (
 )
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
+from glucoloop.situations.request import read_root
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel
@@ -44,29 +44,6 @@ SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
-
-SampleTime = Annotated[
-    float,
-    Option(
-        "Time between two readings, and between two doses.",
-        at_least=SHORTEST_SAMPLE_TIME_MIN,
-        at_most=LONGEST_SAMPLE_TIME_MIN,
-        quantity=SAMPLE_TIME,
-    ),
-]
-Seed = Annotated[int, Option("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)]
-AllowUnusual = Annotated[bool, Option("Accept values that look like another unit or are implausible.")]
-PatientSetting = Annotated[
-    PatientPart,
-    _patient("Patient; pump, model and tuning are by default those usual for it.", default=USUAL_PATIENT.name),
-]
-SensorSetting = Annotated[
-    tuple[SensorPart, ...],
-    _sensor(
-        "Sensor: ideal, white-noise, correlated-noise, lag, dead-time; repeat it, from the innermost outwards.",
-        default="ideal",
-    ),
-]
 
 
 def _named_or_made(meal_model: Any) -> Any:
@@ -88,7 +65,10 @@ class Situation(Part):
 
     kind: ClassVar = "situation"
 
-    patient: PatientSetting = USUAL_PATIENT.partial({})
+    patient: Annotated[
+        PatientPart,
+        _patient("Patient; pump, model and tuning are by default those usual for it.", default=USUAL_PATIENT.name),
+    ] = USUAL_PATIENT.partial({})
     setpoint_mg_dl: Annotated[
         float | None,
         _patient(
@@ -131,7 +111,13 @@ class Situation(Part):
             "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
         ),
     ] = None
-    sensor: SensorSetting = ()
+    sensor: Annotated[
+        tuple[SensorPart, ...],
+        _sensor(
+            "Sensor: ideal, white-noise, correlated-noise, lag, dead-time; repeat it, from the innermost outwards.",
+            default="ideal",
+        ),
+    ] = ()
     pump: Annotated[
         PumpPart,
         _sensor(
@@ -150,33 +136,34 @@ class Situation(Part):
         tuple[MetricPart, ...],
         Option("Metric of another package beside the usual ones; repeat it for more.", flag="--metric", rare=True),
     ] = ()
-    sample_time_min: SampleTime = 5.0
-    seed: Seed = 0
-    allow_unusual: AllowUnusual = False
+    sample_time_min: Annotated[
+        float,
+        Option(
+            "Time between two readings, and between two doses.",
+            at_least=SHORTEST_SAMPLE_TIME_MIN,
+            at_most=LONGEST_SAMPLE_TIME_MIN,
+            quantity=SAMPLE_TIME,
+        ),
+    ] = 5.0
+    seed: Annotated[int, Option("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)] = 0
+    allow_unusual: Annotated[bool, Option("Accept values that look like another unit or are implausible.")] = False
 
     def __post_init__(self) -> None:
-        patient = self.patient.completed({"operating_point": Default(self.patient.usual_point)})
+        patient = self.patient.completed({"operating_point": self.patient.usual_point})
         usual = {
             key: getattr(patient, key) for key in ("max_change_mU_min", "min_insulin_mU_min", "max_insulin_mU_min")
         }
-        parts = {
-            "patient": patient,
-            "sensor": tuple(part.completed() for part in self.sensor),
-            "pump": self.pump.completed({key: Default(of) for key, of in {**usual, **self.pump.limits}.items()}),
-            "faults": tuple(part.completed() for part in self.faults),
-            "metrics": tuple(part.completed() for part in self.metrics),
-        }
-        for name, value in parts.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "patient", patient)
+        object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
+        for name in ("sensor", "faults", "metrics"):
+            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
         self._refuse_at_odds()
 
     def _refuse_at_odds(self) -> None:
         from glucoloop.meals import meal_model_of
-        from glucoloop.parts.metrics import metrics_with
         from glucoloop.patients.capabilities import sites
 
-        for _ in metrics_with(self.metrics):  # refuses one that is at odds with another
-            pass
+        list(metrics_with(self.metrics))  # refuses one that is at odds with another
         if self.miscounts and not self.announce_meals:
             raise Refusal(
                 "an error of counting carbohydrate concerns announced meals only; announce the meals "
@@ -192,36 +179,24 @@ class Situation(Part):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
 
-    def ask_about_pump(self) -> None:
-        """Ask about a pump in another unit, or one that cannot deliver the rate at which the patient rests.
+    def refuse_unusual_pump(self) -> None:
+        """Refuse a pump in another unit, or one that cannot deliver the rate at which the patient rests.
 
         A target above the patient's own needs less insulin than that, so that a smaller pump is enough.
-
-        Raises
-        ------
-        Refusal
-            With the unit that a limit looks like, or the rate that the patient needs.
         """
         limits, person = self.limits, self.nominal
-        rates = {
-            "max_insulin_mU_min": float(limits.max_mU_min),
-            "min_insulin_mU_min": float(limits.min_mU_min),
-            "max_change_mU_min": float(limits.max_change_mU_min),
-        }
+        most_mU_min, least_mU_min = float(limits.max_mU_min), float(limits.min_mU_min)
         basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
         largest, least = LARGEST_RATE_UNDER_THE_SKIN if self.patient.under_the_skin else LARGEST_RATE, LEAST_RATE
         rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
         if self.setpoint_mg_dl is None or self.setpoint_mg_dl <= resting:
-            if rates["max_insulin_mU_min"] < basal:
+            if most_mU_min < basal:
                 largest = largest.within(least=basal, reason=f"the patient needs {rest}")
-            if basal < rates["min_insulin_mU_min"] < rates["max_insulin_mU_min"]:
+            if basal < least_mU_min < most_mU_min:
                 least = least.within(most=basal, reason=f"the patient needs only {rest}")
-        for name, quantity in (
-            ("max_insulin_mU_min", largest),
-            ("min_insulin_mU_min", least),
-            ("max_change_mU_min", RATE_CHANGE),
-        ):
-            ask(rates[name], quantity, f"{name} of the pump", CONFIRM_OPTION)
+        ask(most_mU_min, largest, "max_insulin_mU_min of the pump", CONFIRM_OPTION)
+        ask(least_mU_min, least, "min_insulin_mU_min of the pump", CONFIRM_OPTION)
+        ask(float(limits.max_change_mU_min), RATE_CHANGE, "max_change_mU_min of the pump", CONFIRM_OPTION)
 
     def refuse_late_faults(self, duration_min: float) -> None:
         """Refuse a fault that begins after the end of a run."""
@@ -284,11 +259,6 @@ class Situation(Part):
         return bool(self.faults) or not all(isinstance(part, plain) for part in self.sensor)
 
     @property
-    def drawn(self) -> bool:
-        """Whether runs may differ by their seeds."""
-        return self.noisy or self.drawn_otherwise
-
-    @property
     def dead_time_min(self) -> float:
         """Dead time of the readings."""
         return sum(part.minutes for part in self.sensor if isinstance(part, DeadTimeSettings))
@@ -311,9 +281,9 @@ class Situation(Part):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        own = {name: getattr(self, name) for name in Situation.settings()}
+        same = {name: getattr(self, name) for name in Situation.settings()}
         quiet = tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
-        return Situation(**{**own, "sensor": quiet})
+        return Situation(**{**same, "sensor": quiet})
 
     @property
     def nominal(self) -> SemilinearPatient:
@@ -322,13 +292,7 @@ class Situation(Part):
 
     @property
     def gut(self) -> MealModel | None:
-        """Meal model that replaces the patient's own; None if the patient's own is used.
-
-        Raises
-        ------
-        Refusal
-            For an unknown meal model.
-        """
+        """Meal model that replaces the patient's own; None if the patient's own is used."""
         from glucoloop.meals import meal_model
 
         named: MealModel | None = meal_model(self.meal_model) if isinstance(self.meal_model, str) else self.meal_model
@@ -341,31 +305,19 @@ class Situation(Part):
 
     @property
     def limits(self) -> DoseLimits:
-        """Limits of the pump.
-
-        Raises
-        ------
-        Refusal
-            If the bounds are not possible.
-        """
+        """Limits of the pump; Refusal if the bounds are not possible."""
         from glucoloop.pumps import dose_limits
 
-        pump = self.pump.values()
+        pump: Any = self.pump
         return dose_limits(
-            max_change_mU_min=pump["max_change_mU_min"],
-            min_mU_min=pump["min_insulin_mU_min"],
-            max_mU_min=pump["max_insulin_mU_min"],
+            max_change_mU_min=pump.max_change_mU_min,
+            min_mU_min=pump.min_insulin_mU_min,
+            max_mU_min=pump.max_insulin_mU_min,
         )
 
     @property
     def bolus(self) -> BolusLimits:
-        """Limits of a bolus of the pump.
-
-        Raises
-        ------
-        Refusal
-            If the bounds are not possible.
-        """
+        """Limits of a bolus of the pump; Refusal if the bounds are not possible."""
         from glucoloop.pumps import bolus_limits
 
         pump = self.pump
@@ -387,16 +339,9 @@ def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: st
     Refusal
         For a key or a value that is not possible.
     """
-    tree = given_values({**(keys or {}), **more}, where)
-    return read(root, getattr(root, "prepared", dict)(tree), where="").completed()
+    return read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True).completed()
 
 
 def usual_situation(patient: str = USUAL_PATIENT.name, operating_point: str | None = None) -> Situation:
-    """A patient at an operating point, the usual one by default, with the usual pump and noise-free readings.
-
-    Raises
-    ------
-    Refusal
-        For an unknown patient or operating point.
-    """
+    """A patient at an operating point, the usual one by default, with the usual pump and noise-free readings."""
     return Situation(patient=PATIENTS.find(patient)(operating_point=operating_point))

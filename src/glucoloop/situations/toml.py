@@ -16,8 +16,6 @@ VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""
 USED_KEY: Final = "used"
 """Table of all values that were used, the computed ones among them; a configuration is read without it."""
-SETTLED_KEY: Final = "settled"
-"""Table in it with the settings that were settled when a controller was designed."""
 LARGEST_CHARACTERS: Final = 1_000_000
 _MOST_DOTS: Final = 3000
 """Largest number of dots in a line; the parser's memory for a dotted key grows with the square of its length."""
@@ -32,19 +30,15 @@ class ConfigurationFile(NamedTuple):
     keys: dict[str, Any]
     """Keys that were given, from which it is read."""
     version: str | None
-    """Version of glucoloop that wrote it, if it is told."""
+    """Version of glucoloop that wrote it, if the file says so."""
     used: dict[str, Any] | None
-    """All values that were used when it was written, if they are told."""
+    """All values that were used when it was written, if the file holds them."""
 
 
 def read_toml(text: str, name: str) -> ConfigurationFile:
-    """Read the text of a configuration file.
-
-    Raises
-    ------
-    ValueError
-        For a text that is not TOML, or is too long or too deeply nested for a configuration.
-    """
+    """Configuration from the text of a file; one that is not TOML, too long or too deeply nested is refused."""
+    too_large = f"{name} holds a whole number beyond {LARGEST_INTEGER}, which TOML does not have; give a smaller one"
+    too_deep = f"{name} is nested too deeply for a configuration"
     if len(text) > LARGEST_CHARACTERS:
         raise Refusal(
             f"{name} is too large for a configuration: {len(text)} characters, at most {LARGEST_CHARACTERS} will do"
@@ -56,13 +50,13 @@ def read_toml(text: str, name: str) -> ConfigurationFile:
     except tomllib.TOMLDecodeError as error:
         raise Refusal(f"{name} is not TOML: {str(error).rstrip('.')}") from None
     except RecursionError:
-        raise Refusal(f"{name} is nested too deeply for a configuration") from None
+        raise Refusal(too_deep) from None
     except ValueError:  # Python refuses a number of thousands of digits
-        raise Refusal(_too_large(name)) from None
+        raise Refusal(too_large) from None
     if deeper_than(keys, _DEEPEST):
-        raise Refusal(f"{name} is nested too deeply for a configuration")
-    if any(_holds_too_large(value) for value in keys.values()):
-        raise Refusal(_too_large(name))
+        raise Refusal(too_deep)
+    if _holds_too_large(keys):
+        raise Refusal(too_large)
     version = keys.pop(VERSION_KEY, None)
     used = keys.pop(USED_KEY, None)
     if not isinstance(used, dict | None):
@@ -87,37 +81,20 @@ def deeper_than(value: object, levels: int) -> bool:
 
 
 def _holds_too_large(value: object) -> bool:
-    if isinstance(value, Mapping):
-        return any(map(_holds_too_large, value.values()))
-    if isinstance(value, list):
-        return any(map(_holds_too_large, value))
+    if isinstance(value, Mapping | list):
+        return any(map(_holds_too_large, value.values() if isinstance(value, Mapping) else value))
     return isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER
 
 
-def _too_large(name: str) -> str:
-    return f"{name} holds a whole number beyond {LARGEST_INTEGER}, which TOML does not have; give a smaller one"
-
-
 def toml_text(keys: Mapping[str, Any], command: str, given: Mapping[str, Any] | None = None) -> str:
-    """Text of a configuration file with which a command repeats itself; keys without a value are left out.
+    """Text of a configuration file with which a command, without the program's name, repeats itself.
 
-    Parameters
-    ----------
-    keys : mapping
-        All keys, with the values that were used.
-    command : str
-        Command without the name of the program.
-    given : mapping, optional
-        Keys from which the others follow; the file is read from them, and tells `keys` in a table of its own.
+    `keys` holds the values that were used, and `given` the keys from which they follow: where it is there, the file is
+    read from them, and has `keys` in a table of its own. Keys without a value are left out.
     """
-    said = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
+    table = {VERSION_KEY: glucoloop.__version__, **_with_values(keys if given is None else given)}
     used = {} if given is None else {USED_KEY: _with_values(keys)}
-    return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**said, **used})}"
-
-
-def with_settled(keys: Mapping[str, Any], settled: Mapping[str, float]) -> dict[str, Any]:
-    """Keys that were used, with the settings that were settled when the controller was designed."""
-    return {**keys, **({SETTLED_KEY: dict(settled)} if settled else {})}
+    return f"# Repeat with: glucoloop {with_code(command, keys)}\n{tomli_w.dumps({**table, **used})}"
 
 
 def _with_values(value: Any) -> Any:

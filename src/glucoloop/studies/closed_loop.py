@@ -22,9 +22,8 @@ from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
 from glucoloop.simulation.plant import SteppingIntegrator
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import Run
+from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run
 from glucoloop.situations.situation import Situation
-from glucoloop.situations.warnings import BOLUS_INTO_A_VEIN
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
 

@@ -16,7 +16,7 @@ from glucoloop.estimation.unknown_meal.daily import daily_rates, earlier
 from glucoloop.estimation.unknown_meal.expectation import expectation
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.experiments.designs import controller_of
-from glucoloop.parts.daily_text import parse_daily
+from glucoloop.parts.number_text import parse_daily
 from glucoloop.situations.situation import configured
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0

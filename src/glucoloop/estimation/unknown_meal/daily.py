@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree
-from glucoloop.parts.daily_text import DailyValues
+from glucoloop.parts.number_text import DailyValues
 from glucoloop.units import MIN_PER_DAY
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from glucoloop.arguments import checked
 from glucoloop.estimation.unknown_meal.daily import DailyRates, daily_rates
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
-from glucoloop.parts.clock_text import time_of_day_text
-from glucoloop.parts.daily_text import DailyValues, parse_daily
+from glucoloop.parts.number_text import DailyValues, parse_daily, time_of_day_text
 from glucoloop.refusal import Refusal
 
 

@@ -22,7 +22,7 @@ from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.report.print_figure import figure_files
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.situations.warnings import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary

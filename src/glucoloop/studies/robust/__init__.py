@@ -184,7 +184,7 @@ def _bound(text: str, beside: tuple[str, ...]) -> tuple[str, float | str]:
     if most in beside:
         return name, most
     try:
-        number = number_of(most, float)
+        number = number_of(most)
     except ValueError:
         number = float("nan")
     if number != number:

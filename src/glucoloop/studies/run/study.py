@@ -19,7 +19,6 @@ from glucoloop.report import Repeat, comparison_table, interactive_page, metrics
 from glucoloop.report.facts import comparison_facts, run_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.situations.run import Run
-from glucoloop.situations.toml import with_settled
 from glucoloop.storage import tables as stored
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.bound.study import bound_of_run
@@ -219,7 +218,9 @@ def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, s
     }
     for table in used["controller"]:
         label = table["label"]
-        table.update(with_settled({}, by_label[label].settled), **({"model": beside[label]} if label in beside else {}))
+        designed = by_label[label].settled
+        table.update({"settled": dict(designed)} if designed else {})
+        table.update({"model": beside[label]} if label in beside else {})
     if beside:
         given.pop("model", None)
         given["controller"] = given.get("controller") or [case.tree() for case in asked.cases]

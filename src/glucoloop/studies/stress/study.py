@@ -17,7 +17,7 @@ from glucoloop.report.fault_words import short_names
 from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
-from glucoloop.situations.warnings import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import people_table

@@ -13,7 +13,7 @@ from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.cohorts.summary import CaseSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.parts.metrics import described
+from glucoloop.parts.metrics import result_named
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, glucose_text, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.facts import controllers_facts, engine_facts, engine_notes, trial_facts
@@ -21,7 +21,7 @@ from glucoloop.report.person_words import person_in_words
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.table import Row, lines_table
 from glucoloop.report.trial_report import ranges_pct
-from glucoloop.situations.warnings import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.header import read_header
@@ -217,7 +217,7 @@ def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
 def _rows(summary: Mapping[str, Any]) -> Iterator[Row]:
     controllers = summary["controllers"].values()
     for metric, statistics in _TABLE:
-        how = described(metric)
+        how = result_named(metric)
         for position, statistic in enumerate(statistics):
             values = (of["metrics"][metric][statistic] for of in controllers)
             cells = (NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values)

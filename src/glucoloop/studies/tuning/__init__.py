@@ -61,7 +61,7 @@ class GridSearch(Run):
             raise Refusal("a guard is no part of a search of a grid; leave it out")
         for name in self.ranges or {}:
             controller.setting(name)
-        if self.seeds not in (None, 1) and not self.drawn:
+        if self.seeds not in (None, 1) and not (self.noisy or self.drawn_otherwise):
             raise Refusal(
                 f"--seeds is {self.seeds}, but without noise, another sensor or a fault all are alike; leave it out"
             )

@@ -71,7 +71,7 @@ def random_order(seed: int, number: int) -> Order:
 
     return Order(
         sensor=tuple(kind for _, kind in sorted(zip(score, SENSOR_KINDS, strict=True))),
-        shared={kind: entry.shared(whole) for kind, entry in ((kind, _entry(kind)) for kind in KINDS)},
+        shared={kind: {name: draw(whole) for name, draw in _entry(kind).shared.items()} for kind in KINDS},
     )
 
 
@@ -204,7 +204,7 @@ def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
     def even(low: float, high: float, index: int = 0) -> Floats:
         return low + (high - low) * drawn(f"size {kind}", index)
 
-    return {name: np.asarray(values) for name, values in _entry(kind).draw(even).items()}
+    return {name: np.asarray(draw(even)) for name, draw in _entry(kind).drawn.items()}
 
 
 def _entry(kind: str) -> type[FaultPart]:

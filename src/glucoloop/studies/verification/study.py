@@ -13,8 +13,7 @@ from glucoloop.printable import how_many
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.facts import engine_notes
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import ControlledSituation
-from glucoloop.situations.warnings import boluses_into_a_vein
+from glucoloop.situations.run import ControlledSituation, boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.verification import Verification, campaign, nonsense
 from glucoloop.studies.verification.campaign import Campaign, met
