@@ -8,7 +8,6 @@ removed with the query, and that of a killed process with the next query.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import shutil
@@ -21,9 +20,8 @@ from typing import Any, Final
 from glucoloop._extras import needed_for
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.storage.files import kept_text
-from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
-from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.files import kept_json
+from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
 from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, has_unstopped_work
@@ -123,8 +121,8 @@ class TrialTables:
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
-    header = read_header(folder)
-    shards, final = done_shards(folder, header), final_files(folder)
+    origin = TrialOrigin.of_folder(folder)
+    shards, final = done_shards(folder, origin), final_files(folder)
     if not shards:
         raise Refusal(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
     place = folder.resolve()
@@ -152,7 +150,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             ).fetchall()
         except duckdb.Error as error:
             raise Refusal(f"{folder} cannot be read: {_line(str(error))}") from None
-        yield TrialTables(connection, dict(columns), len(shards), header.shards)
+        yield TrialTables(connection, dict(columns), len(shards), origin.shards)
 
 
 @contextlib.contextmanager
@@ -209,17 +207,15 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
 
 def _summary(connection: Any, folder: Path) -> None:
     """Create a table with one row per controller and metric."""
+    mend = f"move it away and run the command that made {folder} again"
     try:
-        controllers = json.loads(kept_text(folder / SUMMARY, "a summary"))["controllers"]
         rows = [
             {"controller": label, "metric": metric, **values}
-            for label, of_label in controllers.items()
+            for label, of_label in kept_json(folder / SUMMARY, mend)["controllers"].items()
             for metric, values in of_label["metrics"].items()
         ]
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise Refusal(
-            f"{folder / SUMMARY} is damaged; move it away and run the command that made {folder} again"
-        ) from None
+    except (TypeError, KeyError, AttributeError):
+        raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
     columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
     called = [name.replace('"', '""') for name in columns]
     kinds = ["varchar"] * 2 + ["double"] * (len(columns) - 2)
