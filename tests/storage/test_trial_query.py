@@ -11,10 +11,9 @@ import polars as pl
 import pytest
 
 from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.query import trial_tables
+from glucoloop.storage.trials.query import UNSTOPPED, trial_tables
 from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import compute_shard
-from glucoloop.storage.trials.stoppable import UNSTOPPED
 
 SUMMARY = {
     "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}

@@ -8,14 +8,20 @@ removed with the query, and that of a killed process with the next query.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import shutil
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import polars as pl
 
 from glucoloop._extras import needed_for
 from glucoloop.printable import is_printable
@@ -24,7 +30,6 @@ from glucoloop.storage.files import kept_json
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
-from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, has_unstopped_work
 
 with needed_for("a question in SQL"):
     import duckdb
@@ -44,6 +49,13 @@ _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
 _LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
 """DuckDB's words for a Python package that it needs to hand over a value, before a traceback."""
+_GRACE_S: Final = 0.5
+"""Time to wait for a query that was asked to stop."""
+_AGAIN_S: Final = 0.02
+_LOOK_S: Final = 0.05
+UNSTOPPED: Final = "glucoloop left this behind"
+"""Name of a thread that did not stop."""
+T = TypeVar("T")
 _Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """White space that a query over several lines may hold."""
@@ -86,12 +98,12 @@ class TrialTables:
                 )
         except duckdb.Error as error:
             raise Refusal(_refusal(error)) from None
-        work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
+        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
 
         def part(query: Callable[[], Any]) -> _Rows:
             try:
-                return work.run(lambda: query().fetchmany(_ROWS))
-            except TimeLimitError:
+                return stoppable(lambda: query().fetchmany(_ROWS), self._connection.interrupt, until)
+            except TimeoutError:
                 raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
                 raise Refusal(_refusal(error)) from None
@@ -118,6 +130,45 @@ class TrialTables:
         return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
 
 
+def stoppable(work: Callable[[], T], stop: Callable[[], None], until: float = math.inf) -> T:
+    """Return what a piece of work returns; Ctrl-C ends it at once, and so does a TimeoutError at a monotonic time.
+
+    DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value notices
+    neither a timer nor Ctrl-C. Therefore the work is done in a thread of its own, which is left behind if it does not
+    stop; `program` in the command line then ends the process without waiting for it.
+    """
+    answer: Future[T] = Future()
+
+    def carry_out() -> None:
+        try:
+            answer.set_result(work())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    thread = threading.Thread(target=carry_out, daemon=True)
+    try:
+        thread.start()
+        while time.monotonic() < until:
+            # Where a signal reaches another thread, a wait without end would not be woken.
+            if wait([answer], _LOOK_S).done:
+                return answer.result()
+        raise TimeoutError
+    except BaseException:
+        # Repeatedly, since the work may not have begun at the first request.
+        given_up_s = time.monotonic() + _GRACE_S
+        while not answer.done() and time.monotonic() < given_up_s:
+            stop()
+            wait([answer], _AGAIN_S)
+        if not answer.done():
+            thread.name = UNSTOPPED
+        raise
+
+
+def has_unstopped_work() -> bool:
+    """Whether there is work that did not stop and for which the end of the process would wait."""
+    return any(thread.name == UNSTOPPED for thread in threading.enumerate())
+
+
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
@@ -133,7 +184,9 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             for name, statement in _views([place / SHARDS / shard.name for shard in shards], place, final).items():
                 connection.execute(f"create view {name} as {statement}")
             if SUMMARY in final:
-                _summary(connection, folder)
+                table = f"{scratch}/summary.parquet"
+                _summary(folder).write_parquet(table)
+                connection.execute("create table summary as from read_parquet(?)", [table])
             settings = {
                 "memory_limit": _MEMORY,
                 "temp_directory": scratch,
@@ -171,11 +224,8 @@ def _scratch() -> Iterator[str]:
         number = old.name.removeprefix(_SCRATCH).partition("-")[0]
         if number.isdecimal() and not _is_running(int(number)):
             shutil.rmtree(old, ignore_errors=True)
-    scratch = tempfile.mkdtemp(prefix=f"{_SCRATCH}{os.getpid()}-")
-    try:
+    with tempfile.TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-", ignore_cleanup_errors=True) as scratch:
         yield scratch
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _is_running(process: int) -> bool:
@@ -205,8 +255,8 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
     return views
 
 
-def _summary(connection: Any, folder: Path) -> None:
-    """Create a table with one row per controller and metric."""
+def _summary(folder: Path) -> pl.DataFrame:
+    """Table with one row per controller and metric."""
     mend = f"move it away and run the command that made {folder} again"
     try:
         rows = [
@@ -214,17 +264,10 @@ def _summary(connection: Any, folder: Path) -> None:
             for label, of_label in kept_json(folder / SUMMARY, mend)["controllers"].items()
             for metric, values in of_label["metrics"].items()
         ]
-    except (TypeError, KeyError, AttributeError):
+        table = pl.DataFrame(rows, infer_schema_length=None)
+        return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
+    except (TypeError, KeyError, AttributeError, pl.exceptions.PolarsError):
         raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
-    columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
-    called = [name.replace('"', '""') for name in columns]
-    kinds = ["varchar"] * 2 + ["double"] * (len(columns) - 2)
-    typed_columns = ", ".join(f'"{name}" {kind}' for name, kind in zip(called, kinds, strict=True))
-    connection.execute(f"create table summary ({typed_columns})")
-    marks = ", ".join("?" * len(columns))
-    connection.executemany(
-        f"insert into summary values ({marks})", [[row.get(name) for name in columns] for row in rows]
-    )
 
 
 def _refusal(error: Exception) -> str:
