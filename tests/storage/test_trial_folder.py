@@ -11,8 +11,8 @@ import pytest
 
 from glucoloop.cohorts.trial import fingerprint
 from glucoloop.storage.folder import SUMS
+from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.run import run_here
 
 FINAL = {"summary.json": b"{}", "report.html": b"<html>"}
 

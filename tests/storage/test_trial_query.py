@@ -10,9 +10,9 @@ import threading
 import polars as pl
 import pytest
 
+from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.query import UNSTOPPED, trial_tables
-from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import compute_shard
 
 SUMMARY = {
