@@ -72,8 +72,7 @@ def _of_the_system(error: OSError) -> str | None:
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    remedy = mend(error)
-    ways = " or ".join(filter(None, (remedy, "choose another place" if remedy or error.filename else "")))
+    ways = mend(error, "choose another place") if mend(error) or error.filename else ""
     return _with_results(f"{where}{error.strerror}") + (f"; {ways}" if ways else "")
 
 

@@ -15,6 +15,7 @@ import ctypes
 import errno
 import hashlib
 import os
+import shutil
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -69,9 +70,9 @@ _KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
 )
 
 
-def mend(error: OSError) -> str:
-    """Mend of an error of the system, as an imperative; the empty text where none is known."""
-    return _MENDS.get(error.errno or 0, "")
+def mend(error: OSError, *others: str) -> str:
+    """Mend of an error of the system, if one is known, or any of the other ones, as imperatives."""
+    return " or ".join(filter(None, (_MENDS.get(error.errno or 0), *others)))
 
 
 def kind(path: Path) -> str:
@@ -215,7 +216,7 @@ def remove(path: Path) -> None:
         with contextlib.suppress(OSError):  # a part of a folder that a power cut leaves is told by its digests
             sync(path.parent)
         path = part
-    _remove_tree(path)
+    shutil.rmtree(path)
 
 
 @contextlib.contextmanager
@@ -390,12 +391,3 @@ def _replace(place: Path, part: Path) -> None:
 
 def _old(place: Path) -> Path:
     return part_of(place.parent / f"{place.name}.old")
-
-
-def _remove_tree(folder: Path) -> None:
-    for name in os.listdir(folder):
-        if kind(folder / name) == _FOLDER:
-            _remove_tree(folder / name)
-        else:
-            os.unlink(folder / name)
-    os.rmdir(folder)

@@ -29,8 +29,8 @@ def read_text(path: Path, what: str) -> str:
             # A device or a pipe tells no size beforehand.
             data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
-        ways = " or ".join(filter(None, (disk.mend(error), f"give the path of {what}")))
-        raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {ways}") from None
+        mend = disk.mend(error, f"give the path of {what}")
+        raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {mend}") from None
     if len(data) > LARGEST_TEXT_BYTES:
         raise Refusal(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():

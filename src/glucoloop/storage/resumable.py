@@ -138,7 +138,9 @@ class ResumableFolder(ABC):
         try:
             yield
         except OSError as error:
-            again = " and ".join(filter(None, (disk.mend(error), "run the same command again")))
+            again = (
+                f"{mend} and run the same command again" if (mend := disk.mend(error)) else "run the same command again"
+            )
             raise Refusal(
                 f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
             ) from None
@@ -290,8 +292,7 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
         except (FileExistsError, NotADirectoryError):
             raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
         except OSError as error:
-            mend = disk.mend(error)
-            again = f"{mend} and run the same command again, or " if mend else ""
+            again = f"{mend} and run the same command again, or " if (mend := disk.mend(error)) else ""
             raise Refusal(
                 f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None
