@@ -107,18 +107,23 @@ class ResumableFolder(ABC):
     def begin(self, *, overwrite: bool) -> bool:
         """Read an existing folder or create a new one; returns whether the work is new."""
         self._refuse_foreign()
-        exists = disk.is_file(self.path / self._files[0])
-        if exists and overwrite and not self._goes_on():
-            self.clear()
-            exists = False
-        elif exists and not overwrite:
-            self._load()
+        new = not disk.is_file(self.path / self._files[0])
+        if not new:
+            try:
+                self._load()
+                new = overwrite and self.finished
+            except ValueError:
+                if not overwrite:
+                    raise
+                new = True
+            if new:
+                self.clear()
         self._sweep()
-        if not exists:
+        if new:
             self.notes, self.recorded = (), self.origin
             self._read_done()  # none
             self._describe()
-        return not exists
+        return new
 
     def finish(self, files: Mapping[str, bytes]) -> None:
         """Write all results, the files about the whole work, and the digests of all files last; see `put_file`."""
@@ -225,14 +230,6 @@ class ResumableFolder(ABC):
                 )
         needed = self.wanted if self._in_parts else 1  # a search may end before all of its rows
         return sums.keys() == digests.keys() >= {*self._files[:2]} and self.done >= needed
-
-    def _goes_on(self) -> bool:
-        """Whether the folder holds the same work, undamaged and not finished."""
-        try:
-            self._load()
-        except ValueError:
-            return False
-        return not self.finished
 
     def _describe(self) -> None:
         """Write the origin and the configuration, as far as they are not there."""
