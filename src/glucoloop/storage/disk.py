@@ -17,7 +17,7 @@ import hashlib
 import os
 import shutil
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -59,15 +59,15 @@ _DIGITS: Final = 20
 _AT_CWD: Final = -100
 _EXCHANGE: Final = 2
 _FILE, _FOLDER = "a file", "a folder"
-_KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
-    (stat.S_ISREG, _FILE),
-    (stat.S_ISDIR, _FOLDER),
-    (stat.S_ISLNK, "a symbolic link"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
+_KINDS: Final = {
+    stat.S_IFREG: _FILE,
+    stat.S_IFDIR: _FOLDER,
+    stat.S_IFLNK: "a symbolic link",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
 def mend(error: OSError, *others: str) -> str:
@@ -81,7 +81,7 @@ def kind(path: Path) -> str:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    return next((description for is_one, description in _KINDS if is_one(mode)), "something that is no file")
+    return _KINDS.get(stat.S_IFMT(mode), "something that is no file")
 
 
 def is_file(path: Path) -> bool:
@@ -222,20 +222,13 @@ def remove(path: Path) -> None:
 @contextlib.contextmanager
 def made_folders(path: Path) -> Iterator[None]:
     """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
-    made: list[Path] = []
+    new = [folder for folder in (path, *path.parents) if not folder.is_dir()]
     try:
-        for folder in reversed([folder for folder in (path, *path.parents) if not folder.is_dir()]):
-            try:
-                os.mkdir(folder)
-            except FileExistsError:
-                if not folder.is_dir():  # and not made by another process just now
-                    raise
-            else:
-                made.insert(0, folder)
+        os.makedirs(path, exist_ok=True)
         yield
     except BaseException:
-        with contextlib.suppress(OSError):
-            for folder in made:
+        for folder in new:
+            with contextlib.suppress(OSError):
                 os.rmdir(folder)
         raise
 

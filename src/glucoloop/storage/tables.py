@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.identification import Record
+from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.storage import disk
@@ -96,11 +98,21 @@ class TableBounds:
 def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
     """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
     data = disk.read_bytes(place, bounds.most_bytes)
-    try:
+    with told_as_damage(place):
         bounds.check(data)
         return pl.read_parquet(io.BytesIO(data))
-    except (ValueError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
+
+
+@contextlib.contextmanager
+def told_as_damage(place: Path) -> Iterator[None]:
+    """Tell an error in the block as damage of a table that this program wrote."""
+    try:
+        yield
+    except (
+        *(pl.exceptions.PolarsError, pl.exceptions.PanicException),
+        *(KeyError, IndexError, TypeError, ValueError),
+    ) as error:
+        raise Refusal(f"{place} is damaged: {one_line(error)}") from None
 
 
 def csv(table: pl.DataFrame) -> bytes:

@@ -21,6 +21,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
 from glucoloop.cohorts.trial import Trial
+from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import Simulate, compute_shard
@@ -109,7 +110,7 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
             stack.enter_context(client)
         except (OSError, ValueError) as error:
             raise Refusal(
-                f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "
+                f"no Dask scheduler answers at {address} ({one_line(error)}); "
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
@@ -159,7 +160,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
         error = future.exception()
         if error is not None:
             raise Refusal(
-                f"shard {index} failed on the cluster: {' '.join(str(error).split()).rstrip('.')}; "
+                f"shard {index} failed on the cluster: {one_line(error)}; "
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )
         folder.put(index, future.result())

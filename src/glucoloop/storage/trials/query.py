@@ -24,7 +24,7 @@ from typing import Any, Final, TypeVar
 import polars as pl
 
 from glucoloop._extras import needed_for
-from glucoloop.printable import is_printable
+from glucoloop.printable import is_printable, one_line
 from glucoloop.refusal import Refusal
 from glucoloop.storage.files import kept_json
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
@@ -88,12 +88,12 @@ class TrialTables:
         if timeout_s is not None and not timeout_s > 0.0:
             raise Refusal(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
         if not is_printable(sql.translate(_SPACES)):
-            raise Refusal(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
+            raise Refusal(f"{one_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
             statements = self._connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise Refusal(
-                    f"{_line(sql)!r} is not one question that only reads; give one SELECT, "
+                    f"{one_line(sql)!r} is not one question that only reads; give one SELECT, "
                     'like "select controller, avg(undershoot_mg_dl) from people group by all"'
                 )
         except duckdb.Error as error:
@@ -202,7 +202,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
-            raise Refusal(f"{folder} cannot be read: {_line(str(error))}") from None
+            raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
         yield TrialTables(connection, dict(columns), len(shards), origin.shards)
 
 
@@ -284,8 +284,4 @@ def _refusal(error: Exception) -> str:
         package = lacked["package"]
         what = "a time with a time zone" if package == "pytz" else "a value"
         return f"the answer holds {what}, for which {package} is missing; cast it to varchar"
-    return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
-
-
-def _line(text: str) -> str:
-    return " ".join(text.split()).rstrip(".")
+    return one_line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
