@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from glucoloop import arithmetic
 from glucoloop.refusal import Refusal
@@ -52,30 +52,24 @@ class Work:
 class ResumableFolder(ABC):
     """A folder that this process may write to; see `opened`.
 
-    Its first file, `record`, holds the `origin` of the results. The `results` so far are a file that is written anew as
-    it grows, or a folder of parts. `wanted` results are asked for, called `unit` in messages, ``"shards"``.
+    The `results` so far are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked
+    for, called `unit` in messages, ``"shards"``.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        work: Work,
-        origin: Origin,
-        *,
-        record: str,
-        results: str,
-        in_parts: bool,
-        wanted: int,
-        unit: str,
-    ) -> None:
+    record: ClassVar[str]
+    """Name of the first file, which holds the origin of the results."""
+    in_parts: ClassVar[bool]
+    """Whether the results are a folder of parts."""
+
+    def __init__(self, path: Path, work: Work, origin: Origin, *, results: str, wanted: int, unit: str) -> None:
         self.path, self.work = path, work
         self.origin = self.recorded = origin
         """Origin of the results that are computed now, and the one that the folder records."""
         self.wanted, self.unit = wanted, unit
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
-        self._files = (record, work.configuration, *work.final, *([] if in_parts else [results]))
-        self._results, self._in_parts = results, in_parts
+        self._files = (self.record, work.configuration, *work.final, *([] if self.in_parts else [results]))
+        self._results = results
 
     @property
     @abstractmethod
@@ -107,7 +101,7 @@ class ResumableFolder(ABC):
     def begin(self, *, overwrite: bool) -> bool:
         """Read an existing folder or create a new one; returns whether the work is new."""
         self._refuse_foreign()
-        new = not disk.is_file(self.path / self._files[0])
+        new = not disk.is_file(self.path / self.record)
         if not new:
             try:
                 self._load()
@@ -157,7 +151,7 @@ class ResumableFolder(ABC):
         """
         sums = disk.read_sums(self.path)
         for name, digest in self._file_digests().items():
-            if sums.get(name, digest) != digest and name != self._files[0]:
+            if sums.get(name, digest) != digest and name != self.record:
                 raise Refusal(
                     f"{self.path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
                     "move that away, or choose another folder with --out"
@@ -168,7 +162,7 @@ class ResumableFolder(ABC):
 
     def _load(self) -> None:
         """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
-        self.recorded = type(self.origin).read(self.path / self._files[0])
+        self.recorded = type(self.origin).read(self.path / self.record)
         goes_further = self._refuse_another()
         self._read_done()
         whole = self._is_whole() and not goes_further
@@ -228,7 +222,7 @@ class ResumableFolder(ABC):
                 raise Refusal(
                     f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
                 )
-        needed = self.wanted if self._in_parts else 1  # a search may end before all of its rows
+        needed = self.wanted if self.in_parts else 1  # a search may end before all of its rows
         return sums.keys() == digests.keys() >= {*self._files[:2]} and self.done >= needed
 
     def _describe(self) -> None:
@@ -238,7 +232,7 @@ class ResumableFolder(ABC):
         for name, text in zip(self._files, (self.recorded.text(), configuration), strict=False):
             if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == text.encode()):
                 disk.put_file(self.path / name, text.encode())
-        if self._in_parts:
+        if self.in_parts:
             disk.make_folder(self.path / self._results)
 
     def _digests(self) -> dict[str, str]:
@@ -255,14 +249,14 @@ class ResumableFolder(ABC):
         what, other = self.work.what, "choose another folder with --out"
         if foreign:
             raise Refusal(f"{self.path} holds {foreign[0]}, which is no part of a {what}; {other}")
-        if holds and self._files[0] not in holds:
+        if holds and self.record not in holds:
             raise Refusal(f"{self.path} is not empty and holds no {what}; {other}")
         for name in holds:
             (disk.is_file if name in (*self._files, SUMS) else disk.is_folder)(self.path / name)
 
     def _sweep(self) -> None:
         """Remove unfinished files that a dead process left."""
-        for folder in (self.path.resolve(), *([self.path / self._results] if self._in_parts else [])):
+        for folder in (self.path.resolve(), *([self.path / self._results] if self.in_parts else [])):
             for name in filter(disk.is_part, disk.names(folder)):
                 disk.remove(folder / name)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import polars as pl
 
@@ -16,8 +16,6 @@ from glucoloop.storage import disk
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
-
-ORIGIN: Final = "origin.json"
 
 R = TypeVar("R")
 
@@ -75,18 +73,12 @@ class Rows(Generic[R]):
 class RowsFolder(ResumableFolder, Generic[R]):
     """A folder of rows that this process may write to; see `rows_folder`."""
 
+    record = "origin.json"
+    in_parts = False
+
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
         origin = Origin.current(work.keys)
-        super().__init__(
-            path,
-            work,
-            origin,
-            record=ORIGIN,
-            results=kind.file,
-            in_parts=False,
-            wanted=kind.wanted,
-            unit=kind.what,
-        )
+        super().__init__(path, work, origin, results=kind.file, wanted=kind.wanted, unit=kind.what)
         self.kind = kind
         self.rows: list[R] = []
         self._written = 0

@@ -87,21 +87,14 @@ class TrialOrigin(Origin):
 class TrialFolder(ResumableFolder):
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
+    record = RECORD
+    in_parts = True
     origin: TrialOrigin
     recorded: TrialOrigin
 
     def __init__(self, path: Path, trial: Trial, work: Work) -> None:
         self.trial = trial
-        super().__init__(
-            path,
-            work,
-            TrialOrigin.of(trial),
-            record=RECORD,
-            results=SHARDS,
-            in_parts=True,
-            wanted=trial.shards,
-            unit="shards",
-        )
+        super().__init__(path, work, TrialOrigin.of(trial), results=SHARDS, wanted=trial.shards, unit="shards")
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
 
