@@ -48,7 +48,7 @@ def _export(typed: Given) -> None:
     with output.folder() as folder:
         if folder is None:
             raise Refusal("an exported controller is a folder; name one with --out")
-        from glucoloop.cli.exported import report, tell, write
+        from glucoloop.cli.exported import print_written, report, write
 
         with stage("Designing the controller, and writing it in C"):
             written = write(asked, folder)
@@ -58,7 +58,7 @@ def _export(typed: Given) -> None:
 
         print_json(report(written), files, ())
     else:
-        tell(written, output.out, files)
+        print_written(written, output.out, files)
     if any(rung.holds is False for rung in written.rungs):
         sys.exit(1)
 
@@ -76,7 +76,7 @@ def _check(typed: Given) -> None:
     asked: Export = completed(
         request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
     )
-    from glucoloop.cli.exported import check, tell_rungs
+    from glucoloop.cli.exported import check, print_rungs
 
     with stage("Checking"):
         rungs = check(asked, folder)
@@ -85,7 +85,7 @@ def _check(typed: Given) -> None:
 
         print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
     else:
-        tell_rungs(rungs)
+        print_rungs(rungs)
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)
 
 

@@ -137,15 +137,15 @@ def _same_file(exported: Exported, folder: Path) -> Rung:
     return Rung(name, False, "controller.c is another file than the one that this version of glucoloop writes", {})
 
 
-def tell(written: Written, out: Path | None, files: dict[str, str]) -> None:
+def print_written(written: Written, out: Path | None, files: dict[str, str]) -> None:
     """Print the checks, and the paths of the files."""
     source = written.exported.source
     print(f"Design {source.design[:16]}, {source.form} form, {written.exported.precision}.")
-    tell_rungs(written.rungs)
+    print_rungs(written.rungs)
     print(where_written(out, files))
 
 
-def tell_rungs(rungs: Sequence[Rung]) -> None:
+def print_rungs(rungs: Sequence[Rung]) -> None:
     """Print one line for each check."""
     for rung in rungs:
         verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]

@@ -320,10 +320,9 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 def _whose(lock: Path) -> str:
     try:
-        by = read_bytes(lock, _DIGITS).decode().strip()
+        return f" (process {int(read_bytes(lock, _DIGITS))})"
     except (OSError, ValueError):
         return ""
-    return f" (process {by})" if by.isdecimal() else ""
 
 
 def _is(path: Path, wanted: str) -> bool:

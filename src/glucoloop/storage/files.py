@@ -44,7 +44,7 @@ def read_text(path: Path, what: str) -> str:
     return text
 
 
-def kept_json(path: Path, mend: str) -> dict[str, Any]:
+def stored_json(path: Path, mend: str) -> dict[str, Any]:
     """JSON object in a regular file that this program keeps; a ValueError, which ends in `mend`, tells of damage."""
     data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     try:

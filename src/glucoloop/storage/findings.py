@@ -1,6 +1,6 @@
 """Findings of a study: plain values and tables, written whole and read back whole.
 
-Whatever is told or drawn later follows from the plain values, so that nothing is computed or worded again.
+Whatever is printed or drawn later follows from the plain values, so that nothing is computed or worded again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import polars as pl
 
-from glucoloop.storage.files import kept_json
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
 
@@ -56,7 +56,7 @@ class Findings:
     @classmethod
     def read(cls, place: Path) -> Findings:
         """Read earlier findings from the JSON file that holds them."""
-        plain = kept_json(place, "move it away and run the same command again")
+        plain = stored_json(place, "move it away and run the same command again")
         return cls({key: value for key, value in plain.items() if key != "version"})
 
 

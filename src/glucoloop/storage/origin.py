@@ -12,7 +12,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
-from glucoloop.storage.files import kept_json
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.strict_json import json_text
 
 
@@ -44,7 +44,7 @@ class Origin(BaseModel):
     def read(cls, place: Path) -> Self:
         """Read the record of a folder; ValueError if glucoloop did not write it."""
         mend, expected = f"delete {place.parent} and run the same command again", cls.model_fields["format"].default
-        found = kept_json(place, mend)
+        found = stored_json(place, mend)
         if found.get("format") != expected:
             raise Refusal(
                 f"{place} is of another format, {found.get('format')} and not {expected}; read it with the glucoloop "

@@ -98,14 +98,14 @@ class TableBounds:
 def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
     """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
     data = disk.read_bytes(place, bounds.most_bytes)
-    with told_as_damage(place):
+    with refusing_damage(place):
         bounds.check(data)
         return pl.read_parquet(io.BytesIO(data))
 
 
 @contextlib.contextmanager
-def told_as_damage(place: Path) -> Iterator[None]:
-    """Tell an error in the block as damage of a table that this program wrote."""
+def refusing_damage(place: Path) -> Iterator[None]:
+    """Refuse a table that this program wrote as damaged, for an error in the block."""
     try:
         yield
     except (
@@ -122,7 +122,7 @@ def csv(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-def _ragged(text: str) -> str | None:
+def _line_too_long(text: str) -> str | None:
     """Sentence on the first line with more fields than the first one names; None where fields may be quoted."""
     lines = text.splitlines()
     counts = [line.count(",") + 1 for line in lines]
@@ -142,14 +142,14 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
     """
     text = read_text(path, "a record")
     first = next(iter(text.splitlines()), "")
-    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in first and "," not in first:
-            raise Refusal(f"{path} separates its columns by {called}; separate them by commas, with points in numbers")
+            raise Refusal(f"{path} separates its columns by {name}; separate them by commas, with points in numbers")
     try:
         table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
-        why = _ragged(text) or next(iter(str(error).splitlines()), "it is damaged")
+        why = _line_too_long(text) or next(iter(str(error).splitlines()), "it is damaged")
         raise Refusal(f"{path} is not a CSV table: {why}") from None
     for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one

@@ -23,7 +23,7 @@ from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import kept_json
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.strict_json import json_text
@@ -216,7 +216,7 @@ def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str
     if sums != digests or SHARD not in sums:
         changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
         raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
-    record = kept_json(place / SHARD, mend)
+    record = stored_json(place / SHARD, mend)
     for name, value in origin.of_shard(index).items():
         if record.get(name) != value:
             raise Refusal(

@@ -26,7 +26,7 @@ import polars as pl
 from glucoloop._extras import needed_for
 from glucoloop.printable import is_printable, one_line
 from glucoloop.refusal import Refusal
-from glucoloop.storage.files import kept_json
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
@@ -261,7 +261,7 @@ def _summary(folder: Path) -> pl.DataFrame:
     try:
         rows = [
             {"controller": label, "metric": metric, **values}
-            for label, of_label in kept_json(folder / SUMMARY, mend)["controllers"].items()
+            for label, of_label in stored_json(folder / SUMMARY, mend)["controllers"].items()
             for metric, values in of_label["metrics"].items()
         ]
         table = pl.DataFrame(rows, infer_schema_length=None)

@@ -14,7 +14,7 @@ from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet, told_as_damage
+from glucoloop.storage.tables import TableBounds, parquet, read_parquet, refusing_damage
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.engine import PeopleResult
@@ -153,7 +153,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
     table = read_parquet(place, bounds(trial, index)[PEOPLE])
     person = trial.shard(index)
     drawn = {v.parameter: column_name(v.parameter) for v in trial.population.variations}
-    with told_as_damage(place):
+    with refusing_damage(place):
         yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
         table = table.with_columns(pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan))
         metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
@@ -205,7 +205,7 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
     """Add the counts of a shard to those of others; ValueError if they are not counts of its people."""
     place = folder / BANDS
     table = read_parquet(place, bounds(trial, index)[BANDS])
-    with told_as_damage(place):
+    with refusing_damage(place):
         for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
             counts: Any = total[str(label)][str(quantity)]
             when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
