@@ -28,11 +28,6 @@ _CELL_BYTES: Final = 16
 _OVERHEAD_BYTES: Final = 10_000_000
 
 
-def sample_table(trace: Trace) -> pl.DataFrame:
-    """Table with one row per sample; see `Trace.to_polars`."""
-    return trace.to_polars()
-
-
 def minute_table(trace: Trace) -> pl.DataFrame:
     """Table of noise-free glucose on the grid of one minute: columns ``t_min`` and ``glucose_mg_dl``."""
     return pl.DataFrame({"t_min": np.asarray(trace.fine_t_min), "glucose_mg_dl": np.asarray(trace.fine_glucose_mg_dl)})

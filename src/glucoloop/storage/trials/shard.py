@@ -88,21 +88,18 @@ def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[
 
 
 def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
-    feasible = pl.Series(result.feasible)
-    metrics = [pl.Series(name, values).to_frame() for name, values in result.metrics.items()]
     table = pl.DataFrame(
         {
             "person": result.person,
             "controller": pl.repeat(label, result.person.size, eager=True),
-            "able": feasible,
+            "able": pl.Series(result.feasible),
             "basal_insulin_mU_min": result.basal_insulin_mU_min,
             **{column_name(name): values for name, values in result.drawn.items()},
         }
     )
-    table = pl.concat([table, *metrics], how="horizontal")
-    names = list(result.metrics)
+    table = table.hstack([pl.Series(name, values) for name, values in result.metrics.items()])
     # Nothing is known of a person without a basal rate, not even that glucose is never below 60 mg/dl.
-    table = table.with_columns(pl.when("able").then(pl.col(names)))
+    table = table.with_columns(pl.when("able").then(pl.col(list(result.metrics))))
     return table.with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
