@@ -36,10 +36,7 @@ class OutputFolder:
 def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
     """A folder to write to; it appears at its place when the block ends, and nothing changes if the block fails.
 
-    Raises
-    ------
-    ValueError
-        Before the block runs, if the place is taken, cannot be written to, or another run is about to write there.
+    A ValueError before the block tells that the place is taken or cannot be written to, or that another run is at work.
     """
     with contextlib.ExitStack() as stack:
         try:
