@@ -137,11 +137,10 @@ class ResumableFolder(ABC):
         try:
             yield
         except OSError as error:
-            again = (
-                f"{mend} and run the same command again" if (mend := disk.mend(error)) else "run the same command again"
-            )
+            mend = f"{disk.mend(error)} and " if disk.mend(error) else ""
             raise Refusal(
-                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
+                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {mend}"
+                "run the same command again"
             ) from None
 
     def clear(self) -> None:
@@ -192,8 +191,7 @@ class ResumableFolder(ABC):
 
     def _compare_arithmetic(self, *, whole: bool) -> None:
         """Refuse results of another arithmetic; those of whole work are noted."""
-        found = arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)
-        if found is None:
+        if (found := arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)) is None:
             return
         name, there, here = found
         other = f"{self.path} was computed with {name} {there}, and here it is {here}"
@@ -213,15 +211,11 @@ class ResumableFolder(ABC):
             return False
         sums, digests = disk.read_sums(self.path), self._digests()
         for name, digest in digests.items():
-            if sums.get(name, digest) != digest:
-                raise Refusal(
-                    f"{self.path / name} was changed since glucoloop wrote it; move it away and run the same command "
-                    "again"
-                )
-            if name not in sums:
-                raise Refusal(
-                    f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
-                )
+            if sums.get(name) != digest:
+                fault = f"{self.path / name} was changed since glucoloop wrote it"
+                if name not in sums:
+                    fault = f"{self.path / SUMS} does not list {name} as it is"
+                raise Refusal(f"{fault}; move it away and run the same command again")
         needed = self.wanted if self.in_parts else 1  # a search may end before all of its rows
         return sums.keys() == digests.keys() >= {*self._files[:2]} and self.done >= needed
 
@@ -283,7 +277,7 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
         except (FileExistsError, NotADirectoryError):
             raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
         except OSError as error:
-            again = f"{mend} and run the same command again, or " if (mend := disk.mend(error)) else ""
+            again = f"{disk.mend(error)} and run the same command again, or " if disk.mend(error) else ""
             raise Refusal(
                 f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None
