@@ -24,7 +24,7 @@ from glucoloop.studies.robust.study import rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
-    *("open", "close", "read", "write", "fsync", "ftruncate", "fstat", "lstat", "listdir"),
+    *("open", "close", "write", "fsync", "ftruncate", "fstat", "lstat", "listdir"),
     *("mkdir", "rmdir", "unlink", "rename", "replace"),
 )
 """Of `os`, which the layer uses through one module."""

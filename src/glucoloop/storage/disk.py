@@ -14,6 +14,7 @@ import contextlib
 import ctypes
 import errno
 import hashlib
+import io
 import os
 import shutil
 import stat
@@ -113,36 +114,28 @@ def part_of(path: Path) -> Path:
 
 def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
     """Contents of a regular file; ValueError for something else, or for more than `most` bytes."""
-    with _opened(path) as descriptor:
-        size = os.fstat(descriptor).st_size
+    with _opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
         if size > most:
             raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
-        return b"".join(_chunks(descriptor))
+        return file.read()
 
 
 def digest(path: Path) -> str:
     """SHA-256 of a regular file in hexadecimal; the empty text if there is none, ValueError for something else."""
     if not is_file(path):
         return ""
-    found = hashlib.sha256()
-    with _opened(path) as descriptor:
-        for chunk in _chunks(descriptor):
-            found.update(chunk)
-    return found.hexdigest()
+    with _opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def put_file(place: Path, data: bytes) -> None:
     """Put a file in its place, replacing an earlier one."""
     is_file(place)
     part = part_of(place)
-    remove(part)
-    _write_new(part, data)
-    try:
+    with _making(part):
+        _write_new(part, data)
         os.replace(part, place)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(part)
-        raise
     sync(place.parent)
 
 
@@ -152,8 +145,7 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
     An earlier folder gives way to it, in one step where the system can exchange two names.
     """
     part = part_of(place)
-    remove(part)
-    try:
+    with _making(part):
         os.mkdir(part)
         for name, data in files.items():
             _write_new(part / name, data)
@@ -163,10 +155,6 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
             os.rename(part, place)
         elif not exchange(part, place):
             _replace(place, part)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            remove(part)
-        raise
     sync(place.parent)
     with contextlib.suppress(OSError):  # an earlier folder, now that the new one is in its place
         remove(part)
@@ -337,35 +325,38 @@ def _refused(path: Path, found: str, wanted: str) -> Refusal:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
+def _opened(path: Path) -> Iterator[io.BufferedReader]:
     _is(path, _FILE)
     descriptor = os.open(path, os.O_RDONLY | _SAFE)
     try:
-        yield descriptor
+        with open(descriptor, "rb", closefd=False) as file:
+            yield file
     finally:
         os.close(descriptor)
 
 
-def _chunks(descriptor: int) -> Iterator[bytes]:
-    while chunk := os.read(descriptor, _CHUNK):
-        yield chunk
+@contextlib.contextmanager
+def _making(part: Path) -> Iterator[None]:
+    """Make an object of a temporary name in the block; what an earlier process or a failure leaves is removed."""
+    remove(part)
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError):
+            remove(part)
+        raise
 
 
 def _write_new(place: Path, data: bytes) -> None:
     """Write a file that does not exist yet, and flush it to the disk."""
     descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
     try:
-        try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(place)
-        raise
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _replace(place: Path, part: Path) -> None:
