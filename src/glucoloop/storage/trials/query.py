@@ -69,15 +69,15 @@ class Answer:
     rows: Iterator[tuple[Any, ...]]
 
 
+@dataclass(frozen=True)
 class TrialTables:
     """The tables of a trial, open for queries; see `trial_tables`."""
 
-    def __init__(self, connection: Any, columns: dict[str, list[str]], done: int, shards: int) -> None:
-        self._connection = connection
-        self.views = {name: columns[name] for name in VIEWS if name in columns}
-        """Columns of each existing table."""
-        self.done = done
-        self.shards = shards
+    connection: Any
+    views: dict[str, list[str]]
+    """Columns of each existing table."""
+    done: int
+    shards: int
 
     def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
         """Answer a query; the time limit is for the answer and all of its rows.
@@ -85,12 +85,10 @@ class TrialTables:
         A ValueError tells of a text that is not one query that only reads, of a query that DuckDB refuses, or of an
         answer that takes too long.
         """
-        if timeout_s is not None and not timeout_s > 0.0:
-            raise Refusal(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
         if not is_printable(sql.translate(_SPACES)):
             raise Refusal(f"{one_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
-            statements = self._connection.extract_statements(sql)
+            statements = self.connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise Refusal(
                     f"{one_line(sql)!r} is not one question that only reads; give one SELECT, "
@@ -102,7 +100,7 @@ class TrialTables:
 
         def part(query: Callable[[], Any]) -> _Rows:
             try:
-                return stoppable(lambda: query().fetchmany(_ROWS), self._connection.interrupt, until)
+                return stoppable(lambda: query().fetchmany(_ROWS), self.connection.interrupt, until)
             except TimeoutError:
                 raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
@@ -111,10 +109,10 @@ class TrialTables:
         def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
             while found:
                 yield from found
-                found = part(lambda: self._connection)
+                found = part(lambda: self.connection)
 
-        first = part(lambda: self._connection.execute(statements[0]))
-        return Answer([column[0] for column in self._connection.description], rows(first))
+        first = part(lambda: self.connection.execute(statements[0]))
+        return Answer([column[0] for column in self.connection.description], rows(first))
 
     def _only_reads(self, statement: Any) -> bool:
         """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
@@ -124,7 +122,7 @@ class TrialTables:
             return False
         # COPY, CREATE and INSERT of a PIVOT are several statements too, but only a query may stand in parentheses.
         try:
-            inside = self._connection.extract_statements(f"from ({statement.query.rstrip().rstrip(';')}\n)")
+            inside = self.connection.extract_statements(f"from ({statement.query.rstrip().rstrip(';')}\n)")
         except duckdb.Error:
             return False
         return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
@@ -197,13 +195,15 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             }
             for name, value in settings.items():
                 connection.execute(f"set {name} = ?", [value])
-            columns = connection.execute(
+            found = connection.execute(
                 "select table_name, list(column_name order by column_index) from duckdb_columns() "
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
             raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
-        yield TrialTables(connection, dict(columns), len(shards), origin.shards)
+        columns = dict(found)
+        views = {name: columns[name] for name in VIEWS if name in columns}
+        yield TrialTables(connection, views, len(shards), origin.shards)
 
 
 @contextlib.contextmanager
