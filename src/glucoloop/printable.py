@@ -27,6 +27,11 @@ def printable(text: str) -> str:
     return "".join(letter if is_printable(letter) else repr(letter)[1:-1] for letter in text)
 
 
+def one_line(message: object) -> str:
+    """A message of somebody else in one line, to stand within a sentence."""
+    return " ".join(str(message).split()).rstrip(".")
+
+
 def how_many(count: int, one: str, many: str | None = None) -> str:
     """A number with its noun or verb: "1 person", "20 people"; `many` is by default `one` with an s."""
     return f"{count} {one if count == 1 else many or f'{one}s'}"

@@ -139,7 +139,7 @@ def test_a_search_goes_on_where_it_was_and_farther(glucoloop, made, tmp_path):
     assert module.made == [0, 1, 2]
     assert "The sum is 10 and the mean None." in again.out
     assert "Wrote squares.csv, page.html, squares.json, rows.parquet, squares.toml to a." in again.out
-    names = {"SHA256SUMS", "arithmetic.json", *FILES, "squares.json", "rows.parquet", "squares.toml"}
+    names = {"SHA256SUMS", "origin.json", *FILES, "squares.json", "rows.parquet", "squares.toml"}
     assert {file.name for file in (tmp_path / "a").iterdir()} == names
 
     finished = glucoloop("squares", "--out", "a", "--json")

@@ -227,7 +227,13 @@ def test_model_that_lacks_a_key_is_refused(refused, tmp_path, model_text, key):
 
 @pytest.mark.parametrize(
     ("text", "told"),
-    [("", "is empty"), ("[1", "is not JSON"), ("[]", "give"), ("null", "give"), ("\0", "is not text")],
+    [
+        ("", "is empty"),
+        ("[1", "is not JSON"),
+        ("[]", "it should be an object"),
+        ("null", "it should be an object"),
+        ("\0", "is not text"),
+    ],
 )
 def test_model_that_is_none_is_refused(refused, tmp_path, text, told):
     (tmp_path / "m.json").write_text(text)

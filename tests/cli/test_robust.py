@@ -16,7 +16,7 @@ from glucoloop.studies.robust.objectives import METRICS, NO_SCORES
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
-    "arithmetic.json",
+    "origin.json",
     "SHA256SUMS",
     "best.toml",
     "candidates.csv",

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop import arithmetic
-from glucoloop.cohorts.trial import FORMAT, Trial
+from glucoloop.cohorts.trial import Trial
 from glucoloop.identification import record_from_samples
 from glucoloop.situations.population import named_population
 from glucoloop.storage import disk
@@ -20,8 +19,7 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.folder import SUMS
 from glucoloop.storage.model_file import read_model
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
-from glucoloop.storage.trials.folder import SHARD, SHARDS, SUMMARY
-from glucoloop.storage.trials.header import HEADER, header_of, read_header
+from glucoloop.storage.trials.folder import RECORD, SHARD, SHARDS, SUMMARY, TrialOrigin
 from glucoloop.storage.trials.query import trial_tables
 
 MODEL = {
@@ -155,14 +153,13 @@ def test_record_is_refused_for_its_fault(refusal, file, text, told):
 def trial(tmp_path_factory):
     """The folder of a trial with one shard."""
     folder = tmp_path_factory.mktemp("trial")
-    header = header_of(Trial(people=2))
-    (folder / HEADER).write_text(header.text())
+    origin = TrialOrigin.of(Trial(people=2))
+    (folder / RECORD).write_text(origin.text())
     people = pl.DataFrame({"person": [0, 1], "controller": ["mpc", "[/a] :smile:"], "peak_mg_dl": [150.0, None]})
     counts = {"controller": ["mpc"], "quantity": ["glucose"], "t_min": [0.0], "low": [1.0], "high": [2.0], "count": [3]}
     tables = {"people.parquet": people, "bands.parquet": pl.DataFrame(counts)}
     told = {
-        **{"format": "glucoloop-shard", "format_version": FORMAT, "index": 0},
-        **{"fingerprint": header.fingerprint, "arithmetic": arithmetic.digest(header.computed_with)},
+        **origin.of_shard(0),
         "rows": {name: table.height for name, table in tables.items()},
     }
     files = {SHARD: json.dumps(told).encode()}
@@ -179,24 +176,24 @@ def _open(folder):
         return tables.views
 
 
-@given(st.sampled_from([*json.loads(header_of(Trial(people=2)).text())]), json_values)
+@given(st.sampled_from([*json.loads(TrialOrigin.of(Trial(people=2)).text())]), json_values)
 @example("shards", 10**18)
 @example("shards", math.inf)
 @example("config", {"controller": [1]})
 @settings(max_examples=60)
-def test_header_with_any_value_is_read_or_refused(refusal, trial, key, value):
-    whole = (trial / HEADER).read_text()
+def test_origin_with_any_value_is_read_or_refused(refusal, trial, key, value):
+    whole = (trial / RECORD).read_text()
     try:
-        (trial / HEADER).write_text(json.dumps({**json.loads(whole), key: value}))
+        (trial / RECORD).write_text(json.dumps({**json.loads(whole), key: value}))
         refusal(_open, trial)
     finally:
-        (trial / HEADER).write_text(whole)
+        (trial / RECORD).write_text(whole)
 
 
 @pytest.mark.parametrize("text", ["[", "[]", "1", "null", "[" * 100_000, '{"a":' * 3000])
-def test_header_that_is_none_is_refused(refusal, tmp_path, text):
-    (tmp_path / HEADER).write_text(text)
-    assert "is damaged" in refusal(read_header, tmp_path)
+def test_origin_that_is_none_is_refused(refusal, tmp_path, text):
+    (tmp_path / RECORD).write_text(text)
+    assert "is damaged" in refusal(TrialOrigin.of_folder, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -237,6 +234,12 @@ ANSWERED = [
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: repr(question[:20]))
 def test_question_is_refused(asked, trial, question):
     assert asked("query", str(trial), question, "--csv").code == 2
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "soon"])
+def test_time_limit_that_is_not_possible_is_refused(asked, trial, seconds):
+    answer = asked("query", str(trial), "select 1", f"--timeout={seconds}")
+    assert "give a number of seconds above 0" in answer.err
 
 
 @pytest.mark.long

@@ -129,7 +129,6 @@ class Numbers:
             what="count",
             keys={**self.keys, "rounds": self.wanted},
             final=("count.json",),
-            summary="count.json",
             may_change=frozenset({"rounds"}),
         )
 

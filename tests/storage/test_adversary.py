@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from glucoloop.situations.situation import configured
+from glucoloop.storage.findings import Findings
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
@@ -17,14 +18,13 @@ FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 
 def adversary_folder(path, asked):
-    final, summary = (*ADVERSARY.files, ADVERSARY.summary), ADVERSARY.summary
+    final = (*ADVERSARY.files, ADVERSARY.summary)
     work = Work(
         command="adversary",
         what="search",
         keys=asked.tree(whole=True),
         given=asked.tree(),
         final=final,
-        summary=summary,
     )
     return rows_folder(path, work, rows(asked))
 
@@ -49,7 +49,7 @@ def test_a_finished_search_tells_its_summary(begun):
         folder.finish({**dict.fromkeys(ADVERSARY.files, b""), "adversary.json": b'{"searches": []}'})
     with adversary_folder(begun, ASKED) as folder:
         assert folder.finished
-        assert folder.summary() == {"searches": []}
+        assert Findings.read(begun / ADVERSARY.summary).plain == {"searches": []}
 
 
 @pytest.mark.parametrize("change", [{"errors_pct": [20.0]}, {"search_seed": 2}, {"generations": 4}, {"sequences": 5}])

@@ -13,8 +13,7 @@ import pytest
 
 from glucoloop.storage.disk import SUMS, put_file, read_sums, sums_text
 from glucoloop.storage.folder import output_folder
-from glucoloop.storage.trials.folder import done_shards, trial_folder
-from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.trials.folder import TrialOrigin, done_shards, trial_folder
 
 pytestmark = [
     pytest.mark.skipif(os.name == "nt", reason="links, pipes and devices"),
@@ -128,7 +127,7 @@ def test_substitute_is_neither_followed_nor_waited_for(tmp_path, tiny, foreign, 
                     assert hashlib.sha256((out / file).read_bytes()).hexdigest() == value
                     assert not (out / file).is_symlink()
             with within_patience(), contextlib.suppress(ValueError):
-                done_shards(out, read_header(out))
+                done_shards(out, TrialOrigin.of_folder(out))
             assert snapshot(foreign) == before, (name, finished, of is tiny)
 
 
@@ -140,7 +139,7 @@ def test_substitute_in_a_folder_of_rows(tmp_path, counting, foreign, name):
     for place in (
         "lock",
         "count.toml",
-        "arithmetic.json",
+        "origin.json",
         "numbers.parquet",
         ".numbers.parquet.part",
         SUMS,
@@ -282,7 +281,7 @@ def test_shards_stand_for_no_other(tmp_path, tiny, attack, finished):
     assert snapshot(out) == before
     if attack is not _header:
         with pytest.raises(ValueError, match=r"damaged|belongs to something else|is no part"):
-            done_shards(out, read_header(out))
+            done_shards(out, TrialOrigin.of_folder(out))
 
 
 def test_list_of_digests_is_complete(tmp_path, tiny):

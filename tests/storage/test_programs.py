@@ -5,6 +5,7 @@ import stat
 
 import pytest
 
+from glucoloop.storage.disk import SUMS
 from glucoloop.storage.programs import check_programs, private_folder, seal_programs
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of files")
@@ -67,13 +68,12 @@ def test_entries_that_are_not_as_they_were_written_are_removed(folder, tmp_path)
     (folder / "cut-cache").write_bytes(b"cu")
     (folder / "relabelled-cache").write_bytes((folder / "whole-cache").read_bytes())
     (folder / "unlisted-cache").write_bytes(b"of somebody")
-    (folder / "gone-cache.sha256").write_text("0" * 64)
     (tmp_path / "mine").write_text("mine")
     (folder / "link-cache").symlink_to(tmp_path / "mine")
     os.mkfifo(folder / "pipe-cache")
     (folder / "other").write_text("none of ours")
     check_programs(folder)
-    assert entries(folder) == ["other", "whole-cache", "whole-cache.sha256"]
+    assert entries(folder) == [SUMS, "other", "whole-cache"]
     assert (tmp_path / "mine").read_text() == "mine"
 
 
@@ -83,4 +83,4 @@ def test_size_is_bounded_and_the_oldest_go_first(folder):
         seal_programs(folder)
         os.utime(folder / f"{name}-cache", (1e9 - age, 1e9 - age))
     check_programs(folder, most_bytes=250)
-    assert entries(folder) == ["a-cache", "a-cache.sha256", "b-cache", "b-cache.sha256"]
+    assert entries(folder) == [SUMS, "a-cache", "b-cache"]

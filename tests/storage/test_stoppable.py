@@ -3,10 +3,11 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
 
-from glucoloop.storage.trials.stoppable import UNSTOPPED, Stoppable, TimeLimitError, has_unstopped_work
+from glucoloop.storage.trials.query import UNSTOPPED, has_unstopped_work, stoppable
 
 
 class Work:
@@ -37,24 +38,17 @@ def work(request):
 
 
 def test_answers_and_errors_are_those_of_the_work():
-    assert Stoppable(lambda: None).run(lambda: 3) == 3
+    assert stoppable(lambda: 3, lambda: None) == 3
     with pytest.raises(ZeroDivisionError):
-        Stoppable(lambda: None).run(lambda: 1 // 0)
+        stoppable(lambda: 1 // 0, lambda: None)
 
 
-def test_time_limit_ends_the_work(work):
-    with pytest.raises(TimeLimitError):
-        Stoppable(work.stop, 0.05).run(work)
+@pytest.mark.parametrize("seconds", [0.05, -1.0])
+def test_time_limit_ends_the_work(work, seconds):
+    with pytest.raises(TimeoutError):
+        stoppable(work, work.stop, time.monotonic() + seconds)
     assert work.asked
     assert has_unstopped_work() == work.deaf
-
-
-def test_time_limit_is_for_all_pieces_together(work):
-    limited = Stoppable(work.stop, 0.05)
-    with pytest.raises(TimeLimitError):
-        limited.run(work)
-    with pytest.raises(TimeLimitError):
-        limited.run(work)
 
 
 @pytest.fixture
@@ -74,7 +68,7 @@ def test_interrupt_ends_the_work(work):
     presses = threading.Thread(target=press)
     presses.start()
     with pytest.raises(KeyboardInterrupt):
-        Stoppable(work.stop).run(work)
+        stoppable(work, work.stop)
     presses.join()
     assert work.asked
     assert has_unstopped_work() == work.deaf

@@ -11,8 +11,8 @@ import pytest
 
 from glucoloop.cohorts.trial import fingerprint
 from glucoloop.storage.folder import SUMS
+from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.run import run_here
 
 FINAL = {"summary.json": b"{}", "report.html": b"<html>"}
 
@@ -189,28 +189,28 @@ def test_another_version_is_refused(tmp_path, make_trial, monkeypatch):
         pass
 
 
-def edit_header(path, part, name, value):
+def edit_origin(path, **changes):
     found = json.loads((path / "trial.json").read_text())
-    found[part][name] = value
-    (path / "trial.json").write_text(json.dumps(found))
+    arithmetic = {**found["arithmetic"], **changes.pop("arithmetic", {})}
+    (path / "trial.json").write_text(json.dumps({**found, "arithmetic": arithmetic, **changes}))
 
 
 @pytest.mark.parametrize(
-    ("part", "name", "value"),
+    ("name", "value"),
     [
-        ("libraries", "jax", "0.0.1"),
-        ("libraries", "scipy", "0.0.1"),
-        ("libraries", "llvmlite", "0.0.1"),
-        ("arithmetic", "processor", "8086"),
-        ("arithmetic", "XLA_FLAGS", "--xla_cpu_enable_fast_math=true"),
-        ("arithmetic", "jax_enable_x64", "0"),
+        ("jax", "0.0.1"),
+        ("scipy", "0.0.1"),
+        ("llvmlite", "0.0.1"),
+        ("processor", "8086"),
+        ("XLA_FLAGS", "--xla_cpu_enable_fast_math=true"),
+        ("jax_enable_x64", "0"),
     ],
 )
-def test_shards_of_other_arithmetic_are_not_mixed(tmp_path, tiny, part, name, value):
+def test_shards_of_other_arithmetic_are_not_mixed(tmp_path, tiny, name, value):
     tiny, _ = tiny
     with trial_folder(tmp_path / "out", tiny.trial) as folder:
         folder.put(0, tiny.shards[0])
-    edit_header(tmp_path / "out", part, name, value)
+    edit_origin(tmp_path / "out", arithmetic={name: value})
     before = contents(tmp_path / "out")
     with pytest.raises(ValueError, match=r"shard 00000 of .* belongs to something else: its arithmetic"):
         tiny.run(tmp_path / "out")
@@ -220,14 +220,14 @@ def test_shards_of_other_arithmetic_are_not_mixed(tmp_path, tiny, part, name, va
     (tmp_path / "00000").rename(tmp_path / "out/shards/00000")
     assert contents(tmp_path / "out") == before
     tiny.run(tmp_path / "out", overwrite=True)
-    assert json.loads((tmp_path / "out/trial.json").read_text())[part][name] != value
+    assert json.loads((tmp_path / "out/trial.json").read_text())["arithmetic"][name] != value
 
 
 def test_other_tables_are_noted(tmp_path, tiny):
     tiny, _ = tiny
     with trial_folder(tmp_path / "out", tiny.trial) as folder:
         folder.put(0, tiny.shards[0])
-    edit_header(tmp_path / "out", "libraries", "polars", "0.0.1")
+    edit_origin(tmp_path / "out", polars="0.0.1")
     with trial_folder(tmp_path / "out", tiny.trial) as folder:
         assert any("polars 0.0.1" in note for note in folder.notes)
 

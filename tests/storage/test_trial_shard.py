@@ -6,8 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.run import run_here
 from glucoloop.storage.trials.shard import add_counts, compute_shard, edges, no_counts, read_people, times
 
 

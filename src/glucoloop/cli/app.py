@@ -169,5 +169,5 @@ def program() -> None:
 
 def _has_unstopped_work() -> bool:
     """Whether a query was left behind that does not stop."""
-    module = sys.modules.get("glucoloop.storage.trials.stoppable")
+    module = sys.modules.get("glucoloop.storage.trials.query")
     return module is not None and bool(module.has_unstopped_work())

@@ -43,7 +43,7 @@ def computing(typed: Given) -> Computing:
     if dask not in (None, "local") and workers is not None:
         raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
     if dask is not None:
-        from glucoloop.storage.trials.cluster import library
+        from glucoloop.storage.trials.computing import library
 
         library()  # what is missing is told before anything is designed
     return Computing(workers, dask)
@@ -63,7 +63,7 @@ def compute(folder: TrialFolder, where: Computing) -> None:
     if not folder.missing():
         return
     if where.dask is None:
-        from glucoloop.storage.trials.run import run_here
+        from glucoloop.storage.trials.computing import run_here
 
         with _people_counted(folder) as progress:
             run_here(folder, _simulator(trial, threads, progress), lambda people: None)
@@ -99,7 +99,7 @@ def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
 
 
 def _compute_on_cluster(folder: TrialFolder, address: str, workers: int | None) -> None:
-    from glucoloop.storage.trials.cluster import connected, run_on_cluster
+    from glucoloop.storage.trials.computing import connected, run_on_cluster
 
     with contextlib.ExitStack() as stack:
         with stage("Connecting to the cluster"):

@@ -111,7 +111,6 @@ def _work(study: Study, what: str, asked: Any, may_change: Iterable[str]) -> Wor
         keys=asked.tree(whole=True),
         given=asked.tree(),
         final=(*study.files, study.summary),
-        summary=study.summary,
         may_change=frozenset(may_change),
     )
 

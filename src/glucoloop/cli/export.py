@@ -9,6 +9,7 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given, options_of, without
+from glucoloop.cli.printing import print_json, where_written
 from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.screen import note, stage
 from glucoloop.refusal import Refusal
@@ -48,18 +49,18 @@ def _export(typed: Given) -> None:
     with output.folder() as folder:
         if folder is None:
             raise Refusal("an exported controller is a folder; name one with --out")
-        from glucoloop.cli.exported import report, tell, write
+        from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):
-            written = write(asked, folder)
+            exported, rungs = write(asked, folder)
         files = folder.paths()
     if output.json:
-        from glucoloop.cli.printing import print_json
-
-        print_json(report(written), files, ())
+        print_json(report(asked, exported, rungs), files, ())
     else:
-        tell(written, output.out, files)
-    if any(rung.holds is False for rung in written.rungs):
+        print(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
+        print_rungs(rungs)
+        print(where_written(output.out, files))
+    if any(rung.holds is False for rung in rungs):
         sys.exit(1)
 
 
@@ -76,7 +77,7 @@ def _check(typed: Given) -> None:
     asked: Export = completed(
         request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
     )
-    from glucoloop.cli.exported import check, tell_rungs
+    from glucoloop.cli.exported import check, print_rungs
 
     with stage("Checking"):
         rungs = check(asked, folder)
@@ -85,7 +86,7 @@ def _check(typed: Given) -> None:
 
         print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
     else:
-        tell_rungs(rungs)
+        print_rungs(rungs)
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)
 
 

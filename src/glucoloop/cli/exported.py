@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.cli.printing import where_written
 from glucoloop.control import Controller
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
@@ -27,15 +26,6 @@ from glucoloop.storage.model_file import ModelFile
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.studies.closed_loop import model_arguments, model_for
 from glucoloop.studies.exported import Export, exported_controller, name_of
-
-
-@dataclass(frozen=True)
-class Written:
-    """An exported controller with the results of its checks."""
-
-    asked: Export
-    exported: Exported
-    rungs: Sequence[Rung]
 
 
 @dataclass(frozen=True)
@@ -70,14 +60,8 @@ def made_of(asked: Export) -> Made:
     return Made(exported, controller, asked, model)
 
 
-def write(asked: Export, folder: OutputFolder) -> Written:
-    """Design a controller, write it in C, run the quick checks, and write the folder.
-
-    Raises
-    ------
-    ValueError
-        If the controller cannot be designed or exported.
-    """
+def write(asked: Export, folder: OutputFolder) -> tuple[Exported, list[Rung]]:
+    """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
     made, chip = made_of(asked), chip_of(asked.target)
     exported = made.exported
     of_loop = made.recorded(asked.samples, asked.seed)
@@ -90,39 +74,32 @@ def write(asked: Export, folder: OutputFolder) -> Written:
     checks = [rung.as_dict() for rung in rungs]
     folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
-    written = Written(asked, exported, rungs)
-    folder.write("manifest.json", json_text(with_version(report(written))) + "\n")
+    folder.write("manifest.json", json_text(with_version(report(asked, exported, rungs))) + "\n")
     used, given = asked.tree(whole=True), asked.tree()
     if made.model is not None:
         folder.write("model.json", made.model.text())
         if isinstance(asked.case.model, FilePart):
             used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
     folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
-    return written
+    return exported, rungs
 
 
-def report(written: Written) -> dict[str, Any]:
+def report(asked: Export, exported: Exported, rungs: Sequence[Rung]) -> dict[str, Any]:
     """Plain values for JSON."""
-    source = written.exported.source
+    source = exported.source
     return {
-        "config": written.asked.tree(whole=True),
+        "config": asked.tree(whole=True),
         "design": source.design,
         "form": source.form,
-        "precision": written.exported.precision,
+        "precision": exported.precision,
         "state_bytes": source.record_bytes - 20,
         "workspace_numbers": dict(source.workspace),
-        "checks": [rung.as_dict() for rung in written.rungs],
+        "checks": [rung.as_dict() for rung in rungs],
     }
 
 
 def check(asked: Export, folder: Path) -> list[Rung]:
-    """Design the controller of a folder again, and run the whole ladder.
-
-    Raises
-    ------
-    ValueError
-        If the design of the folder is not possible any more.
-    """
+    """Design the controller of a folder again, and run the whole ladder."""
     made = made_of(asked)
     of_loop = made.recorded(asked.samples, asked.seed)
     rungs, form = [_same_file(made.exported, folder)], made.exported.source.form
@@ -137,15 +114,7 @@ def _same_file(exported: Exported, folder: Path) -> Rung:
     return Rung(name, False, "controller.c is another file than the one that this version of glucoloop writes", {})
 
 
-def tell(written: Written, out: Path | None, files: dict[str, str]) -> None:
-    """Print the checks, and the paths of the files."""
-    source = written.exported.source
-    print(f"Design {source.design[:16]}, {source.form} form, {written.exported.precision}.")
-    tell_rungs(written.rungs)
-    print(where_written(out, files))
-
-
-def tell_rungs(rungs: Sequence[Rung]) -> None:
+def print_rungs(rungs: Sequence[Rung]) -> None:
     """Print one line for each check."""
     for rung in rungs:
         verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]

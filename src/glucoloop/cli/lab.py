@@ -43,7 +43,7 @@ def _lab(given: Given) -> None:
     try:
         put_file(place, text)
     except OSError as error:
-        ways = " or ".join(filter(None, (mend(error), "choose another place with --out")))
+        ways = mend(error, "choose another place with --out")
         raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from glucoloop.cli import results
-from glucoloop.printable import printable
+from glucoloop.printable import one_line, printable
 from glucoloop.refusal import Refusal
 
 _LONGEST: Final = 2000
@@ -34,14 +34,15 @@ def sentence(error: BaseException) -> str | None:
     if _is_of_jax(error, "Unable to initialize backend") or _is_of_jax(error, "Unknown backend"):
         platforms = os.environ.get("JAX_PLATFORMS")
         asked = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
-        return f"JAX cannot start{asked}: {_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
+        return f"JAX cannot start{asked}: {one_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
     if type(error).__module__.partition(".")[0] in ("dask", "distributed") or isinstance(error, CancelledError):
+        why = one_line(error) or type(error).__name__
         return (
-            f"the connection to the Dask scheduler was lost ({_line(error) or type(error).__name__}); the shards that "
-            "are done are kept, start the scheduler again and run the same command again"
+            f"the connection to the Dask scheduler was lost ({why}); the shards that are done are kept, start the "
+            "scheduler again and run the same command again"
         )
     if isinstance(error, RuntimeError) and _origin(error).name == "pathlib.py":  # Python before 3.13
-        return _with_results(f"{_line(error)}; choose another place")
+        return _with_results(f"{one_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
     return str(error) if isinstance(error, Refusal) else None
@@ -72,8 +73,7 @@ def _of_the_system(error: OSError) -> str | None:
     if error.strerror is None:
         return None
     where = f"{error.filename}: " if error.filename else ""
-    remedy = mend(error)
-    ways = " or ".join(filter(None, (remedy, "choose another place" if remedy or error.filename else "")))
+    ways = mend(error, "choose another place") if mend(error) or error.filename else ""
     return _with_results(f"{where}{error.strerror}") + (f"; {ways}" if ways else "")
 
 
@@ -91,8 +91,3 @@ def _is_of_jax(error: BaseException, said: str) -> bool:
 def _origin(error: BaseException) -> Path:
     """The file that raised it."""
     return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve()
-
-
-def _line(error: BaseException) -> str:
-    """Message of an error, in one line."""
-    return " ".join(str(error).split()).rstrip(".")

@@ -17,8 +17,6 @@ from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from glucoloop.storage.trials.query import Answer, TrialTables
 
 HELP: Final = (
@@ -39,25 +37,30 @@ _MOST_RECORDS: Final = 20
 def _query(typed: Given) -> None:
     """Run the query and print the answer."""
     folder, sql, timeout = str(typed["folder"]), typed.get("sql"), typed.get("timeout")
-    json, csv = bool(typed.get("json")), bool(typed.get("csv"))
-    if json and csv:
+    if typed.get("json") and typed.get("csv"):
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
     seconds = None if timeout is None else _seconds(timeout)
+    from glucoloop.storage.strict_json import json_text
     from glucoloop.storage.trials.query import trial_tables
 
     with trial_tables(Path(folder)) as tables:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
+        if sql is None and typed.get("json"):
+            print(json_text(tables.views))
+            return
         if sql is None:
-            _list(tables, json=json)
+            _list(tables)
             return
         answer = tables.ask(sql, timeout_s=seconds)
-        if csv:
-            _print_csv(answer)
-        elif json:
-            _print_json(answer)
+        if typed.get("csv"):
+            writer = csv.writer(sys.stdout, lineterminator="\n")
+            writer.writerow(answer.columns)
+            writer.writerows(answer.rows)
+        elif typed.get("json"):
+            print(json_text({"columns": answer.columns, "rows": [list(map(_plain, row)) for row in answer.rows]}))
         else:
             _print_table(answer)
 
@@ -72,34 +75,18 @@ def _seconds(text: str) -> float:
     return seconds
 
 
-def _list(tables: TrialTables, *, json: bool) -> None:
+def _list(tables: TrialTables) -> None:
     from rich import box
     from rich.table import Table
 
-    from glucoloop.storage.strict_json import json_text
     from glucoloop.storage.trials.query import VIEWS
 
-    if json:
-        print(json_text(tables.views))
-        return
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in ("Table", "What it holds", "Columns"):
         table.add_column(name, overflow="fold")
     for name, columns in tables.views.items():
         table.add_row(name, VIEWS[name], ", ".join(columns))
     show(table)
-
-
-def _print_csv(answer: Answer) -> None:
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(answer.columns)
-    writer.writerows(answer.rows)
-
-
-def _print_json(answer: Answer) -> None:
-    from glucoloop.storage.strict_json import json_text
-
-    print(json_text({"columns": answer.columns, "rows": [[_plain(value) for value in row] for row in answer.rows]}))
 
 
 def _print_table(answer: Answer) -> None:
@@ -118,23 +105,16 @@ def _print_table(answer: Answer) -> None:
         show(table)
     else:
         most = _MOST_RECORDS
-        for row in shown[:most]:
-            show(_record(answer.columns, row))
+        for row in shown[:most]:  # one column below the other
+            record = Table(box=None, pad_edge=False, show_header=False)
+            for name, cell in zip(answer.columns, _cells(row), strict=True):
+                record.add_row(name, cell)
+            record.add_row()
+            show(record)
         if not shown:
             note(["No row answers the question."])
     if len(shown) > most:
         note([f"The first {most} rows; --csv prints all."])
-
-
-def _record(columns: list[str], row: tuple[Any, ...]) -> Table:
-    """A row of a table that is too wide for a line: one column below the other."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, show_header=False)
-    for name, cell in zip(columns, _cells(row), strict=True):
-        table.add_row(name, cell)
-    table.add_row()
-    return table
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:

@@ -35,7 +35,7 @@ def carried_out(opened: AbstractContextManager[F], finish: Callable[[F], T]) -> 
             note(folder.notes)
             if folder.finished:
                 note([f"{folder.path} was finished before; nothing is computed again."])
-            elif folder.anything_done:
+            elif folder.done:
                 note([f"{folder.progress} of {folder.path} are there already; going on."])
             return finish(folder)
     except KeyboardInterrupt:

@@ -14,9 +14,11 @@ import contextlib
 import ctypes
 import errno
 import hashlib
+import io
 import os
+import shutil
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -58,20 +60,20 @@ _DIGITS: Final = 20
 _AT_CWD: Final = -100
 _EXCHANGE: Final = 2
 _FILE, _FOLDER = "a file", "a folder"
-_KINDS: Final[tuple[tuple[Callable[[int], bool], str], ...]] = (
-    (stat.S_ISREG, _FILE),
-    (stat.S_ISDIR, _FOLDER),
-    (stat.S_ISLNK, "a symbolic link"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
+_KINDS: Final = {
+    stat.S_IFREG: _FILE,
+    stat.S_IFDIR: _FOLDER,
+    stat.S_IFLNK: "a symbolic link",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
-def mend(error: OSError) -> str:
-    """Mend of an error of the system, as an imperative; the empty text where none is known."""
-    return _MENDS.get(error.errno or 0, "")
+def mend(error: OSError, *others: str) -> str:
+    """Mend of an error of the system, if one is known, or any of the other ones, as imperatives."""
+    return " or ".join(filter(None, (_MENDS.get(error.errno or 0), *others)))
 
 
 def kind(path: Path) -> str:
@@ -80,7 +82,7 @@ def kind(path: Path) -> str:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    return next((description for is_one, description in _KINDS if is_one(mode)), "something that is no file")
+    return _KINDS.get(stat.S_IFMT(mode), "something that is no file")
 
 
 def is_file(path: Path) -> bool:
@@ -112,36 +114,28 @@ def part_of(path: Path) -> Path:
 
 def read_bytes(path: Path, most: int = LARGEST_BYTES) -> bytes:
     """Contents of a regular file; ValueError for something else, or for more than `most` bytes."""
-    with _opened(path) as descriptor:
-        size = os.fstat(descriptor).st_size
+    with _opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
         if size > most:
             raise Refusal(f"{path} has {size} bytes, and at most {most} are expected; it is damaged or foreign")
-        return b"".join(_chunks(descriptor))
+        return file.read()
 
 
 def digest(path: Path) -> str:
     """SHA-256 of a regular file in hexadecimal; the empty text if there is none, ValueError for something else."""
     if not is_file(path):
         return ""
-    found = hashlib.sha256()
-    with _opened(path) as descriptor:
-        for chunk in _chunks(descriptor):
-            found.update(chunk)
-    return found.hexdigest()
+    with _opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def put_file(place: Path, data: bytes) -> None:
     """Put a file in its place, replacing an earlier one."""
     is_file(place)
     part = part_of(place)
-    remove(part)
-    _write_new(part, data)
-    try:
+    with _making(part):
+        _write_new(part, data)
         os.replace(part, place)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(part)
-        raise
     sync(place.parent)
 
 
@@ -151,8 +145,7 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
     An earlier folder gives way to it, in one step where the system can exchange two names.
     """
     part = part_of(place)
-    remove(part)
-    try:
+    with _making(part):
         os.mkdir(part)
         for name, data in files.items():
             _write_new(part / name, data)
@@ -162,10 +155,6 @@ def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
             os.rename(part, place)
         elif not exchange(part, place):
             _replace(place, part)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            remove(part)
-        raise
     sync(place.parent)
     with contextlib.suppress(OSError):  # an earlier folder, now that the new one is in its place
         remove(part)
@@ -215,26 +204,19 @@ def remove(path: Path) -> None:
         with contextlib.suppress(OSError):  # a part of a folder that a power cut leaves is told by its digests
             sync(path.parent)
         path = part
-    _remove_tree(path)
+    shutil.rmtree(path)
 
 
 @contextlib.contextmanager
 def made_folders(path: Path) -> Iterator[None]:
     """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
-    made: list[Path] = []
+    new = [folder for folder in (path, *path.parents) if not folder.is_dir()]
     try:
-        for folder in reversed([folder for folder in (path, *path.parents) if not folder.is_dir()]):
-            try:
-                os.mkdir(folder)
-            except FileExistsError:
-                if not folder.is_dir():  # and not made by another process just now
-                    raise
-            else:
-                made.insert(0, folder)
+        os.makedirs(path, exist_ok=True)
         yield
     except BaseException:
-        with contextlib.suppress(OSError):
-            for folder in made:
+        for folder in new:
+            with contextlib.suppress(OSError):
                 os.rmdir(folder)
         raise
 
@@ -326,10 +308,9 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 def _whose(lock: Path) -> str:
     try:
-        by = read_bytes(lock, _DIGITS).decode().strip()
+        return f" (process {int(read_bytes(lock, _DIGITS))})"
     except (OSError, ValueError):
         return ""
-    return f" (process {by})" if by.isdecimal() else ""
 
 
 def _is(path: Path, wanted: str) -> bool:
@@ -344,35 +325,38 @@ def _refused(path: Path, found: str, wanted: str) -> Refusal:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
+def _opened(path: Path) -> Iterator[io.BufferedReader]:
     _is(path, _FILE)
     descriptor = os.open(path, os.O_RDONLY | _SAFE)
     try:
-        yield descriptor
+        with open(descriptor, "rb", closefd=False) as file:
+            yield file
     finally:
         os.close(descriptor)
 
 
-def _chunks(descriptor: int) -> Iterator[bytes]:
-    while chunk := os.read(descriptor, _CHUNK):
-        yield chunk
+@contextlib.contextmanager
+def _making(part: Path) -> Iterator[None]:
+    """Make an object of a temporary name in the block; what an earlier process or a failure leaves is removed."""
+    remove(part)
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError):
+            remove(part)
+        raise
 
 
 def _write_new(place: Path, data: bytes) -> None:
     """Write a file that does not exist yet, and flush it to the disk."""
     descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFE, 0o666)
     try:
-        try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(place)
-        raise
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(descriptor, rest[:_CHUNK]) :]
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _replace(place: Path, part: Path) -> None:
@@ -390,12 +374,3 @@ def _replace(place: Path, part: Path) -> None:
 
 def _old(place: Path) -> Path:
     return part_of(place.parent / f"{place.name}.old")
-
-
-def _remove_tree(folder: Path) -> None:
-    for name in os.listdir(folder):
-        if kind(folder / name) == _FOLDER:
-            _remove_tree(folder / name)
-        else:
-            os.unlink(folder / name)
-    os.rmdir(folder)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
@@ -28,25 +29,8 @@ def read_text(path: Path, what: str) -> str:
             # A device or a pipe tells no size beforehand.
             data = file.read(LARGEST_TEXT_BYTES + 1)
     except OSError as error:
-        raise _unread(path, what, error) from None
-    return _text(data, path, what)
-
-
-def kept_text(path: Path, what: str) -> str:
-    """Text of a file in a folder that this program keeps: like `read_text`, but of a regular file only."""
-    try:
-        data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
-    except OSError as error:
-        raise _unread(path, what, error) from None
-    return _text(data, path, what)
-
-
-def _unread(path: Path, what: str, error: OSError) -> Refusal:
-    ways = " or ".join(filter(None, (disk.mend(error), f"give the path of {what}")))
-    return Refusal(f"{path} cannot be read as {what}: {error.strerror}; {ways}")
-
-
-def _text(data: bytes, path: Path, what: str) -> str:
+        mend = disk.mend(error, f"give the path of {what}")
+        raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {mend}") from None
     if len(data) > LARGEST_TEXT_BYTES:
         raise Refusal(f"{path} is too large for {what}: at most {LARGEST_TEXT_BYTES} bytes will do")
     if not data.strip():
@@ -54,7 +38,19 @@ def _text(data: bytes, path: Path, what: str) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise Refusal(f"{path} is not text; give the path of {what}") from None
+        text = "\0"
     if "\0" in text:
         raise Refusal(f"{path} is not text; give the path of {what}")
     return text
+
+
+def stored_json(path: Path, mend: str) -> dict[str, Any]:
+    """JSON object in a regular file that this program keeps; a ValueError, which ends in `mend`, tells of damage."""
+    data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise Refusal(f"{path} is damaged; {mend}")
+    return found

@@ -1,6 +1,6 @@
 """Findings of a study: plain values and tables, written whole and read back whole.
 
-Whatever is told or drawn later follows from the plain values, so that nothing is computed or worded again.
+Whatever is printed or drawn later follows from the plain values, so that nothing is computed or worded again.
 """
 
 from __future__ import annotations
@@ -9,15 +9,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import polars as pl
 
-from glucoloop.storage.files import kept_text
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.storage.tables import csv, parquet
-
-_VERSION: Final = "version"
 
 
 @dataclass(frozen=True)
@@ -58,9 +56,8 @@ class Findings:
     @classmethod
     def read(cls, place: Path) -> Findings:
         """Read earlier findings from the JSON file that holds them."""
-        plain = json.loads(kept_text(place, "the results of a study"))
-        del plain[_VERSION]
-        return cls(plain)
+        plain = stored_json(place, "move it away and run the same command again")
+        return cls({key: value for key, value in plain.items() if key != "version"})
 
 
 def _flat(table: pl.DataFrame) -> pl.DataFrame:

@@ -36,10 +36,7 @@ class OutputFolder:
 def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
     """A folder to write to; it appears at its place when the block ends, and nothing changes if the block fails.
 
-    Raises
-    ------
-    ValueError
-        Before the block runs, if the place is taken, cannot be written to, or another run is about to write there.
+    A ValueError before the block tells that the place is taken or cannot be written to, or that another run is at work.
     """
     with contextlib.ExitStack() as stack:
         try:
@@ -48,12 +45,11 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             stack.enter_context(disk.locked(place.parent / f".{place.name}.lock", path))
             disk.recover(place)
             _refuse_taken(path, place, overwrite=overwrite)
-        except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, in Python before 3.13
-            reason, remedy = "it is a loop of symbolic links", ""
-            if isinstance(error, OSError):
-                reason, remedy = str(error.strerror), disk.mend(error)
-            ways = " or ".join(filter(None, (remedy, "choose another with --out")))
-            raise Refusal(f"the output folder {path} cannot be made: {reason}; {ways}") from None
+        except OSError as error:
+            mend = disk.mend(error, "choose another with --out")
+            raise Refusal(f"the output folder {path} cannot be made: {error.strerror}; {mend}") from None
+        except RuntimeError:  # of Python before 3.13
+            raise Refusal(f"the output folder {path} is a loop of links; choose another with --out") from None
         folder = OutputFolder(path)
         yield folder
         _refuse_taken(path, place, overwrite=overwrite)
@@ -71,8 +67,8 @@ def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
     try:
         holds = disk.names(place)
     except OSError as error:
-        ways = " or ".join(filter(None, (disk.mend(error), "choose another")))
-        raise Refusal(f"the output folder {path} cannot be read: {error.strerror}; {ways}") from None
+        mend = disk.mend(error, "choose another")
+        raise Refusal(f"the output folder {path} cannot be read: {error.strerror}; {mend}") from None
     if not holds:
         return
     foreign = _not_ours(place, holds)

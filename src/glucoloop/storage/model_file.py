@@ -17,12 +17,12 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.situations.toml import deeper_than
 from glucoloop.storage.files import read_text
-from glucoloop.storage.sentences import one_sentence
 from glucoloop.storage.strict_json import json_text
 
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _MOST_STATES: Final = 100
+_LONGEST_VALUE: Final = 60
 _LARGEST_RESPONSE: Final = 1e6
 """Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
@@ -204,11 +204,22 @@ def read_model(path: Path) -> ModelFile:
 
 
 def _sentence(error: ValidationError) -> str:
+    """The first fault of a file: the key, its value, and what it should be in Pydantic's words."""
     first = error.errors(include_url=False)[0]
-    if first["type"] == "value_error" and not first["loc"]:
-        return f"it has {first['ctx']['error']}; identify it again"
-    if first["loc"] == ("version",):
-        return f"its format version is {first['input']!r}, but this glucoloop reads version 1; identify it again"
-    if first["loc"] == ("format",):
-        return f"its format is {first['input']!r} and not 'glucoloop-model'; write one with glucoloop identify"
-    return one_sentence(error, ModelFile)
+    kind, value, message = first["type"], first["input"], first["msg"]
+    name = ".".join(map(str, first["loc"])) or "it"
+    shown = repr(value) if len(repr(value)) <= _LONGEST_VALUE else f"{repr(value)[:_LONGEST_VALUE]}..."
+    match kind, first["loc"]:
+        case "value_error", _:
+            return f"it has {first['ctx']['error']}; identify it again"
+        case "literal_error", ("version",):
+            return f"its format version is {shown}, but this glucoloop reads version 1; identify it again"
+        case "literal_error", ("format",):
+            return f"its format is {shown} and not 'glucoloop-model'; write one with glucoloop identify"
+        case "missing", _:
+            return f"{name} is missing; add it"
+        case "extra_forbidden", _:
+            return f"{name} is not a known key; leave it out"
+        case "json_invalid", _:
+            return f"this is not JSON: {first['ctx']['error']}"
+    return f"{name} is {shown}; {message.replace('Input', 'it', 1).replace('List', 'it', 1)}"

@@ -3,31 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop.parts.code import outside_code
+from glucoloop.refusal import Refusal
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.strict_json import json_text
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Configuration, version and arithmetic on which the bits of the results depend."""
+class Origin(BaseModel):
+    """Record on which the bits of the results depend, written before anything else; a kind of folder may add to it."""
 
-    version: str | None
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    format: str = "glucoloop-rows 1"
+    version: str
     """Version of glucoloop."""
-    config: Mapping[str, Any]
+    arithmetic: dict[str, str]
+    """Record of `glucoloop.arithmetic.identity`, with digests of the code of other packages."""
+    config: dict[str, Any]
     """The configuration as flat keys."""
-    arithmetic: Mapping[str, str] | None
-    """Record of `glucoloop.arithmetic.identity`; None if it is gone or damaged."""
 
-    @staticmethod
-    def current(config: Mapping[str, Any]) -> Origin:
+    @classmethod
+    def current(cls, config: Mapping[str, Any], **further: Any) -> Self:
         """Origin of work that begins now."""
         given = {key: value for key, value in config.items() if value is not None}
-        return Origin(glucoloop.__version__, given, {**arithmetic.identity(), **outside_code(given)})
+        identity = {**arithmetic.identity(), **outside_code(given)}
+        return cls(version=glucoloop.__version__, arithmetic=identity, config=given, **further)
+
+    def text(self) -> str:
+        """JSON from which the same origin is read."""
+        return json_text(dict(self)) + "\n"
+
+    @classmethod
+    def read(cls, place: Path) -> Self:
+        """Read the record of a folder; ValueError if glucoloop did not write it."""
+        mend, expected = f"delete {place.parent} and run the same command again", cls.model_fields["format"].default
+        found = stored_json(place, mend)
+        if found.get("format") != expected:
+            raise Refusal(
+                f"{place} is of another format, {found.get('format')} and not {expected}; read it with the glucoloop "
+                "that wrote it"
+            )
+        try:
+            return cls.model_validate(found)
+        except ValidationError:
+            raise Refusal(f"{place} is damaged; {mend}") from None
 
 
 def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
@@ -36,7 +62,7 @@ def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Itera
     for name in dict.fromkeys([*now, *before]):
         one, other = before.get(name), now.get(name)
         if _text(one) != _text(other):
-            yield name, _shown(one), _shown(other)
+            yield name, "not given" if one is None else one, "not given" if other is None else other
 
 
 def _flat(config: Mapping[str, Any]) -> dict[str, object]:
@@ -64,7 +90,3 @@ def _text(value: object) -> str:
         return json_text(value)
     except TypeError:
         return str(value)
-
-
-def _shown(value: object) -> object:
-    return "not given" if value is None else value

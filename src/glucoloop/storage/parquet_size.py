@@ -12,6 +12,7 @@ ColumnChunk, ColumnMetaData, PageHeader. Apache Thrift, "Compact protocol encodi
 
 from __future__ import annotations
 
+import io
 from typing import Any, Final, NamedTuple
 
 from glucoloop.refusal import Refusal
@@ -42,7 +43,7 @@ def parquet_size(data: bytes) -> ParquetSize:
     if length > len(data) - 12:
         raise Refusal("its footer is longer than the file")
     try:
-        meta = _Reader(data[-8 - length : -8]).struct()
+        meta = _Thrift(data[-8 - length : -8]).struct()
         groups = meta.get(_GROUPS, [])
         columns = [column[_META] for group in groups for column in group.get(_COLUMNS, [])]
         unfolded, folded = ([int(column[field]) for column in columns] for field in (_UNFOLDED, _FOLDED))
@@ -59,11 +60,11 @@ def parquet_size(data: bytes) -> ParquetSize:
 
 def _of_pages(data: bytes, column: dict[int, Any]) -> int:
     """Bytes of a column's pages, uncompressed, as the header of each page says."""
-    start, latest = column.get(_DICTIONARY_AT, column[_DATA_AT]), len(data) - column[_FOLDED]
-    if not len(_MAGIC) <= start <= min(column[_DATA_AT], latest):
+    start, folded = column.get(_DICTIONARY_AT, column[_DATA_AT]), column[_FOLDED]
+    if not len(_MAGIC) <= start <= min(column[_DATA_AT], len(data) - folded):
         raise ValueError
-    pages, unfolded = _Reader(data[start : start + column[_FOLDED]]), 0
-    while pages.left:
+    pages, unfolded = _Thrift(data[start : start + folded]), 0
+    while pages.tell() < folded:
         header = pages.struct()
         pages.take(header[_PAGE_FOLDED])
         if header[_PAGE_UNFOLDED] < 0:
@@ -72,29 +73,20 @@ def _of_pages(data: bytes, column: dict[int, Any]) -> int:
     return unfolded
 
 
-class _Reader:
-    """Reader of the compact protocol; a structure becomes a dictionary by field number."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
-
-    @property
-    def left(self) -> int:
-        """Bytes that were not read yet."""
-        return len(self._data) - self._at
+class _Thrift(io.BytesIO):
+    """Values in the compact protocol, one after the other; a structure becomes a dictionary by field number."""
 
     def take(self, size: int) -> bytes:
-        """The next bytes, as many as are asked for."""
-        if not 0 <= size <= self.left:
+        """The next bytes; ValueError if there are fewer than that."""
+        found = self.read(max(size, 0))
+        if len(found) != size:
             raise ValueError
-        self._at += size
-        return self._data[self._at - size : self._at]
+        return found
 
     def struct(self) -> dict[int, Any]:
         found: dict[int, Any] = {}
         field = 0
-        while head := self._byte():
+        while head := self.take(1)[0]:
             step, kind = head >> 4, head & 15
             field = field + step if step else self._signed()
             found[field] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind)
@@ -102,26 +94,23 @@ class _Reader:
 
     def _value(self, kind: int) -> Any:
         if kind in (_TRUE, _FALSE, _BYTE):  # in a list each takes a byte
-            return self._byte()
+            return self.take(1)[0]
         if kind in (_I16, _I32, _I64):
             return self._signed()
         if kind == _BINARY:
             return self.take(self._varint())
         if kind == _LIST:
-            head = self._byte()
+            head = self.take(1)[0]
             size = head >> 4 if head >> 4 < 15 else self._varint()
             return [self._value(head & 15) for _ in range(size)]  # each takes a byte at least, so they end
         if kind == _STRUCT:
             return self.struct()
         raise ValueError
 
-    def _byte(self) -> int:
-        return self.take(1)[0]
-
     def _varint(self) -> int:
         value = 0
         for position in range(_LONGEST_VARINT):
-            byte = self._byte()
+            byte = self.take(1)[0]
             value |= (byte & 127) << 7 * position
             if byte < 128:
                 return value

@@ -1,8 +1,8 @@
 """Folder of compiled programs. They are executable code, so it must be private, and they are checked before use.
 
 JAX reads and writes the entries, and runs any entry that it finds. A person who may write to the folder could run code
-and change results; so a folder that others own or can write to is not used. Beside each entry stands its digest,
-written when the process that compiled it ends; an entry without a matching digest is removed before JAX sees it. This
+and change results; so a folder that others own or can write to is not used. A list holds the digest of each entry,
+written when the process that compiled it ends; an entry that is not as it is listed is removed before JAX sees it. This
 detects damage, an interrupted write and an edited entry. It does not protect against a person with the owner's own
 rights, who could change this program as well.
 """
@@ -18,12 +18,10 @@ from typing import Final
 
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
+from glucoloop.storage.disk import SUMS
 
 MOST_BYTES: Final = 256_000_000
 """Largest size of all entries together; the oldest are removed first."""
-_ENTRY: Final = "-cache"
-_DIGEST: Final = ".sha256"
-_DIGEST_BYTES: Final = 64
 _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -48,46 +46,39 @@ def private_folder(folder: Path) -> None:
 
 
 def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
-    """Remove entries that were changed, and the oldest ones beyond a total size."""
-    found: list[tuple[float, int, Path]] = []
-    entries = {folder / name.removesuffix(_DIGEST) for name in disk.names(folder)}
-    for entry in filter(lambda entry: entry.name.endswith(_ENTRY), entries):
+    """Remove entries that are not as they are listed, and the oldest ones beyond a total size."""
+    listed, found = _listed(folder), list[tuple[float, int, Path]]()
+    for entry in _entries(folder):
         with contextlib.suppress(OSError):
-            if _is_whole(entry):
-                status = os.lstat(entry)
+            status = os.lstat(entry)
+            if stat.S_ISREG(status.st_mode) and disk.digest(entry) == listed.get(entry.name):
                 found.append((status.st_mtime, status.st_size, entry))
-            else:
-                _remove(entry)
+            elif not stat.S_ISDIR(status.st_mode):
+                disk.remove(entry)
     total = 0
     for _, size, entry in sorted(found, reverse=True):
         total += size
         if total > most_bytes:
             with contextlib.suppress(OSError):
-                _remove(entry)
+                disk.remove(entry)
 
 
 def seal_programs(folder: Path) -> None:
-    """Write the digests of new entries."""
+    """List all entries, with the digests of new ones."""
     with contextlib.suppress(OSError, ValueError):
-        for name in disk.names(folder):
-            entry = folder / name
-            if name.endswith(_ENTRY) and not disk.kind(_digest_of(entry)):
-                with contextlib.suppress(OSError, ValueError):
-                    disk.put_file(_digest_of(entry), disk.digest(entry).encode())
+        listed = _listed(folder)
+        found = {entry.name: listed.get(entry.name) or disk.digest(entry) for entry in _entries(folder)}
+        if found != listed:
+            disk.put_file(folder / SUMS, disk.sums_text(found))
 
 
-def _is_whole(entry: Path) -> bool:
+def _entries(folder: Path) -> list[Path]:
+    return [folder / name for name in disk.names(folder) if name.endswith("-cache")]
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """Digest of each entry in the list; none if it is damaged."""
     try:
-        return disk.read_bytes(_digest_of(entry), _DIGEST_BYTES) == disk.digest(entry).encode()
+        return disk.read_sums(folder)
     except (OSError, ValueError):
-        return False
-
-
-def _remove(entry: Path) -> None:
-    for path in (entry, _digest_of(entry)):
-        if disk.kind(path) not in ("", "a folder"):
-            disk.remove(path)
-
-
-def _digest_of(entry: Path) -> Path:
-    return entry.with_name(f"{entry.name}{_DIGEST}")
+        return {}

@@ -1,7 +1,7 @@
 """Folder of a long computation: results stay, an interrupted run resumes, and damaged results are refused.
 
-The first file describes the work; the list of digests, written last, marks it as finished. A process may die between
-any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
+The first file is the origin of the results; the list of digests, written last, marks the work as finished. A process
+may die between any two operations on the disk; the next one reads the results, removes unfinished files, and resumes.
 
 The results are either one file with a row for each unit of work, see `storage.rows`, or a folder of parts that are put
 in their places whole, see `storage.trials.folder`. Each of them says what its results are; the rest is written here.
@@ -10,23 +10,19 @@ in their places whole, see `storage.trials.folder`. Each of them says what its r
 from __future__ import annotations
 
 import contextlib
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from glucoloop import arithmetic
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import Origin, differences
 
-ARITHMETIC: Final = "arithmetic.json"
-"""Record of the arithmetic, where the first file of a folder does not hold it."""
 LOCK: Final = "lock"
 
 
@@ -44,8 +40,6 @@ class Work:
     """Flat keys from which they follow, if it was read from fewer."""
     final: tuple[str, ...]
     """Names of the files that are written when everything is done."""
-    summary: str
-    """Name of the one among them that summarises the work, as JSON."""
     may_change: frozenset[str] = frozenset()
     """Keys for how far the work goes, which may differ when it is resumed."""
 
@@ -54,38 +48,28 @@ class Work:
         """Name of the file that repeats the work."""
         return f"{self.command}.toml"
 
-    @property
-    def text(self) -> str:
-        """Text of that file."""
-        return toml_text(self.keys, f"{self.command} --config {self.configuration}", self.given)
-
 
 class ResumableFolder(ABC):
     """A folder that this process may write to; see `opened`.
 
-    `first` are the files that stand in it from the beginning; the very first describes the work. The `results` so far
-    are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked for, called `unit` in
-    messages, ``"shards"``, and `origin` is the origin of those that are computed now.
+    The `results` so far are a file that is written anew as it grows, or a folder of parts. `wanted` results are asked
+    for, called `unit` in messages, ``"shards"``.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        work: Work,
-        *,
-        first: tuple[str, ...],
-        results: str,
-        in_parts: bool,
-        wanted: int,
-        unit: str,
-        origin: Origin,
-    ) -> None:
-        self.path, self.work, self.origin = path, work, origin
+    record: ClassVar[str]
+    """Name of the first file, which holds the origin of the results."""
+    in_parts: ClassVar[bool]
+    """Whether the results are a folder of parts."""
+
+    def __init__(self, path: Path, work: Work, origin: Origin, *, results: str, wanted: int, unit: str) -> None:
+        self.path, self.work = path, work
+        self.origin = self.recorded = origin
+        """Origin of the results that are computed now, and the one that the folder records."""
         self.wanted, self.unit = wanted, unit
         self.notes: tuple[str, ...] = ()
         """Further notes, one sentence each."""
-        self._files = (*first, *work.final, *([] if in_parts else [results]))
-        self._results, self._in_parts = results, in_parts
+        self._files = (self.record, work.configuration, *work.final, *([] if self.in_parts else [results]))
+        self._results = results
 
     @property
     @abstractmethod
@@ -93,33 +77,16 @@ class ResumableFolder(ABC):
         """Number of results that are written."""
 
     @abstractmethod
-    def _first_files(self) -> dict[str, bytes]:
-        """Contents of the files that stand in the folder from the beginning."""
-
-    @abstractmethod
-    def _read_origin(self) -> Origin:
-        """Read the origin of the folder; ValueError if its record is damaged."""
-
-    @abstractmethod
     def _read_done(self) -> None:
         """Read the results so far; ValueError if they are damaged, foreign, or more than was asked for."""
 
     @abstractmethod
-    def _forget(self) -> None:
-        """Begin without any results."""
+    def write_pending(self) -> None:
+        """Write the results that are not written yet."""
 
     def _part_digests(self) -> dict[str, str]:
         """Digests of the files in the folder of results, by their path in this folder."""
         return {}
-
-    def _all_done(self) -> bool:
-        """Whether no results are missing."""
-        return self.anything_done
-
-    @property
-    def anything_done(self) -> bool:
-        """Whether there are results that would be lost with the folder."""
-        return self.done > 0
 
     @property
     def progress(self) -> str:
@@ -134,31 +101,30 @@ class ResumableFolder(ABC):
     def begin(self, *, overwrite: bool) -> bool:
         """Read an existing folder or create a new one; returns whether the work is new."""
         self._refuse_foreign()
-        exists = disk.is_file(self.path / self._files[0])
-        if exists and overwrite and not self._goes_on():
-            self.clear()
-            exists = False
-        elif exists and not overwrite:
-            self._load()
+        new = not disk.is_file(self.path / self.record)
+        if not new:
+            try:
+                self._load()
+                new = overwrite and self.finished
+            except ValueError:
+                if not overwrite:
+                    raise
+                new = True
+            if new:
+                self.clear()
         self._sweep()
-        if not exists:
-            self.notes = ()
-            self._forget()
+        if new:
+            self.notes, self.recorded = (), self.origin
+            self._read_done()  # none
             self._describe()
-        return not exists
+        return new
 
     def finish(self, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole work, the digests of all files last; see `put_file`."""
+        """Write all results, the files about the whole work, and the digests of all files last; see `put_file`."""
+        self.write_pending()
         for name, data in files.items():
             self.put_file(name, data)
         self.put_file(SUMS, disk.sums_text(self._digests()))
-
-    def summary(self) -> dict[str, Any]:
-        """The summary of finished work, as it was written."""
-        found: dict[str, Any] = json.loads(
-            kept_text(self.path / self.work.summary, f"the summary of a {self.work.what}")
-        )
-        return found
 
     def put_file(self, name: str, data: bytes) -> None:
         """Put a file in its place; ValueError if it cannot be written, and the results so far stay."""
@@ -171,19 +137,20 @@ class ResumableFolder(ABC):
         try:
             yield
         except OSError as error:
-            again = " and ".join(filter(None, (disk.mend(error), "run the same command again")))
+            mend = f"{disk.mend(error)} and " if disk.mend(error) else ""
             raise Refusal(
-                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {again}"
+                f"{what} cannot be written to {self.path}: {error.strerror}; {self.progress} are done and kept, {mend}"
+                "run the same command again"
             ) from None
 
     def clear(self) -> None:
-        """Remove earlier work: the results in one step, then the list of digests, and the description last.
+        """Remove earlier work: the results in one step, then the list of digests, and the record of the origin last.
 
         A ValueError names a file that somebody added or changed; nothing is removed then.
         """
         sums = disk.read_sums(self.path)
         for name, digest in self._file_digests().items():
-            if sums.get(name, digest) != digest and name != self._files[0]:
+            if sums.get(name, digest) != digest and name != self.record:
                 raise Refusal(
                     f"{self.path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
                     "move that away, or choose another folder with --out"
@@ -194,46 +161,40 @@ class ResumableFolder(ABC):
 
     def _load(self) -> None:
         """Read the results; ValueError if the folder holds other work, or is damaged, and nothing is changed then."""
-        earlier = self._read_origin()
-        goes_further = self._refuse_another(earlier)
+        self.recorded = type(self.origin).read(self.path / self.record)
+        goes_further = self._refuse_another()
         self._read_done()
         whole = self._is_whole() and not goes_further
-        self._compare_arithmetic(earlier, whole=whole)
+        self._compare_arithmetic(whole=whole)
         if not whole:
             # something was taken away, or the work goes further: what rests on it is made again
             disk.remove(self.path / SUMS)
+            self.recorded = self.origin if goes_further else self.recorded
             self._describe()
 
-    def _refuse_another(self, earlier: Origin) -> bool:
+    def _refuse_another(self) -> bool:
         """Refuse another version or configuration; returns whether a key differs that may."""
-        if earlier.version != self.origin.version:
+        earlier, now = self.recorded, self.origin
+        if earlier.version != now.version:
             raise Refusal(
-                f"{self.path} was begun by glucoloop {earlier.version}, and this is {self.origin.version}; "
+                f"{self.path} was begun by glucoloop {earlier.version}, and this is {now.version}; "
                 f"go on with {earlier.version}, or choose another folder with --out"
             )
-        differing = list(differences(earlier.config, self.origin.config))
-        for name, before, now in differing:
+        differing = list(differences(earlier.config, now.config))
+        for name, there, here in differing:
             if name not in self.work.may_change:
                 raise Refusal(
-                    f"{self.path} holds another {self.work.what}: {name} is {before} there and {now} here; choose "
+                    f"{self.path} holds another {self.work.what}: {name} is {there} there and {here} here; choose "
                     "another folder with --out, or add --overwrite to replace it"
                 )
         return bool(differing)
 
-    def _compare_arithmetic(self, earlier: Origin, *, whole: bool) -> None:
-        """Refuse results of another arithmetic, or of one that is not known; those of whole work are noted."""
-        if earlier.arithmetic is None:
-            if whole or self.anything_done:
-                raise Refusal(
-                    f"{self.path / ARITHMETIC} is damaged or gone, so it is not known how what is done was computed; "
-                    "choose another folder with --out, or add --overwrite to begin again"
-                )
+    def _compare_arithmetic(self, *, whole: bool) -> None:
+        """Refuse results of another arithmetic; those of whole work are noted."""
+        if (found := arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)) is None:
             return
-        found = arithmetic.difference(earlier.arithmetic, self.origin.arithmetic or {})
-        if found is None:
-            return
-        name, before, now = found
-        other = f"{self.path} was computed with {name} {before}, and here it is {now}"
+        name, there, here = found
+        other = f"{self.path} was computed with {name} {there}, and here it is {here}"
         if not whole:
             raise Refusal(
                 f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "
@@ -250,31 +211,22 @@ class ResumableFolder(ABC):
             return False
         sums, digests = disk.read_sums(self.path), self._digests()
         for name, digest in digests.items():
-            if sums.get(name, digest) != digest:
-                raise Refusal(
-                    f"{self.path / name} was changed since glucoloop wrote it; move it away and run the same command "
-                    "again"
-                )
-            if name not in sums:
-                raise Refusal(
-                    f"{self.path / SUMS} does not list {name} as it is; move it away and run the same command again"
-                )
-        return sums.keys() == digests.keys() >= self._first_files().keys() and self._all_done()
-
-    def _goes_on(self) -> bool:
-        """Whether the folder holds the same work, undamaged and not finished."""
-        try:
-            self._load()
-        except ValueError:
-            return False
-        return not self.finished
+            if sums.get(name) != digest:
+                fault = f"{self.path / name} was changed since glucoloop wrote it"
+                if name not in sums:
+                    fault = f"{self.path / SUMS} does not list {name} as it is"
+                raise Refusal(f"{fault}; move it away and run the same command again")
+        needed = self.wanted if self.in_parts else 1  # a search may end before all of its rows
+        return sums.keys() == digests.keys() >= {*self._files[:2]} and self.done >= needed
 
     def _describe(self) -> None:
-        """Write the description of the work, as far as it is not there."""
-        for name, data in self._first_files().items():
-            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == data):
-                disk.put_file(self.path / name, data)
-        if self._in_parts:
+        """Write the origin and the configuration, as far as they are not there."""
+        work = self.work
+        configuration = toml_text(work.keys, f"{work.command} --config {work.configuration}", work.given)
+        for name, text in zip(self._files, (self.recorded.text(), configuration), strict=False):
+            if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == text.encode()):
+                disk.put_file(self.path / name, text.encode())
+        if self.in_parts:
             disk.make_folder(self.path / self._results)
 
     def _digests(self) -> dict[str, str]:
@@ -291,14 +243,14 @@ class ResumableFolder(ABC):
         what, other = self.work.what, "choose another folder with --out"
         if foreign:
             raise Refusal(f"{self.path} holds {foreign[0]}, which is no part of a {what}; {other}")
-        if holds and self._files[0] not in holds:
+        if holds and self.record not in holds:
             raise Refusal(f"{self.path} is not empty and holds no {what}; {other}")
         for name in holds:
             (disk.is_file if name in (*self._files, SUMS) else disk.is_folder)(self.path / name)
 
     def _sweep(self) -> None:
         """Remove unfinished files that a dead process left."""
-        for folder in (self.path.resolve(), *([self.path / self._results] if self._in_parts else [])):
+        for folder in (self.path.resolve(), *([self.path / self._results] if self.in_parts else [])):
             for name in filter(disk.is_part, disk.names(folder)):
                 disk.remove(folder / name)
 
@@ -325,15 +277,17 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
         except (FileExistsError, NotADirectoryError):
             raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
         except OSError as error:
-            mend = disk.mend(error)
-            again = f"{mend} and run the same command again, or " if mend else ""
+            again = f"{disk.mend(error)} and run the same command again, or " if disk.mend(error) else ""
             raise Refusal(
                 f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
             ) from None
         try:
             yield folder
         except BaseException:
-            if new and not folder.anything_done:
+            with contextlib.suppress(ValueError):  # the error of the block matters more
+                folder.write_pending()
+            if new and not folder.done:
                 with contextlib.suppress(OSError, ValueError):
                     folder.clear()
             raise
+        folder.write_pending()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -13,12 +12,9 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.refusal import Refusal
-from glucoloop.situations.toml import read_toml
 from glucoloop.storage import disk
-from glucoloop.storage.files import kept_text
 from glucoloop.storage.origin import Origin
-from glucoloop.storage.resumable import ARITHMETIC, ResumableFolder, Work, opened
-from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
 R = TypeVar("R")
@@ -67,7 +63,7 @@ class Rows(Generic[R]):
             table = read_parquet(place, bounds)
             if any(table.schema[name] != kind for name, kind in self.schema.items()):
                 raise ValueError
-            for cells in table.select(list(self.schema)).rows(named=True):
+            for cells in table.select(list(self.schema)).iter_rows(named=True):
                 rows.append(self.row(cells, rows))
         except (pl.exceptions.PolarsError, ValueError, TypeError, KeyError):
             raise Refusal(f"{place} is damaged; delete it and run the same command again") from None
@@ -77,18 +73,12 @@ class Rows(Generic[R]):
 class RowsFolder(ResumableFolder, Generic[R]):
     """A folder of rows that this process may write to; see `rows_folder`."""
 
+    record = "origin.json"
+    in_parts = False
+
     def __init__(self, path: Path, work: Work, kind: Rows[R]) -> None:
-        first, origin = (work.configuration, ARITHMETIC), Origin.current(work.keys)
-        super().__init__(
-            path,
-            work,
-            first=first,
-            results=kind.file,
-            in_parts=False,
-            wanted=kind.wanted,
-            unit=kind.what,
-            origin=origin,
-        )
+        origin = Origin.current(work.keys)
+        super().__init__(path, work, origin, results=kind.file, wanted=kind.wanted, unit=kind.what)
         self.kind = kind
         self.rows: list[R] = []
         self._written = 0
@@ -115,19 +105,6 @@ class RowsFolder(ResumableFolder, Generic[R]):
                 raise
             self._written, self._written_s = len(self.rows), time.monotonic()
 
-    def _first_files(self) -> dict[str, bytes]:
-        record = (json_text(self.origin.arithmetic) + "\n").encode()
-        return {self.work.configuration: self.work.text.encode(), ARITHMETIC: record}
-
-    def _read_origin(self) -> Origin:
-        place = self.path / self.work.configuration
-        written = read_toml(kept_text(place, "a configuration"), str(place))
-        record: dict[str, str] | None = None
-        with contextlib.suppress(ValueError, AttributeError, RecursionError):
-            found = json.loads(kept_text(self.path / ARITHMETIC, "a record of the arithmetic"))
-            record = {name: str(value) for name, value in found.items()}
-        return Origin(written.version, written.keys if written.used is None else written.used, record)
-
     def _read_done(self) -> None:
         place = self.path / self.kind.file
         self.rows = self.kind.read(place) if disk.is_file(place) else []
@@ -138,23 +115,9 @@ class RowsFolder(ResumableFolder, Generic[R]):
                 "ask for more, or choose another folder with --out"
             )
 
-    def finish(self, files: Mapping[str, bytes]) -> None:
-        """Write the rows, the files about the whole work, and the digests of all files last."""
-        self.write_pending()
-        super().finish(files)
 
-    def _forget(self) -> None:
-        self.rows, self._written = [], 0
-
-
-@contextlib.contextmanager
-def rows_folder(path: Path, work: Work, kind: Rows[R], *, overwrite: bool = False) -> Iterator[RowsFolder[R]]:
+def rows_folder(
+    path: Path, work: Work, kind: Rows[R], *, overwrite: bool = False
+) -> AbstractContextManager[RowsFolder[R]]:
     """Open the folder of work whose units are rows, new or begun, for writing; see `opened`."""
-    with opened(RowsFolder(path, work, kind), overwrite=overwrite) as folder:
-        try:
-            yield folder
-        except BaseException:
-            with contextlib.suppress(ValueError):  # the error of the block matters more
-                folder.write_pending()
-            raise
-        folder.write_pending()
+    return opened(RowsFolder(path, work, kind), overwrite=overwrite)

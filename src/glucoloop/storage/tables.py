@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.identification import Record
+from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.storage import disk
@@ -24,11 +26,6 @@ MEAL_COLUMN: Final = "carbs_g"
 
 _CELL_BYTES: Final = 16
 _OVERHEAD_BYTES: Final = 10_000_000
-
-
-def sample_table(trace: Trace) -> pl.DataFrame:
-    """Table with one row per sample; see `Trace.to_polars`."""
-    return trace.to_polars()
 
 
 def minute_table(trace: Trace) -> pl.DataFrame:
@@ -96,11 +93,21 @@ class TableBounds:
 def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
     """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
     data = disk.read_bytes(place, bounds.most_bytes)
-    try:
+    with refusing_damage(place):
         bounds.check(data)
         return pl.read_parquet(io.BytesIO(data))
-    except (ValueError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
+
+
+@contextlib.contextmanager
+def refusing_damage(place: Path) -> Iterator[None]:
+    """Refuse a table that this program wrote as damaged, for an error in the block."""
+    try:
+        yield
+    except (
+        *(pl.exceptions.PolarsError, pl.exceptions.PanicException),
+        *(KeyError, IndexError, TypeError, ValueError),
+    ) as error:
+        raise Refusal(f"{place} is damaged: {one_line(error)}") from None
 
 
 def csv(table: pl.DataFrame) -> bytes:
@@ -110,7 +117,7 @@ def csv(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-def _ragged(text: str) -> str | None:
+def _line_too_long(text: str) -> str | None:
     """Sentence on the first line with more fields than the first one names; None where fields may be quoted."""
     lines = text.splitlines()
     counts = [line.count(",") + 1 for line in lines]
@@ -130,14 +137,14 @@ def read_record_columns(path: Path) -> dict[str, list[object]]:
     """
     text = read_text(path, "a record")
     first = next(iter(text.splitlines()), "")
-    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in first and "," not in first:
-            raise Refusal(f"{path} separates its columns by {called}; separate them by commas, with points in numbers")
+            raise Refusal(f"{path} separates its columns by {name}; separate them by commas, with points in numbers")
     try:
         table = pl.read_csv(io.BytesIO(text.encode()), infer_schema=False)
         table = table.rename({name: name.strip() for name in table.columns})
     except pl.exceptions.PolarsError as error:
-        why = _ragged(text) or next(iter(str(error).splitlines()), "it is damaged")
+        why = _line_too_long(text) or next(iter(str(error).splitlines()), "it is damaged")
         raise Refusal(f"{path} is not a CSV table: {why}") from None
     for column in (*RECORD_COLUMNS, MEAL_COLUMN):
         if f"{column}_duplicated_0" in table.columns:  # as the reader calls a second one

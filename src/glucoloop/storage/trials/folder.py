@@ -7,30 +7,31 @@ digests appears, which marks a trial as finished.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+import polars as pl
+from pydantic import Field
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
-from glucoloop.cohorts.trial import FORMAT, Trial
+from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import kept_text
+from glucoloop.storage.files import stored_json
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
 from glucoloop.storage.strict_json import json_text
-from glucoloop.storage.trials.header import HEADER, TABLES, Header, header_of, read_header
 from glucoloop.storage.trials.shard import FILES, bounds, read_people
 
+RECORD: Final = "trial.json"
 SHARDS: Final = "shards"
 SHARD: Final = "shard.json"
-CONFIGURATION: Final = "trial.toml"
 SUMMARY: Final = "summary.json"
 BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
@@ -40,22 +41,60 @@ _NUMBER: Final = re.compile("[0-9]{5}|[1-9][0-9]{5,18}")
 """Name of the folder of a shard."""
 
 
+class TrialOrigin(Origin):
+    """Origin of the shards in a folder."""
+
+    format: str = "glucoloop-trial 6"
+    fingerprint: str
+    people: Annotated[int, Field(ge=1)]
+    shards: Annotated[int, Field(ge=1)]
+    polars: str = pl.__version__
+    """Version of the library that writes tables, and computes nothing."""
+
+    @classmethod
+    def of(cls, trial: Trial) -> TrialOrigin:
+        """Origin of a trial that begins now."""
+        keys = trial.tree(whole=True)
+        return cls.current(keys, fingerprint=fingerprint(trial), people=trial.people, shards=trial.shards)
+
+    @classmethod
+    def of_folder(cls, folder: Path) -> TrialOrigin:
+        """Origin of the shards in a folder; ValueError if there is none, or glucoloop did not write it."""
+        if not folder.is_dir():
+            raise Refusal(f"{folder} is not a folder; give the folder of a trial, as --out named it")
+        if not disk.is_file(folder / RECORD):
+            raise Refusal(
+                f"{folder} holds no trial, for there is no {RECORD}; give a folder that glucoloop trial wrote"
+            )
+        return cls.read(folder / RECORD)
+
+    @property
+    def libraries(self) -> dict[str, str]:
+        """Versions of the libraries that compute and that write tables."""
+        return {**{name: self.arithmetic[name] for name in arithmetic.LIBRARIES}, "polars": self.polars}
+
+    def of_shard(self, index: int) -> dict[str, Any]:
+        """Part of the record of a shard that ties it to its place."""
+        return {
+            "format": "glucoloop-shard",
+            "format_version": FORMAT,
+            "fingerprint": self.fingerprint,
+            "arithmetic": arithmetic.digest(self.arithmetic),
+            "index": index,
+        }
+
+
 class TrialFolder(ResumableFolder):
     """The folder of a trial that this process may write to; see `trial_folder`."""
 
+    record = RECORD
+    in_parts = True
+    origin: TrialOrigin
+    recorded: TrialOrigin
+
     def __init__(self, path: Path, trial: Trial, work: Work) -> None:
         self.trial = trial
-        self._header = self._there = header_of(trial)
-        super().__init__(
-            path,
-            work,
-            first=(HEADER, work.configuration),
-            results=SHARDS,
-            in_parts=True,
-            wanted=trial.shards,
-            unit="shards",
-            origin=self._header.origin,
-        )
+        super().__init__(path, work, TrialOrigin.of(trial), results=SHARDS, wanted=trial.shards, unit="shards")
         self._sums: dict[int, dict[str, str]] = {}
         """Digests of the files of each shard that is done."""
 
@@ -78,9 +117,19 @@ class TrialFolder(ResumableFolder):
 
     def put(self, index: int, files: Mapping[str, bytes]) -> None:
         """Put a shard in its place; ValueError if these are not its files, or they cannot be written."""
-        record = _record(self.trial, self._header, index, files)
+        expected, rows = bounds(self.trial, index), {}
+        if files.keys() != expected.keys():
+            raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
+        for name, of_file in sorted(expected.items()):
+            try:
+                rows[name] = of_file.check(files[name])
+            except ValueError as error:
+                raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
+        person = self.trial.shard(index)
+        people = {"first_person": int(person[0]), "people": int(person.size)}
+        record = json_text({**self.origin.of_shard(index), **people, "rows": rows}) + "\n"
         with self.unwritten(f"shard {index}"):
-            disk.put_folder(self.shard(index), {**files, SHARD: record})
+            disk.put_folder(self.shard(index), {**files, SHARD: record.encode()})
         self._sums[index] = disk.read_sums(self.shard(index))
 
     def people(self) -> Iterator[Shard]:
@@ -88,30 +137,19 @@ class TrialFolder(ResumableFolder):
         for index in sorted(self._sums):
             yield read_people(self.shard(index), self.trial, index)
 
-    def _all_done(self) -> bool:
-        return not self.missing()
-
-    def _forget(self) -> None:
-        self._sums, self._there = {}, self._header
-
-    def _first_files(self) -> dict[str, bytes]:
-        return {HEADER: self._there.text().encode(), self.work.configuration: self.work.text.encode()}
-
-    def _read_origin(self) -> Origin:
-        self._there = read_header(self.path)
-        before, now = (header.libraries.get(TABLES) for header in (self._there, self._header))
-        if before != now:
-            difference = f"{self.path} was begun with {TABLES} {before}, and this is {now}"
-            self.notes = (f"{difference}; tables hold the same, in other bytes.",)
-        return self._there.origin
+    def write_pending(self) -> None:
+        """Do nothing, since a shard is written as it is put."""
 
     def _read_done(self) -> None:
-        earlier, now = ((header.fingerprint, header.people, header.shards) for header in (self._there, self._header))
-        if earlier != now:
+        earlier, now = self.recorded, self.origin
+        if earlier.polars != now.polars:
+            difference = f"{self.path} was begun with polars {earlier.polars}, and this is {now.polars}"
+            self.notes = (f"{difference}; tables hold the same, in other bytes.",)
+        if any(getattr(earlier, name) != getattr(now, name) for name in ("fingerprint", "people", "shards")):
             raise Refusal(
-                f"{self.path / HEADER} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
+                f"{self.path / RECORD} was changed since glucoloop wrote it; delete {self.path} and run the trial again"
             )
-        self._sums = _whole_shards(self.path, self._there)
+        self._sums = _whole_shards(self.path, earlier)
 
     def _part_digests(self) -> dict[str, str]:
         return {
@@ -134,14 +172,13 @@ def trial_folder(
     The shards are computed for a work, that of ``glucoloop trial`` by default.
     """
     if work is None:
-        keys = trial.tree(whole=True)
-        work = Work(command="trial", what="trial", keys=keys, given=trial.tree(), final=FINAL, summary=SUMMARY)
+        work = Work(command="trial", what="trial", keys=trial.tree(whole=True), given=trial.tree(), final=FINAL)
     return opened(TrialFolder(path, trial, work), overwrite=overwrite)
 
 
-def done_shards(folder: Path, header: Header) -> list[Path]:
+def done_shards(folder: Path, origin: TrialOrigin) -> list[Path]:
     """Paths of the finished shards of a trial, in order; ValueError if one is damaged, or belongs to another trial."""
-    return [_shard_path(folder, index) for index in _whole_shards(folder, header)]
+    return [_shard_path(folder, index) for index in _whole_shards(folder, origin)]
 
 
 def final_files(folder: Path) -> list[str]:
@@ -161,39 +198,14 @@ def _shard_path(folder: Path, index: int) -> Path:
     return folder / SHARDS / f"{index:05d}"
 
 
-def _record(trial: Trial, header: Header, index: int, files: Mapping[str, bytes]) -> bytes:
-    """Record that ties the files of a shard to their trial; ValueError if they cannot be those of the shard."""
-    expected, rows = bounds(trial, index), {}
-    if files.keys() != expected.keys():
-        raise Refusal(f"shard {index} has the files {', '.join(files)}, and not {', '.join(expected)}")
-    for name, of_file in sorted(expected.items()):
-        try:
-            rows[name] = of_file.check(files[name])
-        except ValueError as error:
-            raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
-    person = trial.shard(index)
-    people = {"first_person": int(person[0]), "people": int(person.size)}
-    return (json_text({**_identity(header, index), **people, "rows": rows}) + "\n").encode()
-
-
-def _identity(header: Header, index: int) -> dict[str, Any]:
-    return {
-        "format": "glucoloop-shard",
-        "format_version": FORMAT,
-        "fingerprint": header.fingerprint,
-        "arithmetic": arithmetic.digest(header.computed_with),
-        "index": index,
-    }
-
-
-def _whole_shards(folder: Path, header: Header) -> dict[int, dict[str, str]]:
+def _whole_shards(folder: Path, origin: TrialOrigin) -> dict[int, dict[str, str]]:
     """Digests of the files of each finished shard, in order; ValueError if one is damaged, or of another trial."""
-    _refuse_foreign(folder, header.shards)
+    _refuse_foreign(folder, origin.shards)
     indices = (int(name) for name in disk.names(folder / SHARDS) if not disk.is_part(name))
-    return {index: _whole_shard(folder, header, index) for index in sorted(indices)}
+    return {index: _whole_shard(folder, origin, index) for index in sorted(indices)}
 
 
-def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
+def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str]:
     place = _shard_path(folder, index)
     shard, mend = f"shard {place.name} of {folder}", f"delete {place} and run the same command again"
     try:
@@ -204,8 +216,8 @@ def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
     if sums != digests or SHARD not in sums:
         changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
         raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
-    record = _read_record(place / SHARD)
-    for name, value in _identity(header, index).items():
+    record = stored_json(place / SHARD, mend)
+    for name, value in origin.of_shard(index).items():
         if record.get(name) != value:
             raise Refusal(
                 f"{shard} belongs to something else: its {name} is {record.get(name)}, and that of its place is "
@@ -215,14 +227,6 @@ def _whole_shard(folder: Path, header: Header, index: int) -> dict[str, str]:
     if not isinstance(rows, dict) or {SHARD, *rows} != digests.keys():
         raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
     return sums
-
-
-def _read_record(place: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(kept_text(place, "the record of a shard"))
-    except (ValueError, RecursionError):
-        found = None
-    return found if isinstance(found, dict) else {}
 
 
 def _refuse_foreign(folder: Path, shards: float = math.inf) -> None:

@@ -8,25 +8,28 @@ removed with the query, and that of a killed process with the next query.
 from __future__ import annotations
 
 import contextlib
-import json
+import math
 import os
 import re
 import shutil
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import polars as pl
 
 from glucoloop._extras import needed_for
-from glucoloop.printable import is_printable
+from glucoloop.printable import is_printable, one_line
 from glucoloop.refusal import Refusal
-from glucoloop.storage.files import kept_text
-from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, done_shards, final_files
-from glucoloop.storage.trials.header import read_header
+from glucoloop.storage.files import stored_json
+from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
-from glucoloop.storage.trials.stoppable import Stoppable, TimeLimitError, has_unstopped_work
 
 with needed_for("a question in SQL"):
     import duckdb
@@ -46,6 +49,13 @@ _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
 _LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
 """DuckDB's words for a Python package that it needs to hand over a value, before a traceback."""
+_GRACE_S: Final = 0.5
+"""Time to wait for a query that was asked to stop."""
+_AGAIN_S: Final = 0.02
+_LOOK_S: Final = 0.05
+UNSTOPPED: Final = "glucoloop left this behind"
+"""Name of a thread that did not stop."""
+T = TypeVar("T")
 _Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """White space that a query over several lines may hold."""
@@ -59,15 +69,15 @@ class Answer:
     rows: Iterator[tuple[Any, ...]]
 
 
+@dataclass(frozen=True)
 class TrialTables:
     """The tables of a trial, open for queries; see `trial_tables`."""
 
-    def __init__(self, connection: Any, columns: dict[str, list[str]], done: int, shards: int) -> None:
-        self._connection = connection
-        self.views = {name: columns[name] for name in VIEWS if name in columns}
-        """Columns of each existing table."""
-        self.done = done
-        self.shards = shards
+    connection: Any
+    views: dict[str, list[str]]
+    """Columns of each existing table."""
+    done: int
+    shards: int
 
     def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
         """Answer a query; the time limit is for the answer and all of its rows.
@@ -75,25 +85,23 @@ class TrialTables:
         A ValueError tells of a text that is not one query that only reads, of a query that DuckDB refuses, or of an
         answer that takes too long.
         """
-        if timeout_s is not None and not timeout_s > 0.0:
-            raise Refusal(f"a time limit of {timeout_s:g} s is not possible; give more than 0 s")
         if not is_printable(sql.translate(_SPACES)):
-            raise Refusal(f"{_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
+            raise Refusal(f"{one_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
         try:
-            statements = self._connection.extract_statements(sql)
+            statements = self.connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise Refusal(
-                    f"{_line(sql)!r} is not one question that only reads; give one SELECT, "
+                    f"{one_line(sql)!r} is not one question that only reads; give one SELECT, "
                     'like "select controller, avg(undershoot_mg_dl) from people group by all"'
                 )
         except duckdb.Error as error:
             raise Refusal(_refusal(error)) from None
-        work: Stoppable[_Rows] = Stoppable(self._connection.interrupt, timeout_s)
+        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
 
         def part(query: Callable[[], Any]) -> _Rows:
             try:
-                return work.run(lambda: query().fetchmany(_ROWS))
-            except TimeLimitError:
+                return stoppable(lambda: query().fetchmany(_ROWS), self.connection.interrupt, until)
+            except TimeoutError:
                 raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
             except (duckdb.Error, OverflowError) as error:
                 raise Refusal(_refusal(error)) from None
@@ -101,10 +109,10 @@ class TrialTables:
         def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
             while found:
                 yield from found
-                found = part(lambda: self._connection)
+                found = part(lambda: self.connection)
 
-        first = part(lambda: self._connection.execute(statements[0]))
-        return Answer([column[0] for column in self._connection.description], rows(first))
+        first = part(lambda: self.connection.execute(statements[0]))
+        return Answer([column[0] for column in self.connection.description], rows(first))
 
     def _only_reads(self, statement: Any) -> bool:
         """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
@@ -114,17 +122,56 @@ class TrialTables:
             return False
         # COPY, CREATE and INSERT of a PIVOT are several statements too, but only a query may stand in parentheses.
         try:
-            inside = self._connection.extract_statements(f"from ({statement.query.rstrip().rstrip(';')}\n)")
+            inside = self.connection.extract_statements(f"from ({statement.query.rstrip().rstrip(';')}\n)")
         except duckdb.Error:
             return False
         return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
 
 
+def stoppable(work: Callable[[], T], stop: Callable[[], None], until: float = math.inf) -> T:
+    """Return what a piece of work returns; Ctrl-C ends it at once, and so does a TimeoutError at a monotonic time.
+
+    DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value notices
+    neither a timer nor Ctrl-C. Therefore the work is done in a thread of its own, which is left behind if it does not
+    stop; `program` in the command line then ends the process without waiting for it.
+    """
+    answer: Future[T] = Future()
+
+    def carry_out() -> None:
+        try:
+            answer.set_result(work())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    thread = threading.Thread(target=carry_out, daemon=True)
+    try:
+        thread.start()
+        while time.monotonic() < until:
+            # Where a signal reaches another thread, a wait without end would not be woken.
+            if wait([answer], _LOOK_S).done:
+                return answer.result()
+        raise TimeoutError
+    except BaseException:
+        # Repeatedly, since the work may not have begun at the first request.
+        given_up_s = time.monotonic() + _GRACE_S
+        while not answer.done() and time.monotonic() < given_up_s:
+            stop()
+            wait([answer], _AGAIN_S)
+        if not answer.done():
+            thread.name = UNSTOPPED
+        raise
+
+
+def has_unstopped_work() -> bool:
+    """Whether there is work that did not stop and for which the end of the process would wait."""
+    return any(thread.name == UNSTOPPED for thread in threading.enumerate())
+
+
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
-    header = read_header(folder)
-    shards, final = done_shards(folder, header), final_files(folder)
+    origin = TrialOrigin.of_folder(folder)
+    shards, final = done_shards(folder, origin), final_files(folder)
     if not shards:
         raise Refusal(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
     place = folder.resolve()
@@ -135,7 +182,9 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             for name, statement in _views([place / SHARDS / shard.name for shard in shards], place, final).items():
                 connection.execute(f"create view {name} as {statement}")
             if SUMMARY in final:
-                _summary(connection, folder)
+                table = f"{scratch}/summary.parquet"
+                _summary(folder).write_parquet(table)
+                connection.execute("create table summary as from read_parquet(?)", [table])
             settings = {
                 "memory_limit": _MEMORY,
                 "temp_directory": scratch,
@@ -146,13 +195,15 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             }
             for name, value in settings.items():
                 connection.execute(f"set {name} = ?", [value])
-            columns = connection.execute(
+            found = connection.execute(
                 "select table_name, list(column_name order by column_index) from duckdb_columns() "
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
-            raise Refusal(f"{folder} cannot be read: {_line(str(error))}") from None
-        yield TrialTables(connection, dict(columns), len(shards), header.shards)
+            raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
+        columns = dict(found)
+        views = {name: columns[name] for name in VIEWS if name in columns}
+        yield TrialTables(connection, views, len(shards), origin.shards)
 
 
 @contextlib.contextmanager
@@ -173,11 +224,8 @@ def _scratch() -> Iterator[str]:
         number = old.name.removeprefix(_SCRATCH).partition("-")[0]
         if number.isdecimal() and not _is_running(int(number)):
             shutil.rmtree(old, ignore_errors=True)
-    scratch = tempfile.mkdtemp(prefix=f"{_SCRATCH}{os.getpid()}-")
-    try:
+    with tempfile.TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-", ignore_cleanup_errors=True) as scratch:
         yield scratch
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _is_running(process: int) -> bool:
@@ -207,28 +255,19 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
     return views
 
 
-def _summary(connection: Any, folder: Path) -> None:
-    """Create a table with one row per controller and metric."""
+def _summary(folder: Path) -> pl.DataFrame:
+    """Table with one row per controller and metric."""
+    mend = f"move it away and run the command that made {folder} again"
     try:
-        controllers = json.loads(kept_text(folder / SUMMARY, "a summary"))["controllers"]
         rows = [
             {"controller": label, "metric": metric, **values}
-            for label, of_label in controllers.items()
+            for label, of_label in stored_json(folder / SUMMARY, mend)["controllers"].items()
             for metric, values in of_label["metrics"].items()
         ]
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise Refusal(
-            f"{folder / SUMMARY} is damaged; move it away and run the command that made {folder} again"
-        ) from None
-    columns = list(dict.fromkeys(["controller", "metric", *(key for row in rows for key in row)]))
-    called = [name.replace('"', '""') for name in columns]
-    kinds = ["varchar"] * 2 + ["double"] * (len(columns) - 2)
-    typed_columns = ", ".join(f'"{name}" {kind}' for name, kind in zip(called, kinds, strict=True))
-    connection.execute(f"create table summary ({typed_columns})")
-    marks = ", ".join("?" * len(columns))
-    connection.executemany(
-        f"insert into summary values ({marks})", [[row.get(name) for name in columns] for row in rows]
-    )
+        table = pl.DataFrame(rows, infer_schema_length=None)
+        return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
+    except (TypeError, KeyError, AttributeError, pl.exceptions.PolarsError):
+        raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
 
 
 def _refusal(error: Exception) -> str:
@@ -245,8 +284,4 @@ def _refusal(error: Exception) -> str:
         package = lacked["package"]
         what = "a time with a time zone" if package == "pytz" else "a value"
         return f"the answer holds {what}, for which {package} is missing; cast it to varchar"
-    return _line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])
-
-
-def _line(text: str) -> str:
-    return " ".join(text.split()).rstrip(".")
+    return one_line(str(error).partition("\n\nLINE ")[0].partition("\nLINE ")[0])

@@ -14,7 +14,7 @@ from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet
+from glucoloop.storage.tables import TableBounds, parquet, read_parquet, refusing_damage
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.engine import PeopleResult
@@ -88,21 +88,18 @@ def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[
 
 
 def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
-    feasible = pl.Series(result.feasible)
-    metrics = [pl.Series(name, values).to_frame() for name, values in result.metrics.items()]
     table = pl.DataFrame(
         {
             "person": result.person,
             "controller": pl.repeat(label, result.person.size, eager=True),
-            "able": feasible,
+            "able": pl.Series(result.feasible),
             "basal_insulin_mU_min": result.basal_insulin_mU_min,
             **{column_name(name): values for name, values in result.drawn.items()},
         }
     )
-    table = pl.concat([table, *metrics], how="horizontal")
-    names = list(result.metrics)
+    table = table.hstack([pl.Series(name, values) for name, values in result.metrics.items()])
     # Nothing is known of a person without a basal rate, not even that glucose is never below 60 mg/dl.
-    table = table.with_columns(pl.when("able").then(pl.col(names)))
+    table = table.with_columns(pl.when("able").then(pl.col(list(result.metrics))))
     return table.with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
@@ -153,7 +150,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
     table = read_parquet(place, bounds(trial, index)[PEOPLE])
     person = trial.shard(index)
     drawn = {v.parameter: column_name(v.parameter) for v in trial.population.variations}
-    try:
+    with refusing_damage(place):
         yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
         table = table.with_columns(pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan))
         metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
@@ -172,8 +169,6 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
                 metrics={name: of_case[name] for name in metrics},
                 yes_or_no=yes_or_no,
             )
-    except (pl.exceptions.PolarsError, KeyError, TypeError, ValueError) as error:
-        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None
     return people
 
 
@@ -207,7 +202,7 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
     """Add the counts of a shard to those of others; ValueError if they are not counts of its people."""
     place = folder / BANDS
     table = read_parquet(place, bounds(trial, index)[BANDS])
-    try:
+    with refusing_damage(place):
         for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
             counts: Any = total[str(label)][str(quantity)]
             when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
@@ -215,5 +210,3 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
             if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= trial.shard(index).size:
                 raise Refusal("it counts people who cannot be")
             np.add.at(counts, (when, number), count)
-    except (pl.exceptions.PolarsError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise Refusal(f"{place} is damaged: {' '.join(str(error).split())}") from None

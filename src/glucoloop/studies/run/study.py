@@ -18,6 +18,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.report.facts import comparison_facts, run_facts
 from glucoloop.report.print_figure import figure_files
+from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run
 from glucoloop.storage import tables as stored
 from glucoloop.storage.findings import Findings
@@ -90,14 +91,14 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
     ]
     samples, minutes = (
         stored.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
-        for table in (stored.sample_table, stored.minute_table)
+        for table in (Trace.to_polars, stored.minute_table)
     )
     return Findings(plain, _tables(samples, minutes), loops)
 
 
 def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Findings:
     """Findings of one loop."""
-    tables = _tables(stored.sample_table(outcome.trace), stored.minute_table(outcome.trace))
+    tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
     return Findings({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
 
 

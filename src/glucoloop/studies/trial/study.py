@@ -24,7 +24,6 @@ from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
-from glucoloop.storage.trials.header import read_header
 from glucoloop.storage.trials.shard import Counts, add_counts, edges, no_counts, times
 from glucoloop.units import MIN_PER_H, MU_PER_U, mmol_l_from_mg_dl
 
@@ -68,12 +67,12 @@ def notes(asked: Trial) -> tuple[str, ...]:
 def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
-    bands, header, engines = _bands(folder), read_header(folder.path), engine.prepare(asked).engines
+    bands, origin, engines = _bands(folder), folder.recorded, engine.prepare(asked).engines
     told = summary.as_dict()
     for label, of_label in summary.cases.items():
         told["controllers"][label] |= engines[label]
         told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
-    plain = {"libraries": header.libraries, "config": header.config, "setpoint_mg_dl": asked.target_mg_dl, **told}
+    plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **told}
     report = TrialReport(
         title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
         setpoint_mg_dl=asked.target_mg_dl,

@@ -1,7 +1,8 @@
-"""Trial on a Dask cluster: a shard is a task, and its files come back as bytes.
+"""Computation of the shards of a trial, in this process or on a Dask cluster.
 
-Workers need the same version of glucoloop, but no shared disk with this process, which alone writes to the folder. A
-task of a worker that dies is given to another one. The results of a person do not depend on the machine.
+On a cluster a shard is a task, and its files come back as bytes. Workers need the same version of glucoloop, but no
+shared disk with this process, which alone writes to the folder. A task of a worker that dies is given to another one.
+The results of a person do not depend on the machine.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ import itertools
 import logging
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
 from glucoloop.cohorts.trial import Trial
+from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
-from glucoloop.storage.trials.run import Progress
-from glucoloop.storage.trials.shard import compute_shard
+from glucoloop.storage.trials.shard import Simulate, compute_shard
+
+Progress = Callable[[int], None]
+"""Callback with the number of people simulated since the last one."""
 
 LOCAL: Final = "local"
 RETRIES: Final = 3
@@ -31,6 +36,24 @@ _IN_FLIGHT_PER_THREAD: Final = 2
 _LEAST_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
 _designing = threading.Lock()
+
+
+def run_here(folder: TrialFolder, simulate: Simulate, progress: Progress) -> None:
+    """Compute the shards that are missing in this process, and write each while the next is computed.
+
+    A ValueError tells that one cannot be written.
+    """
+    trial = folder.trial
+    with ThreadPoolExecutor(1, thread_name_prefix="writer") as writer:
+        writing: Future[None] | None = None
+        for index in folder.missing():
+            people = trial.shard(index).size
+            files = compute_shard(trial, index, simulate, lambda people=people: progress(people))  # type: ignore[misc]
+            if writing is not None:
+                writing.result()  # one at a time, so that what waits does not pile up
+            writing = writer.submit(folder.put, index, files)
+        if writing is not None:
+            writing.result()
 
 
 def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[str, str]) -> dict[str, bytes]:
@@ -72,22 +95,22 @@ def connected(address: str, workers: int | None = None) -> Iterator[Any]:
     """
     distributed = library()
     options: dict[str, Any] = {"address": address}
-    starting: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
     if address == LOCAL:
         options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
         options["silence_logs"] = logging.ERROR
-        starting = _workers_deaf_to_interrupts()
     elif workers is not None:
         raise Refusal("the number of workers is the cluster's own; leave it out")
+    logger = logging.getLogger("distributed.client")
     with contextlib.ExitStack() as stack:
+        stack.callback(logger.setLevel, logger.level)
+        logger.setLevel(logging.CRITICAL)  # it would print a traceback of a lost scheduler, which the error tells
         try:
-            stack.enter_context(_silent("distributed.client"))
-            with starting:
+            with _ignoring_interrupts() if address == LOCAL else contextlib.nullcontext():
                 client = distributed.Client(**options, timeout=_CONNECT_S, set_as_default=False)
             stack.enter_context(client)
         except (OSError, ValueError) as error:
             raise Refusal(
-                f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); "
+                f"no Dask scheduler answers at {address} ({one_line(error)}); "
                 "start one, or give its address like tcp://10.0.0.1:8786"
             ) from None
         yield client
@@ -100,20 +123,8 @@ def library() -> Any:
 
 
 @contextlib.contextmanager
-def _silent(logger: str) -> Iterator[None]:
-    """Keep a logger from printing tracebacks about a lost scheduler, since the raised error says it."""
-    library_logger = logging.getLogger(logger)
-    before = library_logger.level
-    library_logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        library_logger.setLevel(before)
-
-
-@contextlib.contextmanager
-def _workers_deaf_to_interrupts() -> Iterator[None]:
-    """Start processes in the block so that Ctrl-C does not reach them; this process stops them itself."""
+def _ignoring_interrupts() -> Iterator[None]:
+    """Start processes in the block that Ctrl-C does not reach; this process stops them itself."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -149,7 +160,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None
         error = future.exception()
         if error is not None:
             raise Refusal(
-                f"shard {index} failed on the cluster: {' '.join(str(error).split()).rstrip('.')}; "
+                f"shard {index} failed on the cluster: {one_line(error)}; "
                 f"{folder.done} of {trial.shards} shards are done and kept, run the same command again to go on"
             )
         folder.put(index, future.result())
