@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +23,9 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.meals import eaten
-from glucoloop.papers.meal_aware.situations import SITUATIONS
 from glucoloop.patients.population import virtual_people
 from glucoloop.situations.situation import configured
+from meal_aware.situations import SITUATIONS
 
 RECORDS = range(1000, 1030)
 PEOPLE, PEOPLE_SEED = 300, 2000

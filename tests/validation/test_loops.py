@@ -5,13 +5,13 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.papers.meal_aware.loops import bound_of, close_loops
-from glucoloop.papers.meal_aware.measures import numbers_by_minute
-from glucoloop.papers.meal_aware.situations import MISMATCHES, SITUATIONS, Extent
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.tuning.oscillation import oscillation
+from meal_aware.loops import bound_of, close_loops
+from meal_aware.measures import numbers_by_minute
+from meal_aware.situations import MISMATCHES, SITUATIONS, Extent
 
 BY_NAME = {row.name: row for row in SITUATIONS}
 DEAD_TIME, PEOPLE = BY_NAME["dead-time-10"], BY_NAME["people"]
@@ -61,9 +61,9 @@ def test_people_are_those_of_a_trial():
 
 
 def test_loops_that_are_kept_are_not_closed_again():
-    kept = {(PEOPLE.name, "basal"), (MISMATCHES[0].name, "imc")}
-    assert list(close_loops(Extent(), [PEOPLE], controllers=("basal",), kept=kept)) == []
-    assert list(close_loops(Extent(), [], MISMATCHES[:1], controllers=("imc",), kept=kept)) == []
+    done = {(PEOPLE.name, "basal"), (MISMATCHES[0].name, "imc")}
+    assert list(close_loops(Extent(), [PEOPLE], controllers=("basal",), done=done)) == []
+    assert list(close_loops(Extent(), [], MISMATCHES[:1], controllers=("imc",), done=done)) == []
 
 
 def test_the_bound_is_that_of_the_nominal_person_and_the_meal():

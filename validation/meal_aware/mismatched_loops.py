@@ -22,8 +22,6 @@ from glucoloop.experiments.designs import controller_of, with_guard, with_indivi
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.papers.meal_aware.measures import Floats, Runs, numbers_at_samples
-from glucoloop.papers.meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
 from glucoloop.parts.guard import GuardSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
@@ -39,6 +37,8 @@ from glucoloop.simulation.people_plant import varying
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.stacking import move_slots
+from meal_aware.measures import Floats, Runs, numbers_at_samples
+from meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
 
 SAMPLE_MIN: Final = 5.0
 _NEVER: Final = math.inf
@@ -263,9 +263,9 @@ class MismatchedLoops:
 
     def _controllers(self, design: Design) -> tuple[Any, Any]:
         """Controller of one person, and those of all people, each designed for the situation; numbers trail."""
-        told = sorted({row.told for row in self.rows})
-        each = _alike([design(*key) for key in told])
-        which = self._of_rows([told.index(row.told) for row in self.rows])
+        designs = sorted({row.designed_for for row in self.rows})
+        each = _alike([design(*key) for key in designs])
+        which = self._of_rows([designs.index(row.designed_for) for row in self.rows])
 
         def of_people(path: Any, *leaves: Any) -> Any:
             if ".plant" in jax.tree_util.keystr(path):  # the same for all, and a constant of the program
