@@ -16,7 +16,7 @@ from glucoloop.situations.request import asked_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from glucoloop.papers.parker1999.published import PrintedRow
+    from glucoloop.papers.parker1999.comparison import ComparedEntry
 
 PAPERS: Final = ("parker1999",)
 
@@ -52,18 +52,15 @@ def _reproduce(typed: Given) -> None:
     with output.folder() as folder, stages("Importing the simulator") as progress:
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.papers.parker1999.pages import json_report
-        from glucoloop.papers.parker1999.parts import chosen
-        from glucoloop.papers.parker1999.reproduce import carry_out, write
+        from glucoloop.papers.parker1999.reproduce import carry_out, chosen, write
 
         part = chosen(asked.table, asked.figure)
-        if part is not None and not part.entries and output.out is None:
+        if not part.entries and output.out is None:
             raise Refusal("--figure without --out would show nothing; give --out and a folder for the picture")
         keep_compiled()
-        studies, rows = carry_out(
-            asked.points, seeds=asked.runs, seed=asked.seed, quick=asked.quick, progress=progress, part=part
-        )
+        studies, rows = carry_out(asked, part, progress)
         if folder is not None:
-            write(folder.write, studies, rows, asked.seed, progress, part)
+            write(folder.write, studies, rows, asked.seed, progress, part.figures)
             files = folder.paths()
     if output.json:
         print_json(json_report(rows, studies, asked.seed), files, ())
@@ -73,7 +70,7 @@ def _reproduce(typed: Given) -> None:
     print(where_written(output.out, files))
 
 
-def _tell(rows: Sequence[PrintedRow], points: Sequence[str]) -> None:
+def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
     from glucoloop.papers.parker1999.comparison import count, left_out
