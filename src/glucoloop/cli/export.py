@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 from pathlib import Path
 from typing import Final
@@ -10,9 +9,9 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given, options_of, without
 from glucoloop.cli.request import completed, request_of
-from glucoloop.cli.screen import note, stage
+from glucoloop.cli.screen import note, print_json, stage
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import asked_for, read_root
+from glucoloop.situations.request import read_root
 from glucoloop.situations.warnings import boluses_into_a_vein
 from glucoloop.studies.exported import Export
 
@@ -43,7 +42,7 @@ def _export(typed: Given) -> None:
     request = request_of(typed, OPTIONS)
     read_root(Export, request.tree)
     output = request.output
-    asked: Export = completed(request, functools.partial(asked_for, Export))
+    asked = completed(request, Export)
     note(boluses_into_a_vein(asked))
     with output.folder() as folder:
         if folder is None:
@@ -54,9 +53,7 @@ def _export(typed: Given) -> None:
             written = write(asked, folder)
         files = folder.paths()
     if output.json:
-        from glucoloop.cli.printing import print_json
-
-        print_json(report(written), files, ())
+        print_json(report(written), files)
     else:
         tell(written, output.out, files)
     if any(rung.holds is False for rung in written.rungs):
@@ -73,9 +70,7 @@ def _check(typed: Given) -> None:
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
-    asked: Export = completed(
-        request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
-    )
+    asked = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
     from glucoloop.cli.exported import check, tell_rungs
 
     with stage("Checking"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.cli.printing import where_written
+from glucoloop.cli.screen import where_written
 from glucoloop.control import Controller
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of

@@ -40,7 +40,7 @@ def sentence(error: BaseException) -> str | None:
             f"the connection to the Dask scheduler was lost ({_line(error) or type(error).__name__}); the shards that "
             "are done are kept, start the scheduler again and run the same command again"
         )
-    if isinstance(error, RuntimeError) and _origin(error).name == "pathlib.py":  # Python before 3.13
+    if isinstance(error, RuntimeError) and _was_raised_in(error, "pathlib.py"):  # Python before 3.13
         return _with_results(f"{_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
@@ -88,9 +88,8 @@ def _is_of_jax(error: BaseException, said: str) -> bool:
     return isinstance(error, RuntimeError) and said in str(error)
 
 
-def _origin(error: BaseException) -> Path:
-    """The file that raised it."""
-    return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve()
+def _was_raised_in(error: BaseException, file: str) -> bool:
+    return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve().name == file
 
 
 def _line(error: BaseException) -> str:

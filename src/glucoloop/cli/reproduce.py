@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, OUT, OVERWRITE, CommandOption, Given, options_of, reworded
-from glucoloop.cli.printing import print_json, where_written
 from glucoloop.cli.request import request_of
-from glucoloop.cli.screen import show, stages
+from glucoloop.cli.screen import print_json, show, stage, where_written
 from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for
@@ -49,7 +48,7 @@ def _reproduce(typed: Given) -> None:
     request = request_of(typed, _OPTIONS)
     asked, output = asked_for(Reproduction, request.tree), request.output
     files: dict[str, str] = {}
-    with output.folder() as folder, stages("Importing the simulator") as progress:
+    with output.folder() as folder, stage("Importing the simulator") as progress:
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.papers.parker1999.pages import json_report
         from glucoloop.papers.parker1999.reproduce import carry_out, chosen, write
@@ -63,14 +62,14 @@ def _reproduce(typed: Given) -> None:
             write(folder.write, studies, rows, asked.seed, progress, part.figures)
             files = folder.paths()
     if output.json:
-        print_json(json_report(rows, studies, asked.seed), files, ())
+        print_json(json_report(rows, studies, asked.seed), files)
         return
     if rows:
-        _tell(rows, asked.points)
+        _print_comparison(rows, asked.points)
     print(where_written(output.out, files))
 
 
-def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
+def _print_comparison(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
     from glucoloop.papers.parker1999.comparison import count, left_out
@@ -81,12 +80,10 @@ def _tell(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     for point in points:
         table.add_column(point, justify="right")
     for row in rows:
-        if not row.reproduced:
-            continue
-        found = (row.reproduced.get(point) for point in points)
-        cells = (one.text if one else "not run" for one in found)
-        printed = row.entry.printed
-        table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
+        if row.reproduced:
+            printed = row.entry.printed
+            cells = (row.reproduced[point].text if point in row.reproduced else "not run" for point in points)
+            table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
     show(table)
     for point in points:
         print(f"{point}: {count(rows, point)}.")
