@@ -49,7 +49,7 @@ class OfOneRecord:
 def loops():
     """A prepared trial of linear MPC whose record can be chosen, and the gain of each model, mg/dl per mU/min."""
     situation = next(situation for situation in SITUATIONS if situation.name == "people")
-    trial = configured(Trial, situation.of_people("mpc", PEOPLE_SEED, PEOPLE))
+    trial = configured(Trial, situation.trial_of("mpc", PEOPLE_SEED, PEOPLE))
     [case], prepared = trial.cases, engine.prepare(trial)
     found = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
     own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in found])

@@ -26,7 +26,7 @@ def loops():
 
 
 def _run(seed, **other):
-    run = configured(Run, {**DEAD_TIME.of("mpc", seed), **other})
+    run = configured(Run, {**DEAD_TIME.run_of("mpc", seed), **other})
     return close_the_loop(run, run.case)
 
 
@@ -39,7 +39,7 @@ def test_a_seed_is_the_run_of_that_seed(loops):
 
 
 def test_oscillation_is_that_of_the_same_controller_without_noise(loops):
-    noisy = configured(Run, DEAD_TIME.of("mpc", 11))
+    noisy = configured(Run, DEAD_TIME.run_of("mpc", 11))
     tuned = {"controller": noisy.case.tree(whole=True), "sensor": ["dead-time, minutes=10"]}
     alone = oscillation(_run(11, **tuned).trace)
     found = [loops.numbers[name].tolist() for name in ("quiet_crossings", "quiet_turns")]
@@ -50,7 +50,7 @@ def test_people_are_those_of_a_trial():
     ((_, _, loops),) = close_loops(Extent(seed=11, people=3), [PEOPLE], controllers=("basal",))
     assert loops.run.tolist() == [0, 1, 2]
     assert loops.infeasible == 0
-    trial = configured(Trial, PEOPLE.of_people("basal", 11, 3))
+    trial = configured(Trial, PEOPLE.trial_of("basal", 11, 3))
     one = engine.run_people(engine.prepare(trial), "basal", [1], traces=True)
     assert loops.numbers["overshoot_mg_dl"][1] == pytest.approx(float(one.metrics["overshoot_mg_dl"][0]))
     within = np.abs(np.asarray(one.glucose_mg_dl)[:, 0] - trial.target_mg_dl) <= 15.0

@@ -123,7 +123,7 @@ def _together(extent: Extent) -> int:
 def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Models) -> Runs:
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     seeds = np.asarray(extent.sensor_seeds if situation.runs == "seeds" else [extent.seed])
-    runs = [configured(Run, situation.of(name, int(seed))) for seed in seeds]
+    runs = [configured(Run, situation.run_of(name, int(seed))) for seed in seeds]
     made, scenario = runs[0], runs[0].scenario()
     controllers = [models.controller(run) for run in (runs if made.case.controller.uses_model else runs[:1])]
     stacked = stack(controllers)
@@ -140,10 +140,10 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
         which = np.where(places < len(controllers), places, 0)
         of_each = jax.tree.map(lambda leaf: leaf[which], stacked)
         metrics, turning, trace = jax.vmap(run)(of_each, jnp.asarray(variance[places]), keys)
-        return jax.tree.map(lambda of: np.asarray(of)[:asked], (metrics, turning, trace.fine_glucose_mg_dl))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:asked], (metrics, turning, trace.fine_glucose_mg_dl))
 
     parts = in_blocks(block, np.arange(drawn.size), _together(extent), threads=1)
-    metrics, turning, glucose = jax.tree.map(lambda *of_blocks: np.concatenate(of_blocks), *parts)
+    metrics, turning, glucose = jax.tree.map(lambda *blocks: np.concatenate(blocks), *parts)
     noisy = slice(seeds.size)
     found = {name: np.asarray(values, float)[noisy] for name, values in metrics.by_name().items()}
     fine_t_min = sample_grid(scenario.horizon_min, made.sample_time_min).fine_t_min
@@ -155,7 +155,7 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
 
 def _of_people(situation: NamedSituation, name: str, extent: Extent) -> Runs:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
-    trial = configured(Trial, situation.of_people(name, extent.seed, extent.people))
+    trial = configured(Trial, situation.trial_of(name, extent.seed, extent.people))
     prepared = engine.prepare(trial)
     result = engine.run_people(prepared, name, np.arange(extent.people), traces=True)
     found = {key: np.asarray(values, float)[result.feasible] for key, values in result.metrics.items()}
@@ -174,7 +174,7 @@ def bound_of(row: NamedSituation | Mismatch) -> OptimalDoses | None:
     Faults of the sensor, noise and the guard make no plan possible that was not before, so they do not count.
     """
     if isinstance(row, NamedSituation):
-        return bound_of_run(configured(Run, row.of(OURS, 0))) if row.bounded else None
+        return bound_of_run(configured(Run, row.run_of(OURS, 0))) if row.bounded else None
     if row.people != "nominal" or row.late or row.blocked or row.flat_battery:
         return None
     return _best_doses(row.setpoint_mg_dl, row.meals, tuple(row.stomach.items()))
@@ -189,5 +189,5 @@ def _best_doses(setpoint_mg_dl: float, meals: Meals, stomach: tuple[tuple[str, f
         initial_glucose_mg_dl=setpoint_mg_dl,
         meal_model=LehmannDeutsch(**dict(stomach)),
     )
-    made = configured(Run, SITUATIONS[0].of(OURS, 0))
+    made = configured(Run, SITUATIONS[0].run_of(OURS, 0))
     return bound_of_situation(made.nominal, scenario, made.limits)

@@ -101,10 +101,10 @@ def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Desi
 
     @functools.cache
     def design(setpoint_mg_dl: float, variance: float) -> Controller:
-        own = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
+        setpoint = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
         sensor = [{"name": "white-noise", "variance": variance}] if variance else []
         case = {"name": controller, **(settings or {})}
-        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **own})
+        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **setpoint})
         return controller_of(trial, trial.cases[0])
 
     return design
@@ -128,8 +128,8 @@ def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
 
 def _digesting(person: SemilinearPatient, stomach: Mapping[str, float], runs: int | None) -> Any:
     numbers = dataclasses.asdict(LehmannDeutsch(**stomach))
-    own: Any = {name: np.full(runs, n) if runs else n for name, n in numbers.items()}
-    return _Digesting(person=person, meal_model=LehmannDeutsch(**own))
+    individual: Any = {name: np.full(runs, n) if runs else n for name, n in numbers.items()}
+    return _Digesting(person=person, meal_model=LehmannDeutsch(**individual))
 
 
 def _once(begin: Floats | float, samples: float) -> Any:

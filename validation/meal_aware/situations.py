@@ -68,15 +68,15 @@ class NamedSituation:
     bounded: bool = False
     """Whether the distance to the bound is reported."""
 
-    def of(self, controller: str, seed: int) -> dict[str, Any]:
+    def run_of(self, controller: str, seed: int) -> dict[str, Any]:
         """The run of one person, as a file has it."""
         shared = {"patient": PATIENT, "meals": ["50g@50min"], "duration_min": HORIZON_MIN}
         case = {"name": controller, "label": controller, "known_dead_time": self.known_dead_time}
         return {**shared, **self.keys, "controller": case, "seed": seed}
 
-    def of_people(self, controller: str, seed: int, people: int) -> dict[str, Any]:
+    def trial_of(self, controller: str, seed: int, people: int) -> dict[str, Any]:
         """The trial of many people, as a file has it."""
-        return {**self.of(controller, seed), "population": "parker2000", "people": people}
+        return {**self.run_of(controller, seed), "population": "parker2000", "people": people}
 
     def runs_in_words(self, extent: Extent) -> str:
         """The runs of a comparison, in words."""

@@ -88,7 +88,7 @@ def _run(study: Study, typed: Given) -> None:
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _StudyRun:
     """A study whose request is complete."""
 
     study: Study
@@ -97,7 +97,7 @@ class _Begun:
     asked: Any
 
     @classmethod
-    def of(cls, study: Study, request: Request) -> _Begun:
+    def of(cls, study: Study, request: Request) -> _StudyRun:
         """Complete the request, and import the module that does the work."""
         asked = completed(request, study.request)
         module: Any = importlib.import_module(study.module)
@@ -162,11 +162,11 @@ class _Begun:
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     out = _needed_folder(study, request.output)
-    begun = _Begun.of(study, request)
-    module: TrialModule = begun.module
+    run = _StudyRun.of(study, request)
+    module: TrialModule = run.module
     from glucoloop.storage.trials.folder import trial_folder
 
-    work, trial, start = begun.work("trial"), module.trial_of(begun.asked), time.monotonic()
+    work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
     if request.output.overwrite:
         from glucoloop.cohorts.engine import prepare
 
@@ -178,25 +178,25 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         where.compute(folder)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            return module.found(begun.asked, folder)
+            return module.found(run.asked, folder)
 
-    found = begun.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
+    found = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
     files = _paths(out, *work.final, work.configuration)
-    begun.print_results(found, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
+    run.print_results(found, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
 
 
 def _run_search(study: SearchStudy, request: Request) -> None:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
-    begun = _Begun.of(study, request)
-    module: SearchModule = begun.module
+    run = _StudyRun.of(study, request)
+    module: SearchModule = run.module
     from glucoloop.storage.rows import rows_folder
 
-    row_kind = module.rows(begun.asked)
+    row_kind = module.rows(run.asked)
 
     def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
         with stage("Preparing"):
-            prepared = module.search(begun.asked)
+            prepared = module.search(run.asked)
         with counted(row_kind.wanted, len(rows), row_kind.what) as more:
             for row in prepared.missing(rows[:]):
                 add(row)
@@ -206,20 +206,20 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 
     if out is None:
         rows: list[Any] = []
-        begun.print_results(search(rows, rows.append), {})
+        run.print_results(search(rows, rows.append), {})
         return
-    work = begun.work("search", study.extent)
+    work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
-    found = begun.carry_out(opened, lambda folder: search(folder.rows, folder.add))
-    begun.print_results(found, _paths(out, *work.final, row_kind.file, work.configuration))
+    found = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
+    run.print_results(found, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
     files: dict[str, str] = {}
     with request.output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
-        begun = _Begun.of(study, request)
-        asked = begun.asked
-        module: PlainModule = begun.module
+        run = _StudyRun.of(study, request)
+        asked = run.asked
+        module: PlainModule = run.module
         shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
             found = module.found(asked, progress)
@@ -228,10 +228,10 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
 
             configuration = f"{study.name}.toml"
             text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
-            for name, data in {configuration: text.encode(), **begun.files_of(found)}.items():
+            for name, data in {configuration: text.encode(), **run.files_of(found)}.items():
                 folder.write(name, data)
             files = folder.paths()
-    begun.print_results(found, files, None if study.keeps_files else "")
+    run.print_results(found, files, None if study.keeps_files else "")
     if found.plain.get("interrupted"):
         amount, unit = module.amount(asked), study.unit
         interrupted(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,9 +133,11 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
         if key in upper:
             tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
     patient = upper.get("patient")
-    another = isinstance(patient, Mapping) and NAME in patient and not _same_name(tree.get("patient"), patient)
-    if another and "population" not in upper:
-        tree.pop("population", None)
+    if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
+        before = plain(as_table(tree.get("patient")))
+        name = before.get(NAME) if isinstance(before, Mapping) else None
+        if (name or USUAL_PATIENT.name) != plain(patient[NAME]):
+            tree.pop("population", None)
     cases = upper.pop("controller", None)
     if cases is not None:
         tree["controller"] = _cases(tree.get("controller", []), cases)
@@ -147,12 +150,6 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     for key, value in upper.items():
         tree[key] = over(tree[key], value) if key in tree and isinstance(value, Mapping) else value
     return tree
-
-
-def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
-    table = as_table(lower)
-    name = plain(table.get(NAME)) if isinstance(table, Mapping) else None
-    return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
 def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
@@ -173,9 +170,7 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
             f"{where}: the settings name no controller, and there are several ({labels}); write --set "
             "controller.LABEL.setting=value"
         )
-    for case in given_cases:
-        tables = [over(tables[0], case)]
-    return tables
+    return [functools.reduce(over, given_cases, tables[0])]
 
 
 def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
@@ -205,20 +200,24 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
 
 def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
+
+    def beside(leaf: Any) -> Any:
+        is_text = isinstance(plain(leaf), str)
+        return GivenValue(str(path.parent / leaf.value), leaf.where, text=False) if is_text else leaf
+
     found = dict(tree)
-    for key in ("data", "population"):
-        leaf = found.get(key)
-        if isinstance(leaf, GivenValue) and isinstance(leaf.value, str) and (key == "data" or ".toml" in leaf.value):
-            found[key] = GivenValue(str(path.parent / leaf.value), leaf.where, leaf.text)
+    if "data" in found:
+        found["data"] = beside(found["data"])
+    if ".toml" in str(plain(found.get("population"))):
+        found["population"] = beside(found["population"])
     if "model" in found:
         from glucoloop.parts.models import MODELS
 
-        leaf = found["model"]
-        text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
-        model = MODELS.tree(leaf.value, leaf.where) if text and plain(leaf) != NONE else leaf
-        if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
-            at = model["path"]
-            model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}
+        model = found["model"]
+        if isinstance(plain(model), str) and plain(model) != NONE:
+            model = MODELS.tree(model.value, model.where)
+        if isinstance(model, Mapping) and "path" in model:
+            model = {**model, "path": beside(model["path"])}
         found["model"] = model
     if "controller" in found:
         cases = found["controller"]

@@ -1,4 +1,4 @@
-"""What a command shows: results on standard output, and everything else on standard error."""
+"""Output of a command: results on standard output, and everything else on standard error."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ CAPTIONS: Final = {
 
 
 def draw(study: PointResults, names: Collection[str]) -> dict[str, Figure]:
-    """Those of the named figures whose experiments were carried out at an operating point."""
+    """The named figures of an operating point, apart from those whose experiments were not carried out."""
     figures: dict[str, Callable[[], Figure]] = {}
     if study.model is not None:
         model = study.model
