@@ -16,19 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from glucoloop.cli.command import Command
 from glucoloop.cli.computing import Computing
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.option import (
-    DASK,
-    JSON,
-    MMOL,
-    OUTPUT,
-    SHORT,
-    WORKERS,
-    CommandOption,
-    Given,
-    options_of,
-    reworded,
-    without,
-)
+from glucoloop.cli.option import DASK, JSON, MMOL, OUTPUT, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
 from glucoloop.cli.screen import note, print_json, show, stage, where_written
@@ -56,10 +44,7 @@ def command_of_study(study: Study) -> Command:
 
 def study_options(study: Study) -> tuple[CommandOption, ...]:
     """Options of a study: the settings of what it asks for, in its words, and where its results go."""
-    root = study.request
-    options = [*without(options_of(root), root.refused)]
-    if "sensor" in root.settings() and "sensor" not in root.refused:
-        options += SHORT
+    options = options_of(study.request)
     if isinstance(study, TrialStudy):
         options += (WORKERS, DASK) if study.on_clusters else (WORKERS,)
     help_of_output = {}

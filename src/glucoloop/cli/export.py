@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given, options_of, without
+from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
 from glucoloop.cli.request import completed, request_of
 from glucoloop.cli.screen import note, print_json, stage
 from glucoloop.refusal import Refusal
@@ -31,7 +31,7 @@ _CHECK: Final = CommandOption(
     panel="Chip",
     metavar="DIR",
 )
-OPTIONS: Final = (_CHECK, *without(options_of(Export), Export.refused), *SHORT, *OUTPUT)
+OPTIONS: Final = (_CHECK, *options_of(Export), *OUTPUT)
 
 
 def _export(typed: Given) -> None:

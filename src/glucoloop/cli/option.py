@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -56,9 +56,9 @@ class CommandOption:
         return f"{self.help} Default: {self.default}." if self.default else self.help
 
 
-def options_of(root: type[Part], **words: Mapping[str, str]) -> tuple[CommandOption, ...]:
-    """Options of the settings of a class that are declared as such; `words` as for `reworded`."""
-    options = (
+def options_of(root: type[Part]) -> tuple[CommandOption, ...]:
+    """Options of the settings of a class that are declared as such and not refused; with a sensor, the short ones."""
+    options = [
         CommandOption(
             key=setting.name,
             flag=about.flag or flag_of(setting.name, setting.unit),
@@ -72,9 +72,9 @@ def options_of(root: type[Part], **words: Mapping[str, str]) -> tuple[CommandOpt
             setting=setting,
         )
         for setting in root.settings().values()
-        if isinstance(about := setting.about, Option)
-    )
-    return tuple(reworded(options, **words))
+        if isinstance(about := setting.about, Option) and setting.name not in root.refused
+    ]
+    return (*options, *(SHORT if any(option.key == "sensor" for option in options) else ()))
 
 
 def flag_of(name: str, unit: str) -> str:
@@ -101,11 +101,6 @@ def _default_in_words(setting: Setting) -> str:
     if isinstance(default, tuple) and isinstance(default[0], Part):
         return ", ".join(part_text(part.tree()) for part in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
-
-
-def without(options: Iterable[CommandOption], keys: Container[str]) -> tuple[CommandOption, ...]:
-    """Options apart from those of some keys."""
-    return tuple(option for option in options if option.key not in keys)
 
 
 def reworded(options: Iterable[CommandOption], **words: Mapping[str, Any]) -> Iterator[CommandOption]:
