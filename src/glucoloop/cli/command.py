@@ -67,9 +67,10 @@ class Command:
             lines.append(f"{heading}:")
             for option in sections[heading]:
                 head, indent = f"  {option.flag}{option.placeholder}", " " * _INDENT
-                start, text = (f"{head:<{_INDENT}}", option.text) if len(head) < _INDENT - 1 else (indent, option.text)
-                lines += [head] if start == indent else []
-                lines += wrapped(text, width, initial_indent=start, subsequent_indent=indent)
+                if len(head) < _INDENT - 1:
+                    lines += wrapped(f"{head:<{_INDENT}}{option.text}", width, subsequent_indent=indent)
+                else:
+                    lines += [head, *wrapped(option.text, width, initial_indent=indent, subsequent_indent=indent)]
             lines.append("")
         rare = [option.flag for option in self.options if option.rare]
         if rare:
