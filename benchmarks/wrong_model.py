@@ -6,7 +6,7 @@
     python benchmarks/wrong_model.py --rows "late 10" --runs 1000    of a thousand people, where readings are late
     python benchmarks/wrong_model.py --set mean_carbs_g=20 --set noise_pace=0    of other settings, one table for each
 
-The situations are those of `glucoloop.papers.meal_aware.situations`, as in ``docs/claims.py``. Undershoot is that below
+The situations are those of ``validation/meal_aware/situations.py``, as in ``docs/claims.py``. Undershoot is that below
 the setpoint of noise-free glucose at the samples.
 """
 
@@ -20,11 +20,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
+
 import numpy as np
 
-from glucoloop.papers.meal_aware.measures import Runs
-from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, designer
-from glucoloop.papers.meal_aware.situations import MISMATCH_TUNING_SEED, MISMATCHES, Mismatch
+from meal_aware.measures import Runs
+from meal_aware.mismatched_loops import MismatchedLoops, designer
+from meal_aware.situations import MISMATCH_TUNING_SEED, MISMATCHES, Mismatch
 
 Table = dict[str, dict[str, float]]
 

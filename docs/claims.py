@@ -5,7 +5,7 @@
     python docs/claims.py --seeds 4 --people 4 --out glimpse --figures glimpse.md    a glimpse
 
 This controller and the paper's four are simulated in the same situations with the same noise. The claims are those of
-``papers/meal_aware/claims.toml``. The runs of each controller in each situation, and the bounds, are kept in
+``validation/meal_aware/claims.toml``. The runs of each controller in each situation, and the bounds, are kept in
 ``claims_runs.json`` of the folder ``--out`` as soon as they are done; after Ctrl-C the same command goes on from there.
 """
 
@@ -13,17 +13,19 @@ import argparse
 import dataclasses
 import json
 import math
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
 
 import numpy as np
 
 import glucoloop
 from glucoloop.cli.compiled import keep_compiled
-from glucoloop.papers.entries import markdown_table
-from glucoloop.papers.meal_aware.claims import judged, spread
-from glucoloop.papers.meal_aware.loops import bound_of, close_loops
-from glucoloop.papers.meal_aware.measures import Runs
-from glucoloop.papers.meal_aware.situations import (
+from meal_aware.claims import judged, spread
+from meal_aware.loops import bound_of, close_loops
+from meal_aware.measures import Runs
+from meal_aware.situations import (
     ALL_SITUATIONS,
     CONTROLLERS,
     GROUPS,
@@ -45,7 +47,7 @@ SHOWN = {
 }
 
 
-class Kept:
+class Results:
     """Runs and bounds that were computed, in a file that grows with each."""
 
     def __init__(self, file, extent):
@@ -53,11 +55,11 @@ class Kept:
         self.made = {"glucoloop": glucoloop.__version__, **dataclasses.asdict(extent)}
         if not file.exists():
             return
-        told = json.loads(file.read_text(encoding="utf-8"))
-        if told["made"] != self.made:
-            raise SystemExit(f"{file} holds runs made with {told['made']}; choose another folder with --out")
-        self.bounds = told["bounds"]
-        for situation, controllers in told["runs"].items():
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if content["made"] != self.made:
+            raise SystemExit(f"{file} holds runs made with {content['made']}; choose another folder with --out")
+        self.bounds = content["bounds"]
+        for situation, controllers in content["runs"].items():
             for controller, runs in controllers.items():
                 self.put(situation, controller, Runs(**{**runs, "run": np.asarray(runs["run"]), "numbers": {
                     name: np.asarray(values, float) for name, values in runs["numbers"].items()
@@ -73,25 +75,31 @@ class Kept:
     def write(self):
         """Write the file in one step, so that an interrupt leaves the last one."""
         runs = {name: {one: dataclasses.asdict(of) for one, of in each.items()} for name, each in self.runs.items()}
-        told = {"made": self.made, "bounds": self.bounds, "runs": runs}
+        content = {"made": self.made, "bounds": self.bounds, "runs": runs}
         part = self.file.with_suffix(".part")
-        part.write_text(json.dumps(told, default=np.ndarray.tolist), encoding="utf-8")
+        part.write_text(json.dumps(content, default=np.ndarray.tolist), encoding="utf-8")
         part.replace(self.file)
 
 
-def carry_out(kept, extent, rows, controllers, *, bounds):
-    """Compute what is not kept yet."""
+def carry_out(results, extent, rows, controllers, *, bounds):
+    """Compute what is missing."""
     named, wrong = ([row for row in rows if row in kind] for kind in (SITUATIONS, MISMATCHES))
-    wanted, done = len(rows) * len(controllers), kept.cases
-    for situation, controller, runs in close_loops(extent, named, wrong, controllers=controllers, kept=done):
-        kept.put(situation, controller, runs)
-        kept.write()
-        print(f"{len(kept.cases)} of {wanted}: {situation}, {controller}", flush=True)
+    wanted = len(rows) * len(controllers)
+    for situation, controller, runs in close_loops(extent, named, wrong, controllers=controllers, done=results.cases):
+        results.put(situation, controller, runs)
+        results.write()
+        print(f"{len(results.cases)} of {wanted}: {situation}, {controller}", flush=True)
     for row in rows if bounds else named:
-        if row.name not in kept.bounds:
+        if row.name not in results.bounds:
             best = bound_of(row)
-            kept.bounds[row.name] = None if best is None else best.bound
-            kept.write()
+            results.bounds[row.name] = None if best is None else best.bound
+            results.write()
+
+
+def table(columns, lines, right):
+    """A table in Markdown, some columns of which stand at the right."""
+    lines = [columns, ["---:" if column in right else ":---" for column in columns], *lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def number(value, digits):
@@ -106,63 +114,65 @@ def cell(values, digits):
 
 def claims(judgements, controllers, extent):
     lines, last = [], None
-    for of in judgements:
-        claim, digits = of.entry, DIGITS.get(of.entry.unit, 2)
+    for judgement in judgements:
+        claim = judgement.claim
+        digits = DIGITS.get(claim.unit, 2)
         lines.append([
             TITLES[claim.situation] if claim.situation != last else "",
             claim.what,
             claim.unit,
-            f"{SIGNS[claim.kind]} {number(claim.printed, digits)}",
-            "holds" if of.agrees(controllers[-1]) else "**does not hold**",
-            *(number(of.reproduced[name].median, digits) for name in controllers),
-            claim.runs_told(extent),
+            f"{SIGNS[claim.kind]} {number(judgement.bound, digits)}",
+            "holds" if judgement.holds(controllers[-1]) else "**does not hold**",
+            *(number(judgement.numbers[name], digits) for name in controllers),
+            claim.runs_in_words(extent),
         ])  # fmt: skip
         last = claim.situation
-    return markdown_table(
-        ["Situation", "Claim", "Unit", "Bound", "", *controllers, "Of"], lines, ["Bound", *controllers]
-    )
+    return table(["Situation", "Claim", "Unit", "Bound", "", *controllers, "Of"], lines, ["Bound", *controllers])
 
 
-def alone(situations, kept, controllers):
+def alone(situations, results, controllers):
     columns, lines = [*SHOWN.values(), "Distance to the bound, mg/dl"], []
     for situation in situations:
-        title, bound = situation.title, kept.bounds[situation.name]
+        title, bound = situation.title, results.bounds[situation.name]
         for name in controllers:
-            numbers = kept.runs[situation.name][name].numbers
+            numbers = results.runs[situation.name][name].numbers
             cells = [cell(numbers[key], 0 if "variation" in key else 1) for key in SHOWN]
             cells.append("" if bound is None else cell(numbers["deviation_mg_dl"] - bound, 1))
             lines.append([title, name, *cells])
             title = ""
-    return markdown_table(["Situation", "Controller", *columns], lines, columns)
+    return table(["Situation", "Controller", *columns], lines, columns)
 
 
-def mismatches(rows, kept, controllers, extent):
+def mismatches(rows, results, controllers, extent):
     """Undershoot where the model is wrong, and the distance of the last controller to the bound."""
     columns, lines = [*controllers, "Bound", f"Distance, {controllers[-1]}"], []
     for row in rows:
-        numbers, bound = {name: runs.numbers for name, runs in kept.runs[row.name].items()}, kept.bounds.get(row.name)
+        numbers, bound = (
+            {name: runs.numbers for name, runs in results.runs[row.name].items()},
+            results.bounds.get(row.name),
+        )
         away = ["", ""]
         if bound is not None:
             away = [number(bound, 2), cell(numbers[controllers[-1]]["deviation_mg_dl"] - bound, 1)]
         cells = [cell(numbers[name]["undershoot_mg_dl"], 1) for name in controllers]
-        lines.append([row.name, row.runs_told(extent), *cells, *away])
-    return markdown_table(["Situation", "Of", *columns], lines, columns)
+        lines.append([row.name, row.runs_in_words(extent), *cells, *away])
+    return table(["Situation", "Of", *columns], lines, columns)
 
 
-def page(kept, extent, rows, controllers):
+def page(results, extent, rows, controllers):
     """The tables of the situations."""
     named, wrong = ([row for row in rows if row in kind] for kind in (SITUATIONS, MISMATCHES))
-    runs = {row.name: {name: kept.runs[row.name][name] for name in controllers} for row in rows}
-    judgements = judged(runs)
-    held = sum(bool(of.agrees(controllers[-1])) for of in judgements)
+    runs = {row.name: {name: results.runs[row.name][name] for name in controllers} for row in rows}
+    judgements = list(judged(runs))
+    held = sum(judgement.holds(controllers[-1]) for judgement in judgements)
     parts = [f"{held} of {len(judgements)} claims hold.", claims(judgements, controllers, extent)]
     if named:
-        parts += ["Median, and 5 to 95 % of the runs:", alone(named, kept, controllers)]
+        parts += ["Median, and 5 to 95 % of the runs:", alone(named, results, controllers)]
     if wrong:
         parts.append(
             "Undershoot in mg/dl where the model is wrong, at the samples, and the bound of the largest deviation:"
         )
-        parts.append(mismatches(wrong, kept, controllers, extent))
+        parts.append(mismatches(wrong, results, controllers, extent))
     parts.append(
         f"Made with glucoloop {glucoloop.__version__} and `--seed {extent.seed}`. The tuning was chosen on sensor "
         f"seeds {TUNING_SEEDS.start} to {TUNING_SEEDS.stop - 1} and on people of seed {TUNING_PEOPLE_SEED}."
@@ -189,9 +199,9 @@ def main(arguments=None):
     rows = [row for row in ALL_SITUATIONS if not asked.only or getattr(row, "group", row.name) in asked.only]
     keep_compiled()
     asked.out.mkdir(parents=True, exist_ok=True)
-    kept = Kept(asked.out / "claims_runs.json", extent)
-    carry_out(kept, extent, rows, controllers, bounds=not asked.no_bounds)
-    text = page(kept, extent, rows, controllers)
+    results = Results(asked.out / "claims_runs.json", extent)
+    carry_out(results, extent, rows, controllers, bounds=not asked.no_bounds)
+    text = page(results, extent, rows, controllers)
     asked.figures.write_text(text, encoding="utf-8")
     print(text)
 

@@ -22,9 +22,7 @@ from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.lab import pack
-from glucoloop.papers.parker1999.deviations import DEVIATIONS
-from glucoloop.papers.parker1999.published import published
-from glucoloop.papers.parker1999.readings import READINGS
+from glucoloop.papers.parker1999.published import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.parts.faults import FAULTS, TIMING
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.parts.patients import PATIENTS
@@ -191,19 +189,18 @@ def metrics() -> str:
     return table(["Metric", "Definition"], rows)
 
 
-def readings() -> str:
-    return table(
-        ["", "Reading", "Choice"], [[str(n), code(k), text] for n, (k, text) in enumerate(READINGS.items(), 1)]
-    )
+def interpretations() -> str:
+    rows = [[str(n), code(name), text] for n, (name, text) in enumerate(INTERPRETATIONS.items(), 1)]
+    return table(["", "Interpretation", "Choice"], rows)
 
 
 def deviations() -> str:
-    return "\n".join(f"- {of.reason}" for of in DEVIATIONS) + "\n"
+    return "\n".join(f"- {deviation.reason}" for deviation in DEVIATIONS) + "\n"
 
 
 def printed() -> str:
     rows = []
-    for entry in published():
+    for entry in ENTRIES:
         value = entry.printed if isinstance(entry.printed, str) else f"{entry.printed:g}"
         bound = "at most " if entry.kind == "at-most" else ""
         rows.append([entry.what, f"{bound}{value} {entry.unit}", f"p. {entry.page}, {entry.place}"])
@@ -357,7 +354,7 @@ def write_all(docs: Path) -> None:
         made / "controllers.md": controllers(),
         made / "faults.md": faults(),
         made / "metrics.md": metrics(),
-        made / "readings.md": readings(),
+        made / "interpretations.md": interpretations(),
         made / "printed.md": printed(),
         made / "deviations.md": deviations(),
         made / "conversions.md": conversions(),

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +23,9 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.meals import eaten
-from glucoloop.papers.meal_aware.situations import SITUATIONS
 from glucoloop.patients.population import virtual_people
 from glucoloop.situations.situation import configured
+from meal_aware.situations import SITUATIONS
 
 RECORDS = range(1000, 1030)
 PEOPLE, PEOPLE_SEED = 300, 2000
@@ -48,7 +49,7 @@ class OfOneRecord:
 def loops():
     """A prepared trial of linear MPC whose record can be chosen, and the gain of each model, mg/dl per mU/min."""
     situation = next(situation for situation in SITUATIONS if situation.name == "people")
-    trial = configured(Trial, situation.of_people("mpc", PEOPLE_SEED, PEOPLE))
+    trial = configured(Trial, situation.trial_of("mpc", PEOPLE_SEED, PEOPLE))
     [case], prepared = trial.cases, engine.prepare(trial)
     found = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
     own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in found])

@@ -41,12 +41,12 @@ LONG = {
     "experiments": ("test_individual", "test_individual_meal_mpc"),
     "firmware": ("test_every_controller",),
     "invariants": ("test_every_loop", "test_faults"),
-    "meal_aware": ("test_loops",),
     "optimize": ("test_moves_qp", "test_soft_floor"),
     "simulation": ("test_beyond_the_model", "test_transformations"),
     "storage": ("test_trial_cluster",),
     "studies": ("test_adversary_attack", "test_robust_loop", "test_verification"),
     "tuning": ("test_oscillation", "test_search"),
+    "validation": ("test_loops",),
 }
 """Modules all of whose tests are `long`, by their folder."""
 

@@ -61,7 +61,7 @@ def test_a_command_that_is_written_exists_with_its_options(line, monkeypatch):
     arguments = [word for word in words[1:] if word not in ("DIR", "--help")]
     if not arguments:
         return
-    given = command.parser().given(arguments)  # raises for an option that does not exist
+    given = command.given(arguments)  # raises for an option that does not exist
     if words[0] in REQUESTS and "config" not in given:
         try:
             read_root(REQUESTS[words[0]], request_of(given, command.options).tree)

@@ -64,7 +64,7 @@ def test_a_number_is_refused_by_the_name_of_its_option(command, option):
         if abs(number) < 5e5 and not setting.about.allows(number)
     ]
     for value in ("wobble", *(str(round(number)) for number in beyond)):
-        typed = command_of(command).parser().given([option.flag, value])
+        typed = command_of(command).given([option.flag, value])
         with pytest.raises(Refusal) as refused:
             read_root(root_of(command), request_of(typed, command_of(command).options).tree)
         assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value)), str(refused.value)

@@ -107,17 +107,11 @@ def test_default_that_changed_since_the_file_was_written_is_told(of_file, tmp_pa
     used = run.tree(whole=True)
     used["controller"][0]["model"]["memory"] = 40
     named = of_file(toml_text({**used, "seed": 9}, "", run.tree()))
-    completed(typed("run", *named, "--noise", 1), lambda tree: asked_tree(tree))
+    completed(typed("run", *named, "--noise", 1), root_of("run"))
     told = " ".join(capsys.readouterr().err.split())
     assert f"What {tmp_path / 'a.toml'} leaves out was filled in otherwise when it was written:" in told
     assert "seed was 9 and is 3" in told
     assert "model.memory of case 'mpc' was 40 and is 36" in told
-
-
-def asked_tree(tree):
-    from glucoloop.situations.request import asked_for
-
-    return asked_for(root_of("run"), tree)
 
 
 @pytest.mark.long

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.measures import Runs, numbers_at_samples
-from glucoloop.papers.meal_aware.situations import CONTROLLERS
+from meal_aware.measures import Runs, numbers_at_samples
+from meal_aware.situations import CONTROLLERS
 
 SMALL = ("--only", "juice", "--seeds", "2", "--seed", "899999", "--no-bounds")
 
@@ -15,10 +15,10 @@ def script(docs_module, monkeypatch, tmp_path):
     module = docs_module("claims")
     module.closed, module.most = [], len(CONTROLLERS)
 
-    def written(extent, situations, mismatches, *, controllers, kept):
+    def written(extent, situations, mismatches, *, controllers, done):
         for row in mismatches:
             for number, name in enumerate(controllers):
-                if (row.name, name) in kept:
+                if (row.name, name) in done:
                     continue
                 if len(module.closed) == module.most:
                     raise KeyboardInterrupt

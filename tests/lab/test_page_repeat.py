@@ -102,7 +102,7 @@ def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus)
         whole = run_of(answer["toml"]).tree(whole=True)
         assert names["run"].tree(whole=True) == whole
         _, _, *words = shlex.split(answer["command"])
-        request = request_of(command_of("run").parser().given(words), command_of("run").options)
+        request = request_of(command_of("run").given(words), command_of("run").options)
         assert asked_for(Run, request.tree).tree(whole=True) == whole
 
 

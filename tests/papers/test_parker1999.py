@@ -8,15 +8,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from glucoloop.papers.entries import ComparedEntry, Reproduced
 from glucoloop.papers.parker1999 import experiments
-from glucoloop.papers.parker1999.comparison import compare, count, left_out
-from glucoloop.papers.parker1999.deviations import DEVIATIONS, reason_for
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, compare, count, left_out
+from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.papers.parker1999.pages import html_report, markdown_report, tables
-from glucoloop.papers.parker1999.parts import FIGURES, chosen
-from glucoloop.papers.parker1999.published import PrintedEntry, published
-from glucoloop.papers.parker1999.readings import READINGS
-from glucoloop.papers.parker1999.reproduce import carry_out, write
+from glucoloop.papers.parker1999.published import DEVIATIONS, ENTRIES, INTERPRETATIONS, PrintedEntry, reason_for
+from glucoloop.papers.parker1999.reproduce import FIGURES, WHOLE, carry_out, chosen, write
 from glucoloop.report.print_figure import KINDS
 
 POINT = "setpoint-81"
@@ -46,12 +43,12 @@ TABLE_2 = {
 
 @pytest.fixture(scope="session")
 def study():
-    wanted = experiments.of_paper((0, 10), tunings=False)
+    wanted = experiments.all_experiments((0, 10), tunings=False)
     return experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
 
 
 def _entry(printed, kind="value"):
-    return PrintedEntry(id="x", what="x", printed=printed, unit="", page=155, place="", kind=kind, readings=())
+    return PrintedEntry(id="x", what="x", printed=printed, page=155, place="", kind=kind, metric="", interpretations=())
 
 
 def _row(printed, found, kind="value"):
@@ -60,7 +57,7 @@ def _row(printed, found, kind="value"):
 
 class TestPublished:
     def test_holds_both_tables_as_printed(self):
-        by_id = {entry.id: entry.printed for entry in published()}
+        by_id = {entry.id: entry.printed for entry in ENTRIES}
         for name, (undershoot, settling) in TABLE_1.items():
             assert by_id[f"table-1.{name}.undershoot"] == undershoot
             assert by_id[f"table-1.{name}.settling"] == settling
@@ -72,18 +69,17 @@ class TestPublished:
                 assert by_id[f"{stem}.settling"] == settling
                 assert by_id.get(f"{stem}.constraints") == words.get(holds)
 
-    def test_every_entry_has_a_place_and_known_readings(self):
-        entries = published()
-        assert len({entry.id for entry in entries}) == len(entries)
-        for entry in entries:
+    def test_every_entry_has_a_place_and_known_interpretations(self):
+        assert len({entry.id for entry in ENTRIES}) == len(ENTRIES)
+        for entry in ENTRIES:
             assert 148 <= entry.page <= 157
             assert entry.place
             assert entry.kind in ("value", "at-most")
-            assert entry.readings
-            assert set(entry.readings) <= set(READINGS)
+            assert entry.interpretations
+            assert set(entry.interpretations) <= set(INTERPRETATIONS)
 
-    def test_every_reading_is_used(self):
-        assert {name for entry in published() for name in entry.readings} == set(READINGS)
+    def test_every_interpretation_is_used(self):
+        assert {name for entry in ENTRIES for name in entry.interpretations} == set(INTERPRETATIONS)
 
 
 class TestVerdict:
@@ -116,7 +112,7 @@ class TestVerdict:
         given = replace(given, entry=replace(given.entry, input_at=(POINT,)))
         told = "2 of 3 printed entries reproduce; without 1 entry that is an input, 1 of 2"
         assert count([given, _row(1.0, Reproduced(1.0)), _row(1.0, Reproduced(2.0))], POINT) == told
-        at = {entry.id: entry.input_at for entry in published() if entry.input_at}
+        at = {entry.id: entry.input_at for entry in ENTRIES if entry.input_at}
         assert POINT in at["model.setpoint"]
         assert POINT in at["model.noise-variance"]
         assert POINT not in at["model.nominal-insulin"]
@@ -130,8 +126,8 @@ class TestVerdict:
         assert [line[1:3] for line in table.rows] == [("1", "1; +0.00; yes")]
 
     def test_every_entry_of_the_tables_that_stands_out_has_its_reason(self):
-        ids = {entry.id for entry in published()}
-        assert all(any(entry.startswith(of.entries) for entry in ids) for of in DEVIATIONS)
+        ids = {entry.id for entry in ENTRIES}
+        assert all(any(entry.startswith(one.entries) for entry in ids) for one in DEVIATIONS)
         for entry in ("table-1.mpc-se.undershoot", "table-2.mpc-se.5M.settling", "table-2.mpc.10.constraints"):
             assert reason_for(entry, POINT)
         assert reason_for("table-1.imc.settling", POINT) == ""
@@ -162,7 +158,7 @@ class TestStudy:
     def test_table_1_is_the_prototypes(self, study):
         expected = {"imc": (8.7, 386), "mpc": (10.2, 345), "mpc-se": (4.9, 203), "nlqdmc-se": (3.6, 211)}
         for name, (undershoot, settling) in expected.items():
-            metrics = study.without_noise[name].metrics
+            metrics = study.runs[name, experiments.NOISE_FREE].metrics
             assert abs(float(metrics.undershoot_mg_dl[0]) - undershoot) <= 0.3
             assert abs(float(metrics.settling_2pct_min[0]) - settling) <= 12
 
@@ -170,9 +166,9 @@ class TestStudy:
     def test_noise_and_dead_time_cost_what_they_should(self, study):
         """Each noisy run is worse than the quiet one, and each dead time worse than none, for the same seeds."""
         for name in ("mpc", "mpc-se"):
-            quiet = float(study.without_noise[name].metrics.undershoot_mg_dl[0])
-            prompt = np.asarray(study.with_noise[name, "0"].metrics.undershoot_mg_dl)
-            late = np.asarray(study.with_noise[name, "10"].metrics.undershoot_mg_dl)
+            quiet = float(study.runs[name, experiments.NOISE_FREE].metrics.undershoot_mg_dl[0])
+            prompt = np.asarray(study.runs[name, "0"].metrics.undershoot_mg_dl)
+            late = np.asarray(study.runs[name, "10"].metrics.undershoot_mg_dl)
             assert np.all(prompt > quiet)
             assert np.all(late > prompt)
 
@@ -181,10 +177,9 @@ class TestStudy:
         wanted = FIGURES["4"].experiments
         again = experiments.study(POINT, wanted, seeds=4, seed=3, progress=lambda done: None)
         assert again.model is None
-        assert not again.without_noise
-        assert set(again.with_noise) == {("mpc", "0"), ("mpc-se", "0")}
+        assert set(again.runs) == {("mpc", "0"), ("mpc-se", "0")}
         for name in ("mpc", "mpc-se"):
-            ours, theirs = (one.with_noise[name, "0"].metrics.undershoot_mg_dl for one in (study, again))
+            ours, theirs = (one.runs[name, "0"].metrics.undershoot_mg_dl for one in (study, again))
             np.testing.assert_array_equal(ours, theirs)
 
     @pytest.mark.long
@@ -193,15 +188,10 @@ class TestStudy:
         left_out = {row.entry.id for row in rows if not row.reproduced}
         assert all(re.match(r"table-2\.[a-z-]+\.(5|15)M?\.|tuning\.|claim\.dead-time-5", id) for id in left_out)
 
-    def test_refusals(self):
-        for arguments, told in (
-            ({"seeds": 0}, "0 seeds"),
-            ({"operating_points": ["nominal-23"]}, "known ones are: setpoint-81, nominal-22, fasting-81"),
-        ):
-            given = {"operating_points": [POINT], "seeds": 1, "seed": 0, "quick": True} | arguments
-            points = given.pop("operating_points")
-            with pytest.raises(ValueError, match=told):
-                carry_out(points, **given, progress=lambda done: None)
+    def test_an_unknown_operating_point_is_refused(self):
+        asked = Reproduction(operating_point=("nominal-23",))
+        with pytest.raises(ValueError, match="known ones are: setpoint-81, nominal-22, fasting-81"):
+            carry_out(asked, WHOLE, progress=lambda done: None)
 
 
 class _Tags(HTMLParser):
@@ -253,7 +243,7 @@ class TestReport:
 
     @pytest.mark.long
     def test_all_three_tell_the_same_number(self, files, study):
-        found = Reproduced.of(study.with_noise["mpc", "0"].metrics.undershoot_mg_dl)
+        found = Reproduced.of(study.runs["mpc", "0"].metrics.undershoot_mg_dl)
         entry = next(
             entry for entry in json.loads(files["report.json"])["entries"] if entry["id"] == "table-2.mpc.0.undershoot"
         )
@@ -268,25 +258,25 @@ class TestReport:
         assert {row.entry.id.split(".")[0] for row in rows} == {"table-1", "figure-4"}
         assert all(row.reproduced for row in rows)
         found = {}
-        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part)
+        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part.figures)
         figures = {f"{POINT}-figure-4.{kind}" for kind in KINDS}
         assert set(found) == figures | {"report.html", "report.md", "report.json"}
         assert "Table I:" in found["report.html"]
         assert "Tunings" not in found["report.html"]
-        assert "binary-sequence" not in found["report.html"]  # a reading on which nothing here rests
+        assert "binary-sequence" not in found["report.html"]  # an interpretation on which nothing here rests
 
     @pytest.mark.long
     def test_a_figure_without_numbers_is_told_without_tables(self, study):
         part = chosen([], ["2"])
         found = {}
         rows = compare({POINT: study}, part.entries)
-        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part)
+        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part.figures)
         assert rows == []
         assert f"{POINT}-figure-2.pdf" in found
         assert "<table" not in found["report.html"]
 
     def test_parts_that_are_not_reproduced_are_refused(self):
-        assert chosen([], []) is None
+        assert chosen([], []) is WHOLE
         assert chosen(["ii", "2"], []).entries == ("table-2.",) * 2
         with pytest.raises(ValueError, match="unknown table 'III'; the known ones are: I, II"):
             chosen(["III"], [])

@@ -6,24 +6,24 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
-from glucoloop.papers.entries import ComparedEntry, Reproduced
+from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.options import POINTS
 from glucoloop.papers.parker1999.pages import html_report
-from glucoloop.papers.parker1999.published import published
+from glucoloop.papers.parker1999.published import ENTRIES
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
 
-_NO_RUNS = PointResults("setpoint-81", None, 60, None, {}, {}, {}, {})
+_NO_RUNS = PointResults("setpoint-81", None, 60, None, {}, {}, {})
 
 
 def _as_wide_as_the_full_one():
     """All printed entries, each with a result that does not agree, at every operating point."""
     found = Reproduced(120.25, low=99.75, high=130.25)
-    return [ComparedEntry(entry=entry, reproduced=dict.fromkeys(POINTS, found)) for entry in published()]
+    return [ComparedEntry(entry=entry, reproduced=dict.fromkeys(POINTS, found)) for entry in ENTRIES]
 
 
 pytestmark = [pytest.mark.long, needs_browser]

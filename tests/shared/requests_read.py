@@ -15,7 +15,7 @@ def root_of(command):
 def typed(command, *arguments):
     """The tree of what is typed, laid over that of the file."""
     of = command_of(command)
-    return request_of(of.parser().given([str(argument) for argument in arguments]), of.options)
+    return request_of(of.given([str(argument) for argument in arguments]), of.options)
 
 
 def asked(command, *arguments):

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, StateTuning
+from glucoloop.tuning.designers import TUNABLE, usual_filters
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 
@@ -20,6 +21,13 @@ def test_decimal_steps_are_exact(first, count, step, past):
     last = first + (count - 1) * step + min(past, step - 1)
     text = ":".join(f"{Decimal(hundredths) / 100:f}" for hundredths in (first, last, step))
     assert parse_numbers(text) == tuple((first + number * step) / 100 for number in range(count))
+
+
+@pytest.mark.parametrize("controller", TUNABLE)
+def test_usual_filters_of_a_controller_are_a_range(controller):
+    text = usual_filters(controller, {"reference_filter": 0.57})
+    filters = parse_numbers(text)
+    assert filters == tuple(sorted(filters))
 
 
 @given(values=st.lists(st.integers(0, 999), min_size=1, max_size=20))

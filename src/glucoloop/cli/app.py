@@ -6,17 +6,17 @@ import importlib
 import io
 import os
 import re
-import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Final, NoReturn
+from typing import Final
 
 import glucoloop
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
 from glucoloop.cli.results import forgotten
+from glucoloop.cli.screen import note, width_of_text
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
@@ -24,13 +24,10 @@ from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, SAFETY, SIMULA
 
 _ALLOW_CODE: Final = "--allow-code"
 _HELP: Final = ("-h", "--help")
-_WIDEST: Final = 100
 _INTRO: Final = (
     "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, compare "
     "controllers, try them on a population. Research software, not a medical device."
 )
-
-
 _RESULTS: Final = "Results"
 COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
@@ -44,93 +41,27 @@ COMMANDS: Final = {
 _GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
 
 
+def _by_group() -> dict[str, dict[str, CommandEntry]]:
+    every = {**COMMANDS, **STUDIES}
+    return {group: {name: entry for name, entry in every.items() if entry.group == group} for group in _GROUPS}
+
+
 def names() -> list[str]:
     """Names of all commands, in the order of the help."""
-    every = {**COMMANDS, **STUDIES}
-    return [name for group in _GROUPS for name, entry in every.items() if entry.group == group]
+    return [name for entries in _by_group().values() for name in entries]
 
 
 def program_help() -> str:
     """Help of the program: its commands in groups, a sentence each."""
-    width = min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
-    lines = ["Usage: glucoloop COMMAND [OPTIONS]", "", *textwrap.wrap(_INTRO, width), ""]
-    every = {**COMMANDS, **STUDIES}
-    for group in _GROUPS:
-        of_group = {name: entry for name, entry in every.items() if entry.group == group}
-        if of_group:
-            lines.append(f"{group}:")
-            lines += [f"  {name:<11} {entry.summary}" for name, entry in of_group.items()]
-            lines.append("")
+    lines = ["Usage: glucoloop COMMAND [OPTIONS]", "", *textwrap.wrap(_INTRO, width_of_text()), ""]
+    for group, entries in _by_group().items():
+        lines += [f"{group}:", *(f"  {name:<11} {entry.summary}" for name, entry in entries.items()), ""]
     lines.append("glucoloop COMMAND --help explains a command; glucoloop --version shows the version.")
     return "\n".join(lines) + "\n"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    with forgotten(), only_code(_typed(arguments)):
-        _main(arguments)
-
-
-def _typed(arguments: Sequence[str]) -> Callable[[str], bool]:
-    """Whether a name of code stands on the command line, or all are allowed there."""
-    if _ALLOW_CODE in arguments:
-        return lambda name: True
-    return lambda name: any(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.:])", text) for text in arguments)
-
-
-def _main(arguments: list[str]) -> NoReturn:
-    _open_streams()
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # What the terminal or the pipe has no character for is told as its escape, as on standard error.
-        sys.stdout.reconfigure(errors="backslashreplace")
-    if any("\0" in argument for argument in arguments):
-        mistake("an argument holds a NUL character, which no name or number does; leave it out")
-    code = 0
-    try:
-        with catching_interrupts():
-            code = _carried_out(arguments)
-    except KeyboardInterrupt:
-        interrupted()
-    except Exception as error:
-        message = sentence(error)
-        if message is None:
-            error.add_note(BUG)
-            raise
-        mistake(message)
-    sys.exit(code)
-
-
-def _carried_out(arguments: list[str]) -> int:
-    """Carry out what the arguments ask for; returns the exit code."""
-    if not arguments or arguments[0] in _HELP:
-        print(program_help(), end="")
-        return 0 if arguments else 2
-    if arguments[0] == "--version":
-        print(f"glucoloop {glucoloop.__version__}")
-        return 0
-    name, *rest = arguments
-    command = command_of(name)
-    if any(argument in _HELP for argument in rest):
-        print(command.help(), end="")
-        return 0
-    from glucoloop.arithmetic import pin
-    from glucoloop.cli.screen import note
-
-    typed = command.parser().given(rest)
-    note(pin())
-    command.carry_out(typed)
-    return 0
-
-
 def command_of(name: str) -> Command:
-    """A command by its name.
-
-    Raises
-    ------
-    Refusal
-        For an unknown one.
-    """
+    """A command by its name; Refusal for an unknown one."""
     if name in STUDIES:
         from glucoloop.cli.declared import command_of_study
 
@@ -144,30 +75,78 @@ def command_of(name: str) -> Command:
     return found
 
 
-def _open_streams() -> None:
-    """Discard output to a stream that was closed before the program began, for which Python has None."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    _prepare_streams()
+    with forgotten(), only_code(_is_allowed(arguments)):
+        if any("\0" in argument for argument in arguments):
+            mistake("an argument holds a NUL character, which no name or number does; leave it out")
+        try:
+            with catching_interrupts():
+                code = _carry_out(arguments)
+        except KeyboardInterrupt:
+            interrupted()
+        except Exception as error:
+            message = sentence(error)
+            if message is None:
+                error.add_note(BUG)
+                raise
+            mistake(message)
+        sys.exit(code)
+
+
+def _is_allowed(arguments: Sequence[str]) -> Callable[[str], bool]:
+    """Function that says whether a name of code stands on the command line, or all are allowed there."""
+    if _ALLOW_CODE in arguments:
+        return lambda name: True
+    return lambda name: any(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.:])", text) for text in arguments)
+
+
+def _prepare_streams() -> None:
+    """Discard output to a stream that was closed before the program began, for which Python has None.
+
+    What the terminal or the pipe has no character for is told as its escape, as on standard error.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (for as long as the program)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _carry_out(arguments: Sequence[str]) -> int:
+    """Carry out what the arguments ask for; returns the exit code."""
+    if not arguments or arguments[0] in _HELP:
+        print(program_help(), end="")
+        return 0 if arguments else 2
+    if arguments[0] == "--version":
+        print(f"glucoloop {glucoloop.__version__}")
+        return 0
+    command, rest = command_of(arguments[0]), arguments[1:]
+    if any(argument in _HELP for argument in rest):
+        print(command.help(), end="")
+        return 0
+    from glucoloop.arithmetic import pin
+
+    given = command.given(rest)
+    note(pin())
+    command.carry_out(given)
+    return 0
 
 
 def program() -> None:
     """The command as a process: like `main`, but an interrupted one ends at once.
 
     A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes; and it
-    would wait for work that does not stop.
+    would wait for a query that was left behind and does not stop.
     """
     try:
         main()
     except SystemExit as leaving:
-        if leaving.code != 130 and not _has_unstopped_work():
+        queries = sys.modules.get("glucoloop.storage.trials.query")
+        if leaving.code != 130 and not (queries is not None and queries.has_unstopped_work()):
             raise
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(leaving.code if isinstance(leaving.code, int) else 0)
-
-
-def _has_unstopped_work() -> bool:
-    """Whether a query was left behind that does not stop."""
-    module = sys.modules.get("glucoloop.storage.trials.query")
-    return module is not None and bool(module.has_unstopped_work())

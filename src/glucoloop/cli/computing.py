@@ -16,7 +16,6 @@ from glucoloop.refusal import Refusal
 if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.trials.folder import TrialFolder
-    from glucoloop.storage.trials.shard import Simulate
 
 _MOST_WORKERS: Final = 4096
 _DIGITS: Final = 10
@@ -31,44 +30,63 @@ class Computing:
     workers: int | None
     dask: str | None
 
+    @classmethod
+    def of(cls, typed: Given) -> Computing:
+        """The place that is given."""
+        given, dask = typed.get(WORKERS.key), typed.get(DASK.key)
+        workers = None
+        if given is not None:
+            is_number = given.isascii() and given.isdigit() and len(given) < _DIGITS
+            workers = int(given) if is_number else 0
+            if not 1 <= workers <= _MOST_WORKERS:
+                raise Refusal(f"--workers is {given}; give a whole number from 1 to {_MOST_WORKERS}")
+        if dask is not None and dask != "local" and "://" not in dask:
+            raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
+        if dask not in (None, "local") and workers is not None:
+            raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
+        if dask is not None:
+            from glucoloop.storage.trials.computing import library
 
-def computing(typed: Given) -> Computing:
-    """The place of the computation."""
-    given, dask = typed.get(WORKERS.key), typed.get(DASK.key)
-    workers = int(given) if given is not None and given.isascii() and given.isdigit() and len(given) < _DIGITS else None
-    if given is not None and (workers is None or not 1 <= workers <= _MOST_WORKERS):
-        raise Refusal(f"--workers is {given}; give a whole number from 1 to {_MOST_WORKERS}")
-    if dask is not None and dask != "local" and "://" not in dask:
-        raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
-    if dask not in (None, "local") and workers is not None:
-        raise Refusal(f"--workers is {workers}, but the cluster at {dask} has its own workers; leave it out")
-    if dask is not None:
-        from glucoloop.storage.trials.computing import library
+            library()  # what is missing is told before anything is designed
+        return cls(workers, dask)
 
-        library()  # what is missing is told before anything is designed
-    return Computing(workers, dask)
+    def compute(self, folder: TrialFolder) -> None:
+        """Design the controllers, and compute the shards that are missing."""
+        from glucoloop.cohorts.engine import prepare, run_people
+        from glucoloop.report.facts import engine_notes
 
-
-def compute(folder: TrialFolder, where: Computing) -> None:
-    """Design the controllers, and compute the shards that are missing."""
-    from glucoloop.cohorts.engine import prepare
-    from glucoloop.report.facts import engine_notes
-
-    trial, threads = folder.trial, where.workers if where.dask is None else None
-    if folder.missing():
-        note([_begun(trial)])
-    with stage("Designing controllers"):
-        prepare(trial)
-    note(engine_notes(prepare(trial).engines))
-    if not folder.missing():
-        return
-    if where.dask is None:
+        missing = folder.missing()
+        if missing:
+            note([_begun(folder.trial)])
+        with stage("Designing controllers"):
+            prepared = prepare(folder.trial)
+        note(engine_notes(prepared.engines))
+        if not missing:
+            return
+        if self.dask is not None:
+            self._compute_on_cluster(folder, self.dask)
+            return
         from glucoloop.storage.trials.computing import run_here
 
-        with _people_counted(folder) as progress:
-            run_here(folder, _simulator(trial, threads, progress), lambda people: None)
-    else:
-        _compute_on_cluster(folder, where.dask, where.workers)
+        with _people_counted(folder) as done:
+            run_here(
+                folder,
+                lambda label, person, traces: run_people(
+                    prepared, label, person, traces=traces, threads=self.workers, done=done
+                ),
+                lambda people: None,
+            )
+
+    def _compute_on_cluster(self, folder: TrialFolder, address: str) -> None:
+        from glucoloop.storage.trials.computing import connected, run_on_cluster
+
+        with contextlib.ExitStack() as stack:
+            with stage("Connecting to the cluster"):
+                client = stack.enter_context(connected(address, self.workers))
+            if not client.nthreads():
+                note([f"No worker has come to {address} yet; waiting for one."])
+            with _people_counted(folder) as done:
+                run_on_cluster(folder, client, done)
 
 
 def _begun(trial: Trial) -> str:
@@ -81,30 +99,8 @@ def _begun(trial: Trial) -> str:
     return f"{begun}; a decision of {' and of '.join(slow)} takes long." if slow else f"{begun}."
 
 
-def _simulator(trial: Trial, threads: int | None, done: Callable[[int], None]) -> Simulate:
-    """The engine, with the controllers of a trial designed; `done` gets the number of people after each block."""
-    from glucoloop.cohorts import engine
-
-    prepared = engine.prepare(trial)
-    return lambda label, person, traces: engine.run_people(
-        prepared, label, person, traces=traces, threads=threads, done=done
-    )
-
-
 @contextlib.contextmanager
 def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
     """Show the number of finished people; the engine reports people under one controller each."""
     with counted(folder.trial.people, folder.people_done(), "people") as more:
-        yield lambda tried: more(tried / len(folder.trial.cases))
-
-
-def _compute_on_cluster(folder: TrialFolder, address: str, workers: int | None) -> None:
-    from glucoloop.storage.trials.computing import connected, run_on_cluster
-
-    with contextlib.ExitStack() as stack:
-        with stage("Connecting to the cluster"):
-            client = stack.enter_context(connected(address, workers))
-        if not client.nthreads():
-            note([f"No worker has come to {address} yet; waiting for one."])
-        with _people_counted(folder) as progress:
-            run_on_cluster(folder, client, progress)
+        yield lambda people: more(people / len(folder.trial.cases))

@@ -7,47 +7,31 @@ import functools
 import importlib
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.computing import Computing, compute, computing
+from glucoloop.cli.computing import Computing
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.option import (
-    DASK,
-    JSON,
-    MMOL,
-    OUTPUT,
-    SHORT,
-    WORKERS,
-    CommandOption,
-    Given,
-    options_of,
-    reworded,
-    without,
-)
+from glucoloop.cli.option import DASK, JSON, MMOL, OUTPUT, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
-from glucoloop.cli.screen import note, stage, stages
-from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_results
+from glucoloop.cli.screen import note, print_json, show, stage, where_written
 from glucoloop.printable import how_many
-from glucoloop.situations.request import asked_for, read_root
-from glucoloop.studies.study import (
-    PlainModule,
-    PlainStudy,
-    SearchModule,
-    SearchStudy,
-    Study,
-    TrialModule,
-    TrialStudy,
-)
+from glucoloop.refusal import Refusal
+from glucoloop.situations.request import read_root
+from glucoloop.studies.study import PlainStudy, SearchStudy, Study, TrialStudy
 
 if TYPE_CHECKING:
     from glucoloop.storage.findings import Findings
-    from glucoloop.storage.resumable import Work
-    from glucoloop.storage.rows import RowsFolder
+    from glucoloop.storage.resumable import ResumableFolder, Work
     from glucoloop.storage.trials.folder import TrialFolder
+    from glucoloop.studies.study import PlainModule, SearchModule, TrialModule
 
+F = TypeVar("F", bound="ResumableFolder")
 
 _SELDOM = ("sample_time_min", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min")
 """Settings that the help of a study only names, unless the study says otherwise."""
@@ -60,24 +44,18 @@ def command_of_study(study: Study) -> Command:
 
 def study_options(study: Study) -> tuple[CommandOption, ...]:
     """Options of a study: the settings of what it asks for, in its words, and where its results go."""
-    root = study.request
-    options: tuple[CommandOption, ...] = without(options_of(root), root.refused)
-    short = SHORT if "sensor" in root.settings() and "sensor" not in root.refused else ()
-    computed: tuple[CommandOption, ...] = ()
+    options = options_of(study.request)
     if isinstance(study, TrialStudy):
-        computed = (WORKERS, *((DASK,) if study.on_clusters else ()))
-    if isinstance(study, PlainStudy):
-        output, help_of_output = OUTPUT if study.keeps_files else (JSON,), {}
-    else:
-        output = OUTPUT
-        help_of_output = {
-            "out": f"Folder of {study.what}; an unfinished one is resumed.",
-            "overwrite": "Begin again in the folder.",
-        }
+        options += (WORKERS, DASK) if study.on_clusters else (WORKERS,)
+    help_of_output = {}
+    if not isinstance(study, PlainStudy):
+        out = f"Folder of {study.what}; an unfinished one is resumed."
+        help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
+    options += (JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else OUTPUT
+    options += (MMOL,) if study.in_mmol else ()
     rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
     words = {**study.words, "help": {**help_of_output, **study.words.get("help", {})}, "rare": rare}
-    mmol = (MMOL,) if study.in_mmol else ()
-    return tuple(reworded((*options, *short, *computed, *output, *mmol), **words))
+    return tuple(reworded(options, **words))
 
 
 def _run(study: Study, typed: Given) -> None:
@@ -85,7 +63,7 @@ def _run(study: Study, typed: Given) -> None:
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
     if isinstance(study, TrialStudy):
-        _run_trial(study, request, computing(typed))
+        _run_trial(study, request, Computing.of(typed))
     elif isinstance(study, SearchStudy):
         _run_search(study, request)
     elif isinstance(study, PlainStudy):
@@ -94,119 +72,150 @@ def _run(study: Study, typed: Given) -> None:
         raise TypeError(f"{type(study).__name__} is no kind of study")
 
 
-def _asked(study: Study, request: Request) -> tuple[Any, Any]:
-    """The module of a study, and the complete request."""
-    asked = completed(request, functools.partial(asked_for, study.request))
-    module: Any = importlib.import_module(study.module)
-    note(module.notes(asked))
-    return module, asked
+@dataclass(frozen=True)
+class _StudyRun:
+    """A study whose request is complete."""
 
+    study: Study
+    output: Output
+    module: Any
+    asked: Any
 
-def _work(study: Study, what: str, asked: Any, may_change: Iterable[str]) -> Work:
-    from glucoloop.storage.resumable import Work
+    @classmethod
+    def of(cls, study: Study, request: Request) -> _StudyRun:
+        """Complete the request, and import the module that does the work."""
+        asked = completed(request, study.request)
+        module: Any = importlib.import_module(study.module)
+        note(module.notes(asked))
+        return cls(study, request.output, module, asked)
 
-    return Work(
-        command=study.name,
-        what=what,
-        keys=asked.tree(whole=True),
-        given=asked.tree(),
-        final=(*study.files, study.summary),
-        may_change=frozenset(may_change),
-    )
+    def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
+        """Work that a folder keeps."""
+        from glucoloop.storage.resumable import Work
+
+        return Work(
+            command=self.study.name,
+            what=what,
+            keys=self.asked.tree(whole=True),
+            given=self.asked.tree(),
+            final=(*self.study.files, self.study.summary),
+            may_change=frozenset(may_change),
+        )
+
+    def carry_out(self, opened: AbstractContextManager[F], compute: Callable[[F], Findings]) -> Findings:
+        """Begin, or go on with, the work of a folder and finish it; after Ctrl-C, print how much is kept."""
+        from glucoloop.storage.findings import Findings
+
+        folder: F | None = None
+        try:
+            with opened as folder:
+                note(folder.notes)
+                if folder.finished:
+                    note([f"{folder.path} was finished before; nothing is computed again."])
+                    return Findings.read(folder.path / self.study.summary)
+                if folder.done:
+                    note([f"{folder.progress} of {folder.path} are there already; going on."])
+                found = compute(folder)
+                folder.finish(self.files_of(found))
+                return found
+        except KeyboardInterrupt:
+            if folder is None:
+                raise
+            interrupted(f"interrupted; {folder.progress} are kept, the same command goes on")
+
+    def files_of(self, found: Findings) -> dict[str, bytes]:
+        """Files of what was found, and of its pages and figures, by name."""
+        shown = {"mmol": self.output.mmol} if self.study.in_mmol else {}
+        with stage("Drawing"):
+            return {**found.files(self.study.summary), **self.module.drawn(self.asked, found, **shown)}
+
+    def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
+        """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
+        notes = tuple(found.plain.get("notes", ()))
+        if self.output.json:
+            print_json(found.plain, files, notes)
+            return
+        for table in self.module.tables(self.asked, found):
+            show(table)
+        mmol = self.module.mmol_lines(found) if self.output.mmol else ()
+        place = where_written(self.output.out, files) if written is None else written
+        on = self.module.how_to_go_on(found, files) if self.study.says_how_to_go_on else ()
+        for line in (*self.module.sentences(self.asked, found), *notes, *mmol, *([place] if place else []), *on):
+            print(line)
 
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
-    output = request.output
-    out = needed_folder(output, study.what, study.name)
-    module: TrialModule
-    module, asked = _asked(study, request)
-    from glucoloop.storage.findings import Findings
+    out = _needed_folder(study, request.output)
+    run = _StudyRun.of(study, request)
+    module: TrialModule = run.module
     from glucoloop.storage.trials.folder import trial_folder
 
-    work, trial, began = _work(study, "trial", asked, ()), module.trial_of(asked), time.monotonic()
-    if output.overwrite:
+    work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
+    if request.output.overwrite:
         from glucoloop.cohorts.engine import prepare
 
         with stage("Designing controllers"):
             prepare(trial)  # what cannot be designed must not cost earlier work
 
-    def finish(folder: TrialFolder) -> Findings:
-        if folder.finished:
-            return Findings.read(folder.path / study.summary)
+    def compute(folder: TrialFolder) -> Findings:
         before = folder.people_done()
-        compute(folder, where)
+        where.compute(folder)
+        note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            found = module.found(asked, folder)
-        with stage("Drawing"):
-            folder.finish({**found.files(study.summary), **module.drawn(asked, found, **_shown(study, output))})
-        note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - began:.1f} s."])
-        return found
+            return module.found(run.asked, folder)
 
-    found = carried_out(trial_folder(out, trial, overwrite=output.overwrite, work=work), finish)
-    files = paths_of(work, out)
-    written = f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}."
-    _tell(study, module, asked, found, output, files, written=written)
-
-
-def _shown(study: Study, output: Output) -> dict[str, bool]:
-    """Arguments of `drawn` on how glucose is shown."""
-    return {"mmol": output.mmol} if study.in_mmol else {}
+    found = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
+    files = _paths(out, *work.final, work.configuration)
+    run.print_results(found, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
 
 
 def _run_search(study: SearchStudy, request: Request) -> None:
     output = request.output
-    out = needed_folder(output, study.what, study.name) if study.needs_folder else output.place
-    module: SearchModule
-    module, asked = _asked(study, request)
-    from glucoloop.storage.findings import Findings
+    out = _needed_folder(study, output) if study.needs_folder else output.place
+    run = _StudyRun.of(study, request)
+    module: SearchModule = run.module
     from glucoloop.storage.rows import rows_folder
 
-    row_kind = module.rows(asked)
+    row_kind = module.rows(run.asked)
 
-    def finish(folder: RowsFolder[Any] | None) -> Findings:
-        if folder is not None and folder.finished:
-            return Findings.read(folder.path / study.summary)
+    def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
         with stage("Preparing"):
-            search = module.search(asked)
-        rows = [] if folder is None else folder.rows
+            prepared = module.search(run.asked)
         with counted(row_kind.wanted, len(rows), row_kind.what) as more:
-            for row in search.missing(rows[:]):
-                rows.append(row) if folder is None else folder.add(row)
+            for row in prepared.missing(rows[:]):
+                add(row)
                 more(1)
         with stage("Summing up"):
-            found = search.found(rows)
-        if folder is not None:
-            with stage("Drawing"):
-                folder.finish({**found.files(study.summary), **module.drawn(asked, found)})
-        return found
+            return prepared.found(rows)
 
     if out is None:
-        _tell(study, module, asked, finish(None), output, {})
+        rows: list[Any] = []
+        run.print_results(search(rows, rows.append), {})
         return
-    work = _work(study, "search", asked, study.extent)
-    found = carried_out(rows_folder(out, work, row_kind, overwrite=output.overwrite), finish)
-    _tell(study, module, asked, found, output, paths_of(work, out, row_kind.file))
+    work = run.work("search", study.extent)
+    opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
+    found = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
+    run.print_results(found, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
-    output, files = request.output, dict[str, str]()
-    with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
-        module: PlainModule
-        module, asked = _asked(study, request)
-        with _progress(study, module, asked) as progress:
+    files: dict[str, str] = {}
+    with request.output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
+        run = _StudyRun.of(study, request)
+        asked = run.asked
+        module: PlainModule = run.module
+        shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
+        with shown as progress:
             found = module.found(asked, progress)
         if folder is not None:
             from glucoloop.situations.toml import toml_text
 
             configuration = f"{study.name}.toml"
             text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
-            with stage("Drawing"):
-                made = {configuration: text.encode(), **found.files(study.summary)}
-                made |= module.drawn(asked, found, **_shown(study, output))
-            for name, data in made.items():
+            for name, data in {configuration: text.encode(), **run.files_of(found)}.items():
                 folder.write(name, data)
             files = folder.paths()
-    _tell(study, module, asked, found, output, files, written=None if study.keeps_files else "")
+    run.print_results(found, files, None if study.keeps_files else "")
     if found.plain.get("interrupted"):
         amount, unit = module.amount(asked), study.unit
         interrupted(
@@ -216,32 +225,12 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         sys.exit(1)
 
 
-@contextlib.contextmanager
-def _progress(study: PlainStudy, module: PlainModule, asked: Any) -> Iterator[Callable[[Any], None]]:
-    """Progress of a study that is carried out in one go, in units or in words."""
-    shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stages("Preparing")
-    with shown as progress:
-        yield progress
+def _needed_folder(study: Study, output: Output) -> Path:
+    """The output folder of a study that is always kept in one."""
+    if output.out is None:
+        raise Refusal(f"--out is missing; {study.what} is kept in a folder, name one like --out {study.name}")
+    return output.out
 
 
-def _tell(
-    study: Study,
-    module: Any,
-    asked: Any,
-    found: Findings,
-    output: Output,
-    files: Mapping[str, str],
-    *,
-    written: str | None = None,
-) -> None:
-    """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
-    notes = tuple(found.plain.get("notes", ()))
-    if output.json:
-        tell_results(output, found.plain, files, (), (), notes=notes)
-        return
-    mmol = module.mmol_lines(found) if output.mmol else ()
-    lines = (*module.sentences(asked, found), *notes, *mmol)
-    tell_results(output, found.plain, files, module.tables(asked, found), lines, written=written)
-    if study.says_how_to_go_on:
-        for line in module.how_to_go_on(found, files):
-            print(line)
+def _paths(out: Path, *files: str) -> dict[str, str]:
+    return {name: str(out / name) for name in files}

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.option import ALLOW_CODE, OUTPUT, SHORT, CommandOption, Given, options_of, without
-from glucoloop.cli.printing import print_json, where_written
+from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
 from glucoloop.cli.request import completed, request_of
-from glucoloop.cli.screen import note, stage
+from glucoloop.cli.screen import note, print_json, stage, where_written
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import asked_for, read_root
+from glucoloop.situations.request import read_root
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.studies.exported import Export
 
@@ -33,7 +31,7 @@ _CHECK: Final = CommandOption(
     panel="Chip",
     metavar="DIR",
 )
-OPTIONS: Final = (_CHECK, *without(options_of(Export), Export.refused), *SHORT, *OUTPUT)
+OPTIONS: Final = (_CHECK, *options_of(Export), *OUTPUT)
 
 
 def _export(typed: Given) -> None:
@@ -44,7 +42,7 @@ def _export(typed: Given) -> None:
     request = request_of(typed, OPTIONS)
     read_root(Export, request.tree)
     output = request.output
-    asked: Export = completed(request, functools.partial(asked_for, Export))
+    asked = completed(request, Export)
     note(boluses_into_a_vein(asked))
     with output.folder() as folder:
         if folder is None:
@@ -55,7 +53,7 @@ def _export(typed: Given) -> None:
             exported, rungs = write(asked, folder)
         files = folder.paths()
     if output.json:
-        print_json(report(asked, exported, rungs), files, ())
+        print_json(report(asked, exported, rungs), files)
     else:
         print(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
         print_rungs(rungs)
@@ -74,9 +72,7 @@ def _check(typed: Given) -> None:
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
-    asked: Export = completed(
-        request_of({"config": str(configuration), **chosen}, OPTIONS), functools.partial(asked_for, Export)
-    )
+    asked = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
     from glucoloop.cli.exported import check, print_rungs
 
     with stage("Checking"):

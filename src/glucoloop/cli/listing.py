@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
+from glucoloop.cli.screen import width_of_text
 from glucoloop.parts.listing import listed, listing
 from glucoloop.studies.catalogue import STUDIES
 
@@ -19,7 +19,6 @@ HELP: Final = (
     "  glucoloop list faults\n\n"
     "  glucoloop list mpc-se"
 )
-_WIDEST: Final = 100
 _REQUESTS: Final = {
     "case": "glucoloop.situations.case:Case",
     "export": "glucoloop.studies.exported:Export",
@@ -36,7 +35,7 @@ def _list(typed: Given) -> None:
 
         print(json_text(with_version({"parts": parts})))
     else:
-        print(listing(parts, min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)))
+        print(listing(parts, width_of_text()))
 
 
 LIST: Final = Command(

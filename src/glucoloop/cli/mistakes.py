@@ -41,7 +41,7 @@ def sentence(error: BaseException) -> str | None:
             f"the connection to the Dask scheduler was lost ({why}); the shards that are done are kept, start the "
             "scheduler again and run the same command again"
         )
-    if isinstance(error, RuntimeError) and _origin(error).name == "pathlib.py":  # Python before 3.13
+    if isinstance(error, RuntimeError) and _was_raised_in(error, "pathlib.py"):  # Python before 3.13
         return _with_results(f"{one_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
@@ -88,6 +88,5 @@ def _is_of_jax(error: BaseException, said: str) -> bool:
     return isinstance(error, RuntimeError) and said in str(error)
 
 
-def _origin(error: BaseException) -> Path:
-    """The file that raised it."""
-    return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve()
+def _was_raised_in(error: BaseException, file: str) -> bool:
+    return Path(traceback.extract_tb(error.__traceback__)[-1].filename).resolve().name == file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -39,32 +39,42 @@ class CommandOption:
     """Setting that it gives."""
 
     @property
+    def is_argument(self) -> bool:
+        """Whether it is an argument."""
+        return not self.flag.startswith("-")
+
+    @property
+    def placeholder(self) -> str:
+        """Place of the value in the help, after a blank; empty for a switch and for an argument."""
+        if self.metavar is None or self.is_argument:
+            return ""
+        return f" [{self.metavar}]" if self.alone else f" {self.metavar}"
+
+    @property
     def text(self) -> str:
         """Sentence of the help, with the default."""
         return f"{self.help} Default: {self.default}." if self.default else self.help
 
 
-def options_of(root: type[Part], **words: Mapping[str, str]) -> tuple[CommandOption, ...]:
-    """Options of the settings of a class that are declared as such; `words` as for `reworded`."""
-    return tuple(reworded(filter(None, map(_option_of, root.settings().values())), **words))
-
-
-def _option_of(setting: Setting) -> CommandOption | None:
-    about = setting.about
-    if not isinstance(about, Option):
-        return None
-    return CommandOption(
-        key=setting.name,
-        flag=about.flag or flag_of(setting.name, setting.unit),
-        help=about.summary,
-        panel=about.panel,
-        metavar=None if setting.kind is bool else about.metavar or _metavar(setting),
-        many=setting.many,
-        default=_default_in_words(setting) or about.default,
-        rare=about.rare,
-        alone=about.alone,
-        setting=setting,
-    )
+def options_of(root: type[Part]) -> tuple[CommandOption, ...]:
+    """Options of the settings of a class that are declared as such and not refused; with a sensor, the short ones."""
+    options = [
+        CommandOption(
+            key=setting.name,
+            flag=about.flag or flag_of(setting.name, setting.unit),
+            help=about.summary,
+            panel=about.panel,
+            metavar=None if setting.kind is bool else about.metavar or _metavar(setting),
+            many=setting.many,
+            default=_default_in_words(setting) or about.default,
+            rare=about.rare,
+            alone=about.alone,
+            setting=setting,
+        )
+        for setting in root.settings().values()
+        if isinstance(about := setting.about, Option) and setting.name not in root.refused
+    ]
+    return (*options, *(SHORT if any(option.key == "sensor" for option in options) else ()))
 
 
 def flag_of(name: str, unit: str) -> str:
@@ -91,16 +101,6 @@ def _default_in_words(setting: Setting) -> str:
     if isinstance(default, tuple) and isinstance(default[0], Part):
         return ", ".join(part_text(part.tree()) for part in default)
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
-
-
-def among(options: Iterable[CommandOption], keys: Container[str]) -> tuple[CommandOption, ...]:
-    """Options of some keys."""
-    return tuple(option for option in options if option.key in keys)
-
-
-def without(options: Iterable[CommandOption], keys: Container[str]) -> tuple[CommandOption, ...]:
-    """Options apart from those of some keys."""
-    return tuple(option for option in options if option.key not in keys)
 
 
 def reworded(options: Iterable[CommandOption], **words: Mapping[str, Any]) -> Iterator[CommandOption]:

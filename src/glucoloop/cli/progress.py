@@ -13,42 +13,31 @@ from glucoloop.cli.interrupts import raise_if_interrupted
 
 BETWEEN_LINES_S: Final = 10.0
 _REMEMBERED_S: Final = 30.0
-_Shown = Callable[[float, float], None]
-"""Function that shows the amount that is done and the rate per second."""
+_Shown = Callable[[float, str, float], None]
+"""Function that shows the amount that is done, the same in words, and the rate per second."""
 
 
 @contextlib.contextmanager
 def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], None]]:
     """Show on standard error how much is done while the block works: a bar on a terminal, else a line now and then.
 
-    Parameters
-    ----------
-    total : int
-        Amount of work in all.
-    before : int
-        Amount that was done earlier.
-    what : str
-        Unit of the amounts: ``"people"``.
-
-    Yields
-    ------
-    callable
-        Function to be called with the amount that was done since the last call.
+    Of `total` units of work, ``"people"``, some were done before; the block calls the function that it is given with
+    the number that was done since the last call.
     """
     # The last half minute sets the rate: the time of a start, most of it compiling, is soon forgotten.
     remembered = deque([(time.monotonic(), float(before))])
-    with _bar(total, before, what) if sys.stderr.isatty() else _lines(total, what) as show:
-        done = float(before)
+    with _bar(total, before, what) if sys.stderr.isatty() else contextlib.nullcontext(_lines(total)) as show:
 
         def more(number: float) -> None:
-            nonlocal done
             raise_if_interrupted()
-            now, done = time.monotonic(), done + number
+            now, done = time.monotonic(), remembered[-1][1] + number
             remembered.append((now, done))
             while len(remembered) > 2 and remembered[0][0] < now - _REMEMBERED_S:
                 remembered.popleft()
             since, then = remembered[0]
-            show(done, (done - then) / max(now - since, 1e-9))
+            rate = (done - then) / max(now - since, 1e-9)
+            rate_text = f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
+            show(done, f"{int(done)} of {total} {what}, {rate_text} {what}/s", rate)
 
         yield more
     raise_if_interrupted()
@@ -67,31 +56,20 @@ def _bar(total: int, before: int, what: str) -> Iterator[_Shown]:
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=total - before, text=f"{before} of {total} {what}")
-
-        def show(done: float, rate: float) -> None:
-            text = f"{int(done)} of {total} {what}, {_rate_text(rate)} {what}/s"
-            progress.update(task, completed=done - before, text=text)
-
-        yield show
+        yield lambda done, text, rate: progress.update(task, completed=done - before, text=text)
 
 
-@contextlib.contextmanager
-def _lines(total: int, what: str) -> Iterator[_Shown]:
+def _lines(total: int) -> _Shown:
     last = time.monotonic()
 
-    def show(done: float, rate: float) -> None:
+    def show(done: float, text: str, rate: float) -> None:
         nonlocal last
-        if time.monotonic() - last < BETWEEN_LINES_S:
-            return
-        last = time.monotonic()
-        left = f"{_duration((total - done) / rate)} left" if rate else "waiting"
-        print(f"{int(done)} of {total} {what}, {_rate_text(rate)} {what}/s, {left}", file=sys.stderr)
+        if time.monotonic() - last >= BETWEEN_LINES_S:
+            last = time.monotonic()
+            left = f"{_duration((total - done) / rate)} left" if rate else "waiting"
+            print(f"{text}, {left}", file=sys.stderr)
 
-    yield show
-
-
-def _rate_text(rate: float) -> str:
-    return f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
+    return show
 
 
 def _duration(seconds: float) -> str:

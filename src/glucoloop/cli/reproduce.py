@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, OUT, OVERWRITE, CommandOption, Given, options_of, reworded
-from glucoloop.cli.printing import print_json, where_written
 from glucoloop.cli.request import request_of
-from glucoloop.cli.screen import show, stages
+from glucoloop.cli.screen import print_json, show, stage, where_written
 from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for
@@ -16,7 +15,7 @@ from glucoloop.situations.request import asked_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from glucoloop.papers.parker1999.published import PrintedRow
+    from glucoloop.papers.parker1999.comparison import ComparedEntry
 
 PAPERS: Final = ("parker1999",)
 
@@ -49,31 +48,28 @@ def _reproduce(typed: Given) -> None:
     request = request_of(typed, _OPTIONS)
     asked, output = asked_for(Reproduction, request.tree), request.output
     files: dict[str, str] = {}
-    with output.folder() as folder, stages("Importing the simulator") as progress:
+    with output.folder() as folder, stage("Importing the simulator") as progress:
         from glucoloop.cli.compiled import keep_compiled
         from glucoloop.papers.parker1999.pages import json_report
-        from glucoloop.papers.parker1999.parts import chosen
-        from glucoloop.papers.parker1999.reproduce import carry_out, write
+        from glucoloop.papers.parker1999.reproduce import carry_out, chosen, write
 
         part = chosen(asked.table, asked.figure)
-        if part is not None and not part.entries and output.out is None:
+        if not part.entries and output.out is None:
             raise Refusal("--figure without --out would show nothing; give --out and a folder for the picture")
         keep_compiled()
-        studies, rows = carry_out(
-            asked.points, seeds=asked.runs, seed=asked.seed, quick=asked.quick, progress=progress, part=part
-        )
+        studies, rows = carry_out(asked, part, progress)
         if folder is not None:
-            write(folder.write, studies, rows, asked.seed, progress, part)
+            write(folder.write, studies, rows, asked.seed, progress, part.figures)
             files = folder.paths()
     if output.json:
-        print_json(json_report(rows, studies, asked.seed), files, ())
+        print_json(json_report(rows, studies, asked.seed), files)
         return
     if rows:
-        _tell(rows, asked.points)
+        _print_comparison(rows, asked.points)
     print(where_written(output.out, files))
 
 
-def _tell(rows: Sequence[PrintedRow], points: Sequence[str]) -> None:
+def _print_comparison(rows: Sequence[ComparedEntry], points: Sequence[str]) -> None:
     from rich.table import Table
 
     from glucoloop.papers.parker1999.comparison import count, left_out
@@ -84,12 +80,10 @@ def _tell(rows: Sequence[PrintedRow], points: Sequence[str]) -> None:
     for point in points:
         table.add_column(point, justify="right")
     for row in rows:
-        if not row.reproduced:
-            continue
-        found = (row.reproduced.get(point) for point in points)
-        cells = (one.text if one else "not run" for one in found)
-        printed = row.entry.printed
-        table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
+        if row.reproduced:
+            printed = row.entry.printed
+            cells = (row.reproduced[point].text if point in row.reproduced else "not run" for point in points)
+            table.add_row(row.entry.what, printed if isinstance(printed, str) else f"{printed:g}", *cells)
     show(table)
     for point in points:
         print(f"{point}: {count(rows, point)}.")

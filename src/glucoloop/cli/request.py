@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+import functools
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from glucoloop.cli.option import ALLOW_CODE, DEAD_TIME, NOISE, SET, CommandOption, Given
+from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
+from glucoloop.parts.part import Part
 from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.refusal import Refusal
+from glucoloop.situations.request import asked_for
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
 
-_OUTPUT: Final = ("out", "overwrite", "json", "mmol", "config", ALLOW_CODE.key)
-_ELSEWHERE: Final = ("workers", "dask")
-"""Options on the place of the computation, which are no part of what is asked for."""
+P = TypeVar("P", bound=Part)
+
 _NOT_FILLED_IN: Final = ("settled.", "model.path", "data")
 """Keys of a file that do not follow from what it leaves out: designs, and paths from its folder."""
 _EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
@@ -76,37 +78,16 @@ class Request:
     """Values that were used when the configuration file was written, if it tells them."""
 
 
-def used_by(asked: Any) -> Mapping[str, Any]:
-    """All values that are used by what is asked for."""
-    found: Mapping[str, Any] = asked.tree(whole=True)
-    return found
-
-
 def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
-    """Options and the file that they name as one request.
-
-    Raises
-    ------
-    Refusal
-        For a file that cannot be read, or a text that is no part.
-    """
+    """Options and the file that they name as one request; Refusal for a file or a text that cannot be read."""
     for key in ("out", "config"):
         if typed.get(key) == "":
             raise Refusal(f"--{key} is empty; give a path")
-    out, config = typed.get("out"), typed.get("config")
-    output = Output(
-        out=None if out is None else Path(out),
-        **{key: bool(typed.get(key, False)) for key in ("overwrite", "json", "mmol")},
-    )
-    by_key = {option.key: option for option in options}
-    path = None if config is None else Path(config)
+    out, path = (Path(typed[key]) if key in typed else None for key in ("out", "config"))
+    output = Output(out, **{key: bool(typed.get(key)) for key in ("overwrite", "json", "mmol")})
+    by_key = {option.key: option for option in options if option.setting is not None}
     lower, used = _of_file(path)
-    upper = {
-        key: _leaf(by_key[key], value)
-        for key, value in typed.items()
-        if key not in (*_OUTPUT, *_ELSEWHERE, SET.key, NOISE.key, DEAD_TIME.key)
-    }
-    tree = _laid_over(lower, upper)
+    tree = _laid_over(lower, {key: _leaf(by_key[key], value) for key, value in typed.items() if key in by_key})
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
             chain = as_tables(tree.get("sensor", []), "sensor")
@@ -118,7 +99,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
         if not equals or not value:
             raise Refusal(f"--set {text!r} has no value; write it like --set controller.move_weight=.2")
         named = by_key.get(path_to)
-        if named is not None and named.setting is not None:  # as the option would read it
+        if named is not None:  # as the option would read it
             leaf = _leaf(dataclasses.replace(named, flag=f"{SET.flag} {path_to}"), [value] if named.many else value)
             tree = _laid_over(tree, {path_to: leaf})
         else:
@@ -129,14 +110,14 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
 def _leaf(option: CommandOption, value: Any) -> Any:
     """The value, the part, or the list of either that an option gives."""
     setting = option.setting
-    is_part = setting is not None and setting.is_part
+    assert setting is not None
     texts = [text for text in (value if option.many else [value]) if isinstance(text, str)]
-    optional = option.many or (setting is not None and is_part and setting.optional)
+    optional = option.many or (setting.is_part and setting.optional)
     if optional and any(text.strip() == NONE for text in texts):
         if len(texts) > 1:
             raise Refusal(f"{option.flag} none leaves all of them out; give it alone")
         return [] if option.many else GivenValue(None, option.flag, text=False)
-    if setting is not None and is_part:
+    if setting.is_part:
         if not all(text.strip() for text in texts):
             raise Refusal(f"{option.flag} is empty; give a part or settings after it")
         parts = [setting.kind.catalogue.tree(text, option.flag) for text in texts]
@@ -153,9 +134,11 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
         if key in upper:
             tree = {name: value for name, value in tree.items() if name not in excluded or name in upper}
     patient = upper.get("patient")
-    another = isinstance(patient, Mapping) and NAME in patient and not _same_name(tree.get("patient"), patient)
-    if another and "population" not in upper:
-        tree.pop("population", None)
+    if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
+        before = plain(as_table(tree.get("patient")))
+        name = before.get(NAME) if isinstance(before, Mapping) else None
+        if (name or USUAL_PATIENT.name) != plain(patient[NAME]):
+            tree.pop("population", None)
     cases = upper.pop("controller", None)
     if cases is not None:
         tree["controller"] = _cases(tree.get("controller", []), cases)
@@ -168,12 +151,6 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     for key, value in upper.items():
         tree[key] = over(tree[key], value) if key in tree and isinstance(value, Mapping) else value
     return tree
-
-
-def _same_name(lower: Any, upper: Mapping[str, Any]) -> bool:
-    table = as_table(lower)
-    name = plain(table.get(NAME)) if isinstance(table, Mapping) else None
-    return bool((name or USUAL_PATIENT.name) == plain(upper[NAME]))
 
 
 def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
@@ -194,9 +171,7 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
             f"{where}: the settings name no controller, and there are several ({labels}); write --set "
             "controller.LABEL.setting=value"
         )
-    for case in given_cases:
-        tables = [over(tables[0], case)]
-    return tables
+    return [functools.reduce(over, given_cases, tables[0])]
 
 
 def _with_part(chain: list[Tree], name: str, settings: Tree) -> list[Tree]:
@@ -218,32 +193,32 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
     from glucoloop.storage.files import read_text
 
     written = read_toml(read_text(path, "a configuration"), str(path))
-    if written.version is not None and written.version != glucoloop.__version__:
-        note(
-            [
-                f"{path} was written by glucoloop {written.version}; this is {glucoloop.__version__}, and numbers may "
-                "differ."
-            ]
-        )
+    if written.version not in (None, glucoloop.__version__):
+        versions = f"was written by glucoloop {written.version}; this is {glucoloop.__version__}"
+        note([f"{path} {versions}, and numbers may differ."])
     return _beside(given(written.keys, str(path)), path), written.used
 
 
 def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
+
+    def beside(leaf: Any) -> Any:
+        is_text = isinstance(plain(leaf), str)
+        return GivenValue(str(path.parent / leaf.value), leaf.where, text=False) if is_text else leaf
+
     found = dict(tree)
-    for key in ("data", "population"):
-        leaf = found.get(key)
-        if isinstance(leaf, GivenValue) and isinstance(leaf.value, str) and (key == "data" or ".toml" in leaf.value):
-            found[key] = GivenValue(str(path.parent / leaf.value), leaf.where, leaf.text)
+    if "data" in found:
+        found["data"] = beside(found["data"])
+    if ".toml" in str(plain(found.get("population"))):
+        found["population"] = beside(found["population"])
     if "model" in found:
         from glucoloop.parts.models import MODELS
 
-        leaf = found["model"]
-        text = isinstance(leaf, GivenValue) and isinstance(leaf.value, str)
-        model = MODELS.tree(leaf.value, leaf.where) if text and plain(leaf) != NONE else leaf
-        if isinstance(model, Mapping) and isinstance(plain(model.get("path")), str):
-            at = model["path"]
-            model = {**model, "path": GivenValue(str(path.parent / at.value), at.where, text=False)}
+        model = found["model"]
+        if isinstance(plain(model), str) and plain(model) != NONE:
+            model = MODELS.tree(model.value, model.where)
+        if isinstance(model, Mapping) and "path" in model:
+            model = {**model, "path": beside(model["path"])}
         found["model"] = model
     if "controller" in found:
         cases = found["controller"]
@@ -254,24 +229,15 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     return found
 
 
-def completed(request: Request, read: Callable[[Tree], Any], used: Callable[[Any], Mapping[str, Any]] = used_by) -> Any:
-    """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now.
-
-    Parameters
-    ----------
-    request : Request
-    read : callable
-        Function that reads a tree.
-    used : callable
-        Function of what was read, that returns all values that are used.
-    """
+def completed(request: Request, root: type[P]) -> P:
+    """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now."""
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
 
-        asked = read(request.tree)
+        asked = asked_for(root, request.tree)
         if request.used is not None:
             with contextlib.suppress(Refusal):  # a file that does not stand alone
-                _note_changes(request, used(read(request.of_file)))
+                _note_changes(request, asked_for(root, request.of_file).tree(whole=True))
     keep_compiled()
     return asked
 
@@ -280,10 +246,10 @@ def _note_changes(request: Request, now: Mapping[str, Any]) -> None:
     from glucoloop.storage.origin import differences
 
     then = {key: value for key, value in (request.used or {}).items() if key in now}
-    found = [
+    changes = "; ".join(
         f"{name} was {before} and is {after}"
         for name, before, after in differences(then, {key: now[key] for key in then})
         if not name.startswith(_NOT_FILLED_IN)
-    ]
-    if found:
-        note([f"What {request.config} leaves out was filled in otherwise when it was written: {'; '.join(found)}."])
+    )
+    if changes:
+        note([f"What {request.config} leaves out was filled in otherwise when it was written: {changes}."])

@@ -1,11 +1,13 @@
-"""Progress messages on standard error, so that standard output holds only results."""
+"""Output of a command: results on standard output, and everything else on standard error."""
 
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
 
@@ -15,38 +17,34 @@ if TYPE_CHECKING:
 
 _PIPED: Final = 200
 _WIDEST: Final = 100_000
+_WIDEST_TEXT: Final = 100
+
+
+def width_of_text() -> int:
+    """Width of a help text."""
+    return min(_WIDEST_TEXT, shutil.get_terminal_size((_WIDEST_TEXT, 24)).columns)
 
 
 @contextlib.contextmanager
-def stage(text: str) -> Iterator[None]:
-    """Show a spinner with a text during the block, on a terminal only."""
-    with _line(text):
-        yield
-    raise_if_interrupted()
+def stage(text: str) -> Iterator[Callable[[str], None]]:
+    """Show a spinner with a text during the block, on a terminal only.
 
+    The block is given a function that shows the step that was just done in place of the text.
+    """
+    with contextlib.ExitStack() as stack:
+        update: Callable[[str], None] | None = None
+        if sys.stderr.isatty():
+            from rich.console import Console
 
-@contextlib.contextmanager
-def stages(first: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner during the block, with the last step that the block reported."""
-    with _line(first) as update:
+            update = stack.enter_context(Console(stderr=True).status(f"{text} ...")).update
 
         def done(what: str) -> None:
             raise_if_interrupted()
-            update(f"Done: {what} ...")
+            if update is not None:
+                update(f"Done: {what} ...")
 
         yield done
-
-
-@contextlib.contextmanager
-def _line(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a line on standard error, with a function to change it; nothing if it is not a terminal."""
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(f"{text} ...") as status:
-        yield status.update
+    raise_if_interrupted()
 
 
 def note(texts: Iterable[str]) -> None:
@@ -74,3 +72,18 @@ def _console() -> Console:
     width = None if sys.stdout.isatty() else _PIPED
     # No markup: square brackets and colons in a label or an answer are its own.
     return Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout)
+
+
+def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: Iterable[str] = ()) -> None:
+    """Print the report with the paths of its files, and notes on standard error."""
+    from glucoloop.storage.strict_json import json_text, with_version
+
+    print(json_text({**with_version(report), "files": files}))
+    note(notes)
+
+
+def where_written(out: Path | None, files: Mapping[str, str]) -> str:
+    """Sentence on the place of the files, or on how to get them."""
+    if out is None:
+        return "Nothing was written; --out DIR keeps tables, figures and the configuration."
+    return f"Wrote {', '.join(files)} to {out}."

@@ -191,7 +191,7 @@ class NLQDMCSettings(_Estimating, name="nlqdmc-se"):
     design: ClassVar = "glucoloop.control.nlqdmc_se:design"
     uses_model: ClassVar = False
     tunable: ClassVar = True
-    reference_filters: ClassVar = ".3:.5:.1,.57,.7,.8"  # half as many, since its loops take a hundred times as long
+    reference_filters: ClassVar = ".3:.5:.1|.57|.7|.8"  # half as many, since its loops take a hundred times as long
     slow: ClassVar = True
 
     prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)

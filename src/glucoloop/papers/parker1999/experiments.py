@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -17,20 +17,21 @@ from glucoloop.control import Controller, design_imc, design_linear_mpc, design_
 from glucoloop.control.parker1999 import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.surroundings import sensor_of, surroundings_of
-from glucoloop.identification import FirstOrderModel, Identification, Record, Validation, best_pole, laguerre_functions
+from glucoloop.identification import Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.sensors import white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
 from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.tuning.paper import paper_tuning_surface
 from glucoloop.tuning.stacking import stack
 from glucoloop.tuning.surface import TuningSurface
 
-Floats = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
 
 SAMPLE_TIME_MIN: Final = 5
@@ -38,31 +39,26 @@ NOISE_VARIANCE: Final = 1.45
 DEAD_TIMES_MIN: Final = (0, 5, 10, 15)
 _SMALL_STEP_MU_MIN: Final = 0.01
 _BINARY_SEQUENCE_SEED: Final = 0
+_NOISE_DRAWS: Final = 200_000
+
+NOISE_FREE: Final = "noise-free"
+LoopRuns = tuple[str, str]
+"""Controller and situation: ``"noise-free"``, or with noise a dead time in min, ``"10M"`` where it is known."""
+Experiment = str | LoopRuns
+"""``"model"``, Section III, identification and its validation; ``"noise-free"``, Table I and Fig. 5; ``"tunings"``,
+searches around the printed tunings; or a row of Table II, of which Fig. 4 and 6 show some.
+"""
 
 
-NoisyRun = tuple[str, str]
-"""A row of Table II: a controller and its dead time in minutes, "10M" for one of 10 min that the controller knows."""
-
-
-def noisy_runs(dead_times_min: Sequence[int] = DEAD_TIMES_MIN) -> frozenset[NoisyRun]:
+def noisy_runs(dead_times_min: Sequence[int] = DEAD_TIMES_MIN) -> frozenset[LoopRuns]:
     """The rows of Table II with these dead times."""
     times = [f"{minutes}{known}" for minutes in dead_times_min for known in ("", "M") if minutes or not known]
     return frozenset((name, time) for name in ("mpc", "mpc-se") for time in times)
 
 
-def _dead_time_min(run: NoisyRun) -> int:
-    return int(run[1].removesuffix("M"))
-
-
-Experiment = str | NoisyRun
-"""``"model"``, Section III, identification and its validation; ``"without-noise"``, Table I and Fig. 5; ``"tunings"``,
-searches around the printed tunings; or a row of Table II, of which Fig. 4 and 6 show some.
-"""
-
-
-def of_paper(dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> frozenset[Experiment]:
-    """All experiments, with the given dead times in Table II."""
-    return frozenset({"model", "without-noise", *(["tunings"] if tunings else []), *noisy_runs(dead_times_min)})
+def all_experiments(dead_times_min: Sequence[int] = DEAD_TIMES_MIN, *, tunings: bool = True) -> frozenset[Experiment]:
+    """All experiments of the paper, with the given dead times in Table II."""
+    return frozenset({"model", NOISE_FREE, *(["tunings"] if tunings else []), *noisy_runs(dead_times_min)})
 
 
 @dataclass(frozen=True)
@@ -82,16 +78,11 @@ class ModelResults:
     noise_free: Identification
     noisy: Identification
     """Model identified from the noisy record of the first seed."""
-    best_pole: float
-    left_after_memory_pct: float
-    time_constant_min: float
     validation_record: Record
     validation: Validation
     """Validation of the first seed's Laguerre model."""
-    laguerre_residuals: Floats
-    """(seeds,) sum of residuals of the Laguerre models."""
-    least_squares_residuals: Floats
-    """(seeds,) sum of residuals of the models that were not smoothed."""
+    numbers: Mapping[str, Any]
+    """Numbers, or arrays over the seeds, by the names with which entries call them."""
 
 
 @dataclass(frozen=True)
@@ -102,27 +93,12 @@ class PointResults:
     patient: SemilinearPatient
     seeds: int
     model: ModelResults | None
-    without_noise: dict[str, SeededRuns]
-    """Table I and Fig. 5, by controller."""
-    with_noise: dict[NoisyRun, SeededRuns]
-    """Table II, Fig. 4 and 6, by controller and dead time."""
+    runs: dict[LoopRuns, SeededRuns]
+    """Tables I and II, Fig. 4 to 6."""
     identified_anew: dict[str, SeededRuns]
     """Linear MPC with known dead times, its models identified from delayed records."""
     tuning: dict[str, TuningSurface]
     """Searches around the printed tunings, by controller; empty if none was made."""
-
-
-@dataclass(frozen=True)
-class _Keys:
-    """Random keys of the seeds: records and loops draw from different ones."""
-
-    records: jax.Array
-    loops: jax.Array
-
-    @classmethod
-    def of(cls, seed: int, seeds: int) -> _Keys:
-        records, loops = jax.random.split(jax.random.key(seed))
-        return cls(records=jax.random.split(records, seeds), loops=jax.random.split(loops, seeds))
 
 
 def _noisy(situation: Situation, dead_time_min: int) -> Situation:
@@ -133,10 +109,10 @@ def _noisy(situation: Situation, dead_time_min: int) -> Situation:
 
 def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:
     """One run per key, each with its own controller if there are several."""
-    around = surroundings_of(situation)
+    surroundings = surroundings_of(situation)
 
     def run(controller: Controller, key: jax.Array) -> tuple[Metrics, Trace]:
-        trace = close_loop(situation, controller, Scenario(), around=around, key=key)
+        trace = close_loop(situation, controller, Scenario(), around=surroundings, key=key)
         return summarise(trace), trace
 
     if isinstance(controllers, Sequence):
@@ -149,69 +125,66 @@ def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Contro
 def _study_model(
     person: SemilinearPatient, noise_free: Identification, records: Sequence[Identification]
 ) -> ModelResults:
-    search = best_pole(noise_free.impulse_response, 2)
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
-    left = 100.0 * (1.0 - float(jnp.sum(smooth[:memory]) / jnp.sum(smooth)))
     slow = fit_step(person, step_mU_min=_SMALL_STEP_MU_MIN, horizon_min=memory * SAMPLE_TIME_MIN, delay_min=None)
 
-    def residuals(model: StepResponseModel) -> tuple[Record, Validation]:
-        return validate_on(person, model, seed=_BINARY_SEQUENCE_SEED)
+    def residuals(models: Iterable[StepResponseModel]) -> npt.NDArray[np.float64]:
+        validations = (validate_on(person, model, seed=_BINARY_SEQUENCE_SEED)[1] for model in models)
+        return np.array([float(one.sum_absolute_residual_mg_dl) for one in validations])
 
-    record, validation = residuals(records[0].model)
-    raw = [StepResponseModel.from_impulse_response(one.impulse_response, SAMPLE_TIME_MIN) for one in records]
+    reading = white_noise(NOISE_VARIANCE)
+    keys = jax.random.split(jax.random.key(0), _NOISE_DRAWS)
+    noise = jax.vmap(lambda key: reading.read((), jnp.zeros(()), key)[1].glucose_mg_dl)(keys)
+    most = person.driven_derivative(jnp.zeros(7), jnp.asarray(PARKER_1999_LIMITS.max_mU_min))
+    transport = jax.jacfwd(lambda z: person.driven_derivative(z, jnp.zeros(())))(jnp.zeros(7))
+    record, validation = validate_on(person, records[0].model, seed=_BINARY_SEQUENCE_SEED)
     return ModelResults(
         noise_free=noise_free,
         noisy=records[0],
-        best_pole=float(search.pole),
-        left_after_memory_pct=left,
-        time_constant_min=float(slow.tau_min),
         validation_record=record,
         validation=validation,
-        laguerre_residuals=np.array([float(residuals(one.model)[1].sum_absolute_residual_mg_dl) for one in records]),
-        least_squares_residuals=np.array([float(residuals(one)[1].sum_absolute_residual_mg_dl) for one in raw]),
+        numbers={
+            "basal_insulin_mU_min": person.basal_insulin_mU_min,
+            "setpoint_mg_dl": person.setpoint_mg_dl,
+            "time_constant_min": slow.tau_min,
+            "left_after_memory_pct": 100.0 * (1.0 - float(jnp.sum(smooth[:memory]) / jnp.sum(smooth))),
+            "best_pole": best_pole(noise_free.impulse_response, 2).pole,
+            "laguerre_residuals_mg_dl": residuals(one.model for one in records),
+            "least_squares_residuals_mg_dl": residuals(
+                StepResponseModel.from_impulse_response(one.impulse_response, SAMPLE_TIME_MIN) for one in records
+            ),
+            "noise_variance": jnp.var(noise),
+            "arterial_insulin_mU_l": -jnp.linalg.solve(transport, most)[1],
+        },
     )
 
 
-def _without_noise(situation: Situation, operating_point: str, noise_free: Identification) -> dict[str, SeededRuns]:
+def _noise_free_runs(situation: Situation, operating_point: str, noise_free: Identification) -> dict[str, SeededRuns]:
     person, tuning = situation.nominal, PARKER_1999[operating_point, False]
-    first_order: FirstOrderModel = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
+    first_order = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
     controllers: dict[str, Controller] = {
         "mpc": design_linear_mpc(noise_free.model, tuning.mpc),
         "mpc-se": design_mpc_se(linear_model(person), process_noise(person, *tuning.noise), tuning.mpc_se),
         "nlqdmc-se": design_nlqdmc_se(nonlinear_model(person), process_noise(person, *tuning.noise), tuning.nlqdmc_se),
         "imc": design_imc(first_order.gain, first_order.tau_min, first_order.delay_min, filter_min=IMC_FILTER_MIN),
     }
-    loops = {}
-    for name, controller in controllers.items():
-        trace = close_loop(situation, controller, Scenario())
-        loops[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
-    return loops
-
-
-def _searches(operating_point: str, noise_free: Identification, progress: Progress) -> dict[str, TuningSurface]:
-    surfaces = {}
-    for name in ("mpc", "mpc-se", "nlqdmc-se"):
-        surfaces[name] = paper_tuning_surface(operating_point, name, model=noise_free.model)
-        progress(f"{operating_point}: tunings of {name} searched")
-    return surfaces
+    traces = {name: close_loop(situation, controller, Scenario()) for name, controller in controllers.items()}
+    return {
+        name: SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
+        for name, trace in traces.items()
+    }
 
 
 def study(
-    operating_point: str,
-    experiments: frozenset[Experiment] | None = None,
-    *,
-    seeds: int,
-    seed: int,
-    progress: Progress,
+    operating_point: str, experiments: Set[Experiment], *, seeds: int, seed: int, progress: Progress
 ) -> PointResults:
-    """Carry out experiments at an operating point.
+    """Carry out experiments at an operating point. A run is the same, whatever is carried out beside it.
 
     Parameters
     ----------
     operating_point : str
-    experiments : frozenset, optional
-        All of the paper by default. A run is the same, whatever is carried out beside it.
+    experiments : set
     seeds : int
         Runs of each noisy experiment.
     seed : int
@@ -219,14 +192,14 @@ def study(
     progress : callable
         Called with the name of the step that has just been done.
     """
-    wanted = of_paper() if experiments is None else experiments
-    noisy_wanted = {run for run in wanted if isinstance(run, tuple)}
+    noisy = {run for run in experiments if isinstance(run, tuple)}
     situation = usual_situation(operating_point=operating_point)
     person = situation.nominal
-    keys = _Keys.of(seed, seeds)
+    # Records and loops draw from different keys.
+    record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
 
     def records(dead_time_min: int) -> list[Identification]:
-        found = [identify(person, sensor_of(_noisy(situation, dead_time_min)), key) for key in keys.records]
+        found = [identify(person, sensor_of(_noisy(situation, dead_time_min)), key) for key in record_keys]
         progress(f"{operating_point}: {seeds} models identified, dead time {dead_time_min} min")
         return found
 
@@ -234,25 +207,24 @@ def study(
     def noise_free() -> Identification:
         return identify(person)
 
-    of_records = "model" in wanted or any(name == "mpc" for name, _ in noisy_wanted)
-    identified = records(0) if of_records else []
+    identified = records(0) if "model" in experiments or any(name == "mpc" for name, _ in noisy) else []
     model = None
-    if "model" in wanted:
+    if "model" in experiments:
         model = _study_model(person, noise_free(), identified)
         progress(f"{operating_point}: models validated")
-    without_noise: dict[str, SeededRuns] = {}
-    if "without-noise" in wanted:
-        without_noise = _without_noise(situation, operating_point, noise_free())
+    runs: dict[LoopRuns, SeededRuns] = {}
+    if NOISE_FREE in experiments:
+        for name, one in _noise_free_runs(situation, operating_point, noise_free()).items():
+            runs[name, NOISE_FREE] = one
         progress(f"{operating_point}: Table I")
 
     tuning = PARKER_1999[operating_point, True]
     linear, Q = linear_model(person), process_noise(person, *tuning.noise)
-    with_noise: dict[NoisyRun, SeededRuns] = {}
     identified_anew: dict[str, SeededRuns] = {}
-    for minutes in sorted({_dead_time_min(run) for run in noisy_wanted}):
+    for minutes in sorted({_dead_time_min(run) for run in noisy}):
         late, samples = _noisy(situation, minutes), minutes // SAMPLE_TIME_MIN
         longer = dataclasses.replace(tuning.mpc, prediction_horizon=tuning.mpc.prediction_horizon + samples)
-        for name, time in sorted(run for run in noisy_wanted if _dead_time_min(run) == minutes):
+        for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
             known = time.endswith("M")
             controllers: Controller | list[Controller]
             if name == "mpc-se":
@@ -260,18 +232,17 @@ def study(
             elif known:
                 controllers = [design_linear_mpc(one.model.delayed(samples), longer) for one in identified]
                 anew = [design_linear_mpc(one.model, longer) for one in records(minutes)]
-                identified_anew[time] = _noisy_loops(late, anew, keys.loops)
+                identified_anew[time] = _noisy_loops(late, anew, loop_keys)
             else:
                 controllers = [design_linear_mpc(one.model, tuning.mpc) for one in identified]
-            with_noise[name, time] = _noisy_loops(late, controllers, keys.loops)
+            runs[name, time] = _noisy_loops(late, controllers, loop_keys)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")
-    return PointResults(
-        operating_point=operating_point,
-        patient=person,
-        seeds=seeds,
-        model=model,
-        without_noise=without_noise,
-        with_noise=with_noise,
-        identified_anew=identified_anew,
-        tuning=_searches(operating_point, noise_free(), progress) if "tunings" in wanted else {},
-    )
+    searched: dict[str, TuningSurface] = {}
+    for name in ("mpc", "mpc-se", "nlqdmc-se") if "tunings" in experiments else ():
+        searched[name] = paper_tuning_surface(operating_point, name, model=noise_free().model)
+        progress(f"{operating_point}: tunings of {name} searched")
+    return PointResults(operating_point, person, seeds, model, runs, identified_anew, searched)
+
+
+def _dead_time_min(run: LoopRuns) -> int:
+    return int(run[1].removesuffix("M"))

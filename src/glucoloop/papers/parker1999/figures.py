@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from glucoloop.papers.parker1999.experiments import PointResults
+from glucoloop.papers.parker1999.experiments import NOISE_FREE, PointResults
 from glucoloop.report import plot, plot_identification, plot_validation
 from glucoloop.report.surface import plot_surface
 from glucoloop.tuning.paper import printed_tuning
@@ -33,36 +33,29 @@ CAPTIONS: Final = {
 }
 
 
-def draw(study: PointResults, names: Collection[str] | None = None) -> dict[str, Figure]:
-    """Figures of one operating point, by name: those whose experiments were carried out, or the named ones."""
-    made = {**_of_model(study), **_of_runs(study)}
-    for name, surface in study.tuning.items():
-        printed = printed_tuning(study.operating_point, name)
-        made[f"tuning-{name}"] = functools.partial(plot_surface, surface, printed=printed)
-    return {name: drawn() for name, drawn in made.items() if names is None or name in names}
-
-
-def _of_model(study: PointResults) -> dict[str, Callable[[], Figure]]:
-    if study.model is None:
-        return {}
-    model = study.model
-    insulin = np.asarray(model.validation_record.insulin_mU_min) - float(study.patient.basal_insulin_mU_min)
-    return {
-        "figure-2": lambda: plot_identification(model.noisy, truth=model.noise_free.impulse_response),
-        "figure-3": lambda: plot_validation(
+def draw(study: PointResults, names: Collection[str]) -> dict[str, Figure]:
+    """The named figures of an operating point, apart from those whose experiments were not carried out."""
+    figures: dict[str, Callable[[], Figure]] = {}
+    if study.model is not None:
+        model = study.model
+        insulin = np.asarray(model.validation_record.insulin_mU_min) - float(study.patient.basal_insulin_mU_min)
+        figures["figure-2"] = lambda: plot_identification(model.noisy, truth=model.noise_free.impulse_response)
+        figures["figure-3"] = lambda: plot_validation(
             model.validation,
             sample_time_min=model.noisy.model.sample_time_min,
             insulin_deviation_mU_min=insulin,
             width="double",
-        ),
+        )
+    traces = {run: loops.example for run, loops in study.runs.items()}
+    loops_of = {
+        "figure-4": {_NAMES[name]: traces[name, "0"] for name in _NAMES if (name, "0") in traces},
+        "figure-5": {_NAMES[name]: traces[name, NOISE_FREE] for name in _NAMES if (name, NOISE_FREE) in traces},
+        "figure-6": {
+            f"{time} min": trace for (name, time), trace in traces.items() if name == "mpc" and time.isdigit()
+        },
     }
-
-
-def _of_runs(study: PointResults) -> dict[str, Callable[[], Figure]]:
-    noisy = {run: loops.example for run, loops in study.with_noise.items()}
-    quiet = {name: loops.example for name, loops in study.without_noise.items()}
-    with_noise = {_NAMES[name]: noisy[name, "0"] for name in ("mpc", "mpc-se") if (name, "0") in noisy}
-    unknown = {f"{time} min": trace for (name, time), trace in noisy.items() if name == "mpc" and "M" not in time}
-    without_noise = {_NAMES[name]: quiet[name] for name in ("mpc", "mpc-se", "nlqdmc-se", "imc") if name in quiet}
-    traces = {"figure-4": with_noise, "figure-5": without_noise, "figure-6": unknown}
-    return {name: functools.partial(plot, shown) for name, shown in traces.items() if shown}
+    figures |= {name: functools.partial(plot, loops) for name, loops in loops_of.items() if loops}
+    for name, surface in study.tuning.items():
+        printed = printed_tuning(study.operating_point, name)
+        figures[f"tuning-{name}"] = functools.partial(plot_surface, surface, printed=printed)
+    return {name: drawn() for name, drawn in figures.items() if name in names}

@@ -1,17 +1,26 @@
-"""The whole reproduction: run, compare, draw and write."""
+"""The whole reproduction, or some tables and figures of it: run, compare, draw and write."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
-from glucoloop.papers.parker1999.comparison import compare
-from glucoloop.papers.parker1999.experiments import DEAD_TIMES_MIN, PointResults, Progress, of_paper, study
-from glucoloop.papers.parker1999.figures import draw
+from glucoloop.papers.parker1999.comparison import ComparedEntry, compare
+from glucoloop.papers.parker1999.experiments import (
+    DEAD_TIMES_MIN,
+    NOISE_FREE,
+    Experiment,
+    PointResults,
+    Progress,
+    all_experiments,
+    noisy_runs,
+    study,
+)
+from glucoloop.papers.parker1999.figures import CAPTIONS, draw
+from glucoloop.papers.parker1999.options import Reproduction
 from glucoloop.papers.parker1999.pages import html_report, json_report, markdown_report
-from glucoloop.papers.parker1999.parts import PaperPart
-from glucoloop.papers.parker1999.published import PrintedRow
 from glucoloop.patients import OPERATING_POINTS
 from glucoloop.refusal import Refusal
 from glucoloop.report.print_figure import KINDS, figure_bytes
@@ -19,73 +28,85 @@ from glucoloop.report.print_figure import KINDS, figure_bytes
 QUICK_DEAD_TIMES_MIN: Final = (0, 5)
 
 
+@dataclass(frozen=True)
+class PaperPart:
+    """A table or figure of the paper, or several together."""
+
+    experiments: frozenset[Experiment]
+    entries: tuple[str, ...] = ()
+    """Beginnings of the names of its printed numbers; empty where it has no numbers."""
+    figures: tuple[str, ...] = ()
+    """Names of figures, as in `figures.CAPTIONS`."""
+
+
+WHOLE: Final = PaperPart(all_experiments(), entries=("",), figures=tuple(CAPTIONS))
+TABLES: Final = {
+    "I": PaperPart(frozenset({NOISE_FREE}), entries=("table-1.",)),
+    "II": PaperPart(noisy_runs(), entries=("table-2.",)),
+}
+FIGURES: Final = {
+    "2": PaperPart(frozenset({"model"}), figures=("figure-2",)),
+    "3": PaperPart(frozenset({"model"}), entries=("model.validation.",), figures=("figure-3",)),
+    "4": PaperPart(noisy_runs((0,)), entries=("figure-4.",), figures=("figure-4",)),
+    "5": PaperPart(frozenset({NOISE_FREE}), figures=("figure-5",)),
+    "6": PaperPart(frozenset(("mpc", f"{minutes}") for minutes in DEAD_TIMES_MIN), figures=("figure-6",)),
+}
+_ARABIC: Final = {"1": "I", "2": "II"}
+
+
+def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart:
+    """The named tables and figures together; the whole paper if none is named."""
+    parts = []
+    for kind, names, known in (("table", tables, TABLES), ("figure", figures, FIGURES)):
+        for name in names:
+            key = name.strip().upper()
+            key = _ARABIC.get(key, key) if kind == "table" else key
+            if key not in known:
+                raise Refusal(f"unknown {kind} {name!r}; the known ones are: {', '.join(known)}")
+            parts.append(known[key])
+    if not parts:
+        return WHOLE
+    return PaperPart(
+        experiments=frozenset().union(*(part.experiments for part in parts)),
+        entries=tuple(entry for part in parts for entry in part.entries),
+        figures=tuple(figure for part in parts for figure in part.figures),
+    )
+
+
 def carry_out(
-    operating_points: Sequence[str],
-    *,
-    seeds: int,
-    seed: int,
-    quick: bool,
-    progress: Progress,
-    part: PaperPart | None = None,
-) -> tuple[dict[str, PointResults], list[PrintedRow]]:
-    """Run the experiments at each operating point and compare the results with the printed numbers.
-
-    Without a `part` they are those of the whole paper; with one, only what it needs is run.
-
-    Raises
-    ------
-    ValueError
-        For fewer than one seed, or an unknown operating point.
-    """
-    if seeds < 1:
-        raise Refusal(f"{seeds} seeds are too few; give 1 or more")
-    for name in operating_points:
+    asked: Reproduction, part: PaperPart, progress: Progress
+) -> tuple[dict[str, PointResults], list[ComparedEntry]]:
+    """Run what a part of the paper needs at each operating point, and compare the results with the printed numbers."""
+    for name in asked.points:
         if name not in OPERATING_POINTS:
             raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
-    dead_times = QUICK_DEAD_TIMES_MIN if quick else DEAD_TIMES_MIN
-    wanted = of_paper(dead_times, tunings=not quick)
-    if part is not None:
-        wanted &= part.experiments
-    studies = {name: study(name, wanted, seeds=seeds, seed=seed, progress=progress) for name in operating_points}
-    return studies, compare(studies) if part is None else compare(studies, part.entries)
+    experiments = part.experiments
+    if asked.quick:
+        experiments &= all_experiments(QUICK_DEAD_TIMES_MIN, tunings=False)
+    studies = {
+        name: study(name, experiments, seeds=asked.runs, seed=asked.seed, progress=progress) for name in asked.points
+    }
+    return studies, compare(studies, part.entries)
 
 
 def write(
     write_file: Callable[[str, bytes | str], None],
     studies: Mapping[str, PointResults],
-    rows: Sequence[PrintedRow],
+    rows: Sequence[ComparedEntry],
     seed: int,
     progress: Progress,
-    part: PaperPart | None = None,
-) -> dict[str, Any]:
-    """Write figures and reports.
-
-    Parameters
-    ----------
-    write_file : callable
-        Function that writes a file, given its name and content.
-    studies, rows, seed, part
-        Arguments and results of `carry_out`.
-    progress : callable
-        Called with the name of the step that has just been done.
-
-    Returns
-    -------
-    dict
-        The report as plain data, as it also stands in ``report.json``.
-    """
-    inline, files = {}, {}
+    figures: Sequence[str] = WHOLE.figures,
+) -> None:
+    """Write the named figures, and the report in three forms, by a function that is given the name and content."""
+    svg = {}
     for point, one in studies.items():
-        for name, figure in draw(one, None if part is None else part.figures).items():
-            files[f"{point}/{name}"] = f"{point}-{name}.svg"
+        for name, figure in draw(one, figures).items():
             for kind in KINDS:
                 drawn = figure_bytes(figure, kind)
                 write_file(f"{point}-{name}.{kind}", drawn)
                 if kind == "svg":
-                    inline[f"{point}/{name}"] = drawn.decode()
+                    svg[point, name] = drawn
         progress(f"{point}: figures drawn")
-    report = json_report(rows, studies, seed)
-    write_file("report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
-    write_file("report.md", markdown_report(rows, studies, seed, files))
-    write_file("report.html", html_report(rows, studies, seed, inline))
-    return report
+    write_file("report.json", json.dumps(json_report(rows, studies, seed), indent=2, allow_nan=False) + "\n")
+    write_file("report.md", markdown_report(rows, studies, seed, svg))
+    write_file("report.html", html_report(rows, studies, seed, svg))

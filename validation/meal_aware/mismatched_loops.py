@@ -22,8 +22,6 @@ from glucoloop.experiments.designs import controller_of, with_guard, with_indivi
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.papers.meal_aware.measures import Floats, Runs, numbers_at_samples
-from glucoloop.papers.meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
 from glucoloop.parts.guard import GuardSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
@@ -39,6 +37,8 @@ from glucoloop.simulation.people_plant import varying
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.stacking import move_slots
+from meal_aware.measures import Floats, Runs, numbers_at_samples
+from meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
 
 SAMPLE_MIN: Final = 5.0
 _NEVER: Final = math.inf
@@ -101,10 +101,10 @@ def designer(controller: str, settings: Mapping[str, Any] | None = None) -> Desi
 
     @functools.cache
     def design(setpoint_mg_dl: float, variance: float) -> Controller:
-        own = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
+        setpoint = {} if setpoint_mg_dl == _SETPOINT_MG_DL else {"setpoint_mg_dl": setpoint_mg_dl}
         sensor = [{"name": "white-noise", "variance": variance}] if variance else []
         case = {"name": controller, **(settings or {})}
-        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **own})
+        trial = configured(Trial, {"patient": PATIENT, "sensor": sensor, "controller": case, **setpoint})
         return controller_of(trial, trial.cases[0])
 
     return design
@@ -128,8 +128,8 @@ def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
 
 def _digesting(person: SemilinearPatient, stomach: Mapping[str, float], runs: int | None) -> Any:
     numbers = dataclasses.asdict(LehmannDeutsch(**stomach))
-    own: Any = {name: np.full(runs, n) if runs else n for name, n in numbers.items()}
-    return _Digesting(person=person, meal_model=LehmannDeutsch(**own))
+    individual: Any = {name: np.full(runs, n) if runs else n for name, n in numbers.items()}
+    return _Digesting(person=person, meal_model=LehmannDeutsch(**individual))
 
 
 def _once(begin: Floats | float, samples: float) -> Any:
@@ -263,9 +263,9 @@ class MismatchedLoops:
 
     def _controllers(self, design: Design) -> tuple[Any, Any]:
         """Controller of one person, and those of all people, each designed for the situation; numbers trail."""
-        told = sorted({row.told for row in self.rows})
-        each = _alike([design(*key) for key in told])
-        which = self._of_rows([told.index(row.told) for row in self.rows])
+        designs = sorted({row.designed_for for row in self.rows})
+        each = _alike([design(*key) for key in designs])
+        which = self._of_rows([designs.index(row.designed_for) for row in self.rows])
 
         def of_people(path: Any, *leaves: Any) -> Any:
             if ".plant" in jax.tree_util.keystr(path):  # the same for all, and a constant of the program

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.claims import CLAIMS, MOST_ADDED, OVER_RUNS, spread
-from glucoloop.papers.meal_aware.measures import LATE_MIN, SWING_MG_DL
-from glucoloop.papers.meal_aware.situations import ALL_SITUATIONS, CONTROLLERS, GROUPS, MISMATCHES, OURS, Extent
 from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
+from meal_aware.claims import CLAIMS, MOST_ADDED, OVER_RUNS, spread
+from meal_aware.measures import LATE_MIN, SWING_MG_DL
+from meal_aware.situations import ALL_SITUATIONS, CONTROLLERS, GROUPS, MISMATCHES, OURS, Extent
 
 BY_ID = {claim.id: claim for claim in CLAIMS}
 
 
 def number(row):
-    return row.reproduced[OURS].median
+    return row.numbers[OURS]
 
 
 def holds(row):
-    return row.agrees(OURS)
+    return row.holds(OURS)
 
 
 def test_every_claim_is_about_a_situation_that_is_run(written, at_samples):
@@ -29,7 +29,7 @@ def test_every_claim_is_about_a_situation_that_is_run(written, at_samples):
         assert claim.over_runs in {*OVER_RUNS, MOST_ADDED}
         assert claim.kind in ("at-most", "at-least")
         assert claim.measure in (at_samples([1.0]) if claim.rows else written([1.0])).numbers
-        assert not isinstance(claim.printed, str) or claim.printed in CONTROLLERS
+        assert not isinstance(claim.bound, str) or claim.bound in CONTROLLERS
 
 
 def test_groups_are_claimed_of_as_a_whole():
@@ -44,9 +44,9 @@ def test_groups_are_claimed_of_as_a_whole():
     assert BY_ID["setpoints.swing"].rows == still
 
 
-def test_what_is_printed_of_oscillation_is_what_is_computed():
-    assert BY_ID["dead-time-10.crossings"].printed == CROSSINGS_PER_MEAL - 1
-    assert BY_ID["dead-time-10.turns"].printed == TURNS_PER_MEAL - 1
+def test_the_bounds_of_oscillation_are_those_that_are_computed():
+    assert BY_ID["dead-time-10.crossings"].bound == CROSSINGS_PER_MEAL - 1
+    assert BY_ID["dead-time-10.turns"].bound == TURNS_PER_MEAL - 1
     assert f"±{SWING_MG_DL:g} mg/dl in the last {LATE_MIN:g} min" in BY_ID["dead-time-10.swings"].what
 
 
@@ -68,7 +68,7 @@ def test_insulin_is_held_against_mpc_se_on_the_same_runs(found_of, written):
     ours = written([5.0, 5.0, 5.0], variation=500.0)
     for theirs, kept in ((501.0, True), (499.0, False)):
         found = found_of({"noise": ours}, {"mpc-se": written([5.0, 5.0, 5.0], variation=theirs)})["noise.variation"]
-        assert (found.entry.printed, number(found), holds(found)) == (theirs, 500.0, kept)
+        assert (found.bound, number(found), holds(found)) == (theirs, 500.0, kept)
 
 
 def test_one_seed_too_low_is_too_many(found_of, written):
@@ -96,8 +96,8 @@ def test_oscillation_is_judged_without_noise_and_in_the_last_minutes(found_of, w
     assert holds(found["dead-time-10.crossings"])
     assert not holds(found["dead-time-10.turns"])
     extent = Extent(seed=1, seeds=3)
-    assert BY_ID["dead-time-10.turns"].runs_told(extent) == "one run, as of seed 1"
-    assert BY_ID["dead-time-10.swings"].runs_told(extent) == "seeds 1 to 3"
+    assert BY_ID["dead-time-10.turns"].runs_in_words(extent) == "one run, as of seed 1"
+    assert BY_ID["dead-time-10.swings"].runs_in_words(extent) == "seeds 1 to 3"
     assert holds(found_of({"dead-time-10": written([9.0], late=calm)})["dead-time-10.swings"])
 
 
@@ -116,7 +116,7 @@ def test_the_worst_of_several_situations_decides(found_of, at_samples):
     found = found_of(rows)["stomachs.undershoot-95"]
     assert number(found) == pytest.approx(9.1)
     assert not holds(found)
-    assert found.entry.runs_told(Extent(seed=1, seeds=3)) == "3 runs of seed 1; 10 situations"
+    assert found.claim.runs_in_words(Extent(seed=1, seeds=3)) == "3 runs of seed 1; 10 situations"
     low = {"people, late 10 min, correlated": [20.0, 27.1], "corners, late 10 min, correlated": [26.9]}
     lowest = found_of({name: at_samples(dips) for name, dips in low.items()})["late.lowest"]
     assert number(lowest) == pytest.approx(53.9)

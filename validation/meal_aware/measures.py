@@ -57,9 +57,9 @@ def numbers_by_minute(
     swings = jax.vmap(lambda of_run: crossings(of_run, setpoint_mg_dl, SWING_MG_DL / setpoint_mg_dl), in_axes=1)(
         glucose_mg_dl[late]
     )
-    kept = ("undershoot_mg_dl", "overshoot_mg_dl", "minimum_mg_dl", "insulin_total_variation_mU_min")
+    unchanged = ("undershoot_mg_dl", "overshoot_mg_dl", "minimum_mg_dl", "insulin_total_variation_mU_min")
     return {
-        **{name: np.asarray(metrics[name], float) for name in kept},
+        **{name: np.asarray(metrics[name], float) for name in unchanged},
         "deviation_mg_dl": np.maximum(metrics["undershoot_mg_dl"], metrics["overshoot_mg_dl"]),
         "late_swings": np.asarray(swings, float),
         "time_near_pct": np.where(np.isfinite(away).all(axis=0), 100.0 * near.mean(axis=0), np.nan),

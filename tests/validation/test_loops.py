@@ -5,13 +5,13 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.papers.meal_aware.loops import bound_of, close_loops
-from glucoloop.papers.meal_aware.measures import numbers_by_minute
-from glucoloop.papers.meal_aware.situations import MISMATCHES, SITUATIONS, Extent
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop
 from glucoloop.tuning.oscillation import oscillation
+from meal_aware.loops import bound_of, close_loops
+from meal_aware.measures import numbers_by_minute
+from meal_aware.situations import MISMATCHES, SITUATIONS, Extent
 
 BY_NAME = {row.name: row for row in SITUATIONS}
 DEAD_TIME, PEOPLE = BY_NAME["dead-time-10"], BY_NAME["people"]
@@ -26,7 +26,7 @@ def loops():
 
 
 def _run(seed, **other):
-    run = configured(Run, {**DEAD_TIME.of("mpc", seed), **other})
+    run = configured(Run, {**DEAD_TIME.run_of("mpc", seed), **other})
     return close_the_loop(run, run.case)
 
 
@@ -39,7 +39,7 @@ def test_a_seed_is_the_run_of_that_seed(loops):
 
 
 def test_oscillation_is_that_of_the_same_controller_without_noise(loops):
-    noisy = configured(Run, DEAD_TIME.of("mpc", 11))
+    noisy = configured(Run, DEAD_TIME.run_of("mpc", 11))
     tuned = {"controller": noisy.case.tree(whole=True), "sensor": ["dead-time, minutes=10"]}
     alone = oscillation(_run(11, **tuned).trace)
     found = [loops.numbers[name].tolist() for name in ("quiet_crossings", "quiet_turns")]
@@ -50,7 +50,7 @@ def test_people_are_those_of_a_trial():
     ((_, _, loops),) = close_loops(Extent(seed=11, people=3), [PEOPLE], controllers=("basal",))
     assert loops.run.tolist() == [0, 1, 2]
     assert loops.infeasible == 0
-    trial = configured(Trial, PEOPLE.of_people("basal", 11, 3))
+    trial = configured(Trial, PEOPLE.trial_of("basal", 11, 3))
     one = engine.run_people(engine.prepare(trial), "basal", [1], traces=True)
     assert loops.numbers["overshoot_mg_dl"][1] == pytest.approx(float(one.metrics["overshoot_mg_dl"][0]))
     within = np.abs(np.asarray(one.glucose_mg_dl)[:, 0] - trial.target_mg_dl) <= 15.0
@@ -61,9 +61,9 @@ def test_people_are_those_of_a_trial():
 
 
 def test_loops_that_are_kept_are_not_closed_again():
-    kept = {(PEOPLE.name, "basal"), (MISMATCHES[0].name, "imc")}
-    assert list(close_loops(Extent(), [PEOPLE], controllers=("basal",), kept=kept)) == []
-    assert list(close_loops(Extent(), [], MISMATCHES[:1], controllers=("imc",), kept=kept)) == []
+    done = {(PEOPLE.name, "basal"), (MISMATCHES[0].name, "imc")}
+    assert list(close_loops(Extent(), [PEOPLE], controllers=("basal",), done=done)) == []
+    assert list(close_loops(Extent(), [], MISMATCHES[:1], controllers=("imc",), done=done)) == []
 
 
 def test_the_bound_is_that_of_the_nominal_person_and_the_meal():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.claims import judged
-from glucoloop.papers.meal_aware.measures import Runs, numbers_at_samples, numbers_by_minute
-from glucoloop.papers.meal_aware.situations import CONTROLLERS
+from meal_aware.claims import judged
+from meal_aware.measures import Runs, numbers_at_samples, numbers_by_minute
+from meal_aware.situations import CONTROLLERS
 
 SETPOINT = 81.1
 T_MIN = np.arange(601.0)
@@ -54,6 +54,6 @@ def found_of():
 
     def make(situations, others=None):
         runs = {name: {one: (others or {}).get(one) or own for one in CONTROLLERS} for name, own in situations.items()}
-        return {row.entry.id: row for row in judged(runs)}
+        return {row.claim.id: row for row in judged(runs)}
 
     return make

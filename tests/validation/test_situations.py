@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from glucoloop.papers.meal_aware.measures import numbers_at_samples
-from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, designer, mismatched_people
-from glucoloop.papers.meal_aware.situations import GROUPS, MISMATCHES, SITUATIONS, Extent
 from glucoloop.patients.model import patient_model
+from meal_aware.measures import numbers_at_samples
+from meal_aware.mismatched_loops import MismatchedLoops, designer, mismatched_people
+from meal_aware.situations import GROUPS, MISMATCHES, SITUATIONS, Extent
 
 ROWS = {row.name: row for row in MISMATCHES}
 
@@ -62,9 +62,9 @@ def test_runs_follow_the_extent():
     assert ROWS["people, late 10 min, correlated"].runs_of(small) == 64
     assert ROWS["fasting, white"].runs_of(Extent()) == 30
     assert ROWS["people, late 10 min, correlated"].runs_of(Extent()) == 1000
-    assert ROWS["fasting, no noise"].runs_told(small) == "one run"
-    assert ROWS["corners, late 10 min, correlated"].runs_told(small) == "64 people at corners of seed 7"
-    told = {situation.name: situation.runs_told(small) for situation in SITUATIONS}
+    assert ROWS["fasting, no noise"].runs_in_words(small) == "one run"
+    assert ROWS["corners, late 10 min, correlated"].runs_in_words(small) == "64 people at corners of seed 7"
+    told = {situation.name: situation.runs_in_words(small) for situation in SITUATIONS}
     assert (told["noise-free"], told["noise"], told["people"]) == (
         "one run",
         "seeds 7 to 22",

@@ -68,17 +68,17 @@ class NamedSituation:
     bounded: bool = False
     """Whether the distance to the bound is reported."""
 
-    def of(self, controller: str, seed: int) -> dict[str, Any]:
+    def run_of(self, controller: str, seed: int) -> dict[str, Any]:
         """The run of one person, as a file has it."""
         shared = {"patient": PATIENT, "meals": ["50g@50min"], "duration_min": HORIZON_MIN}
         case = {"name": controller, "label": controller, "known_dead_time": self.known_dead_time}
         return {**shared, **self.keys, "controller": case, "seed": seed}
 
-    def of_people(self, controller: str, seed: int, people: int) -> dict[str, Any]:
+    def trial_of(self, controller: str, seed: int, people: int) -> dict[str, Any]:
         """The trial of many people, as a file has it."""
-        return {**self.of(controller, seed), "population": "parker2000", "people": people}
+        return {**self.run_of(controller, seed), "population": "parker2000", "people": people}
 
-    def runs_told(self, extent: Extent) -> str:
+    def runs_in_words(self, extent: Extent) -> str:
         """The runs of a comparison, in words."""
         first, last = extent.sensor_seeds[0], extent.sensor_seeds[-1]
         if self.runs == "people":
@@ -166,7 +166,7 @@ class Mismatch:
     guarded: bool = False
 
     @property
-    def told(self) -> tuple[float, float]:
+    def designed_for(self) -> tuple[float, float]:
         """Setpoint and noise variance for which the controller is designed."""
         return self.setpoint_mg_dl, 0.0 if self.variance == 0.0 else NOISE_VARIANCE
 
@@ -174,7 +174,7 @@ class Mismatch:
         """Number of runs in a comparison."""
         return min(self.claimed_runs or self.runs, extent.seeds if self.people == "nominal" else extent.people)
 
-    def runs_told(self, extent: Extent) -> str:
+    def runs_in_words(self, extent: Extent) -> str:
         """The runs of a comparison, in words."""
         runs = self.runs_of(extent)
         if self.people != "nominal":

@@ -23,18 +23,6 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.papers.meal_aware.measures import Runs, numbers_by_minute
-from glucoloop.papers.meal_aware.mismatched_loops import MismatchedLoops, designer
-from glucoloop.papers.meal_aware.situations import (
-    CONTROLLERS,
-    HORIZON_MIN,
-    OURS,
-    SITUATIONS,
-    Extent,
-    Meals,
-    Mismatch,
-    NamedSituation,
-)
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
 from glucoloop.sensors.white_noise import WhiteNoise
 from glucoloop.simulation import Trace
@@ -44,6 +32,18 @@ from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
 from glucoloop.tuning.stacking import stack
+from meal_aware.measures import Runs, numbers_by_minute
+from meal_aware.mismatched_loops import MismatchedLoops, designer
+from meal_aware.situations import (
+    CONTROLLERS,
+    HORIZON_MIN,
+    OURS,
+    SITUATIONS,
+    Extent,
+    Meals,
+    Mismatch,
+    NamedSituation,
+)
 
 _MOST_TOGETHER: Final = 50
 
@@ -54,7 +54,7 @@ def close_loops(
     mismatches: Sequence[Mismatch] = (),
     *,
     controllers: Sequence[str] = CONTROLLERS,
-    kept: Collection[tuple[str, str]] = (),
+    done: Collection[tuple[str, str]] = (),
 ) -> Iterator[tuple[str, str, Runs]]:
     """Simulate the loops of the comparison: the names of situation and controller, and their runs, one by one.
 
@@ -66,26 +66,26 @@ def close_loops(
         Situations in which the controller's model is wrong.
     controllers : sequence of str
         Names of controllers, each with its defaults for the situation.
-    kept : collection
+    done : collection
         Names of situations and controllers whose loops are not simulated again.
     """
     models = _Models()
     for situation in situations:
         for name in controllers:
-            if (situation.name, name) not in kept:
+            if (situation.name, name) not in done:
                 people = situation.runs == "people"
                 runs = _of_people(situation, name, extent) if people else _of_seeds(situation, name, extent, models)
                 yield situation.name, name, runs
     for guarded in (False, True):
-        made: dict[tuple[str, ...], MismatchedLoops] = {}
+        loops: dict[tuple[str, ...], MismatchedLoops] = {}
         for name in controllers:
-            rows = {of.name: of for of in mismatches if of.guarded is guarded and (of.name, name) not in kept}
-            if rows and tuple(rows) not in made:
-                many = [row.runs_of(extent) for row in rows.values()]
-                made[tuple(rows)] = MismatchedLoops(list(rows.values()), many, extent.seed)
+            rows = [row for row in mismatches if row.guarded is guarded and (row.name, name) not in done]
+            key = tuple(row.name for row in rows)
+            if rows and key not in loops:
+                loops[key] = MismatchedLoops(rows, [row.runs_of(extent) for row in rows], extent.seed)
             if rows:
-                for row, runs in made[tuple(rows)].run(designer(name)).items():
-                    yield row, name, runs
+                for situation_name, runs in loops[key].run(designer(name)).items():
+                    yield situation_name, name, runs
 
 
 class _Models:
@@ -105,7 +105,7 @@ class _Models:
         return controller_of(run, case, model=self._found[key])
 
 
-def _around(made: Situation, variance: jax.Array) -> Surroundings:
+def _surroundings(made: Situation, variance: jax.Array) -> Surroundings:
     """Sensor and pump without faults; a variance of 0 adds no noise, so that one program serves both cases."""
     sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=made.noise_bound_mg_dl)
     if made.dead_time_samples:
@@ -114,7 +114,7 @@ def _around(made: Situation, variance: jax.Array) -> Surroundings:
 
 
 def _together(extent: Extent) -> int:
-    """Number of runs that are simulated together; it is the same in every situation, since it is compiled in."""
+    """Number of runs that are simulated together; it is compiled in, so it is the same in every situation."""
     runs = extent.seeds + 1  # one without noise
     blocks = -(-runs // _MOST_TOGETHER)
     return -(-runs // blocks)
@@ -123,17 +123,16 @@ def _together(extent: Extent) -> int:
 def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Models) -> Runs:
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     seeds = np.asarray(extent.sensor_seeds if situation.runs == "seeds" else [extent.seed])
-    runs = [configured(Run, situation.of(name, int(seed))) for seed in seeds]
+    runs = [configured(Run, situation.run_of(name, int(seed))) for seed in seeds]
     made, scenario = runs[0], runs[0].scenario()
-    own = made.case.controller.uses_model
-    controllers = [models.controller(run) for run in (runs if own else runs[:1])]
+    controllers = [models.controller(run) for run in (runs if made.case.controller.uses_model else runs[:1])]
     stacked = stack(controllers)
     variance, drawn = np.full(seeds.size, made.noise_variance), seeds.astype(np.uint32)
     if situation.oscillation:  # one more run, of the first controller without noise
         variance, drawn = np.append(variance, 0.0), np.append(drawn, drawn[0])
 
     def run(controller: Controller, variance: jax.Array, key: jax.Array) -> tuple[Metrics, Oscillation, Trace]:
-        trace = close_loop(made, controller, scenario, around=_around(made, variance), key=key)
+        trace = close_loop(made, controller, scenario, around=_surroundings(made, variance), key=key)
         return summarise(trace, made.limits), oscillation(trace), trace
 
     def block(places: npt.NDArray[np.intp], asked: int) -> Any:
@@ -141,10 +140,10 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
         which = np.where(places < len(controllers), places, 0)
         of_each = jax.tree.map(lambda leaf: leaf[which], stacked)
         metrics, turning, trace = jax.vmap(run)(of_each, jnp.asarray(variance[places]), keys)
-        return jax.tree.map(lambda of: np.asarray(of)[:asked], (metrics, turning, trace.fine_glucose_mg_dl))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:asked], (metrics, turning, trace.fine_glucose_mg_dl))
 
     parts = in_blocks(block, np.arange(drawn.size), _together(extent), threads=1)
-    metrics, turning, glucose = jax.tree.map(lambda *of_blocks: np.concatenate(of_blocks), *parts)
+    metrics, turning, glucose = jax.tree.map(lambda *blocks: np.concatenate(blocks), *parts)
     noisy = slice(seeds.size)
     found = {name: np.asarray(values, float)[noisy] for name, values in metrics.by_name().items()}
     fine_t_min = sample_grid(scenario.horizon_min, made.sample_time_min).fine_t_min
@@ -156,16 +155,16 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
 
 def _of_people(situation: NamedSituation, name: str, extent: Extent) -> Runs:
     """One run per person, equal to that of ``glucoloop trial`` with the seed."""
-    trial = configured(Trial, situation.of_people(name, extent.seed, extent.people))
+    trial = configured(Trial, situation.trial_of(name, extent.seed, extent.people))
     prepared = engine.prepare(trial)
-    done = engine.run_people(prepared, name, np.arange(extent.people), traces=True)
-    found = {key: np.asarray(values, float)[done.feasible] for key, values in done.metrics.items()}
-    glucose = np.asarray(done.glucose_mg_dl, float)[:, done.feasible]
+    result = engine.run_people(prepared, name, np.arange(extent.people), traces=True)
+    found = {key: np.asarray(values, float)[result.feasible] for key, values in result.metrics.items()}
+    glucose = np.asarray(result.glucose_mg_dl, float)[:, result.feasible]
     t_min = np.append(prepared.grid.t_min, trial.plan.horizon_min)
     return Runs(
-        run=done.person[done.feasible],
+        run=result.person[result.feasible],
         numbers=numbers_by_minute(found, t_min, glucose, prepared.setpoint_mg_dl),
-        infeasible=int((~done.feasible).sum()),
+        infeasible=int((~result.feasible).sum()),
     )
 
 
@@ -175,7 +174,7 @@ def bound_of(row: NamedSituation | Mismatch) -> OptimalDoses | None:
     Faults of the sensor, noise and the guard make no plan possible that was not before, so they do not count.
     """
     if isinstance(row, NamedSituation):
-        return bound_of_run(configured(Run, row.of(OURS, 0))) if row.bounded else None
+        return bound_of_run(configured(Run, row.run_of(OURS, 0))) if row.bounded else None
     if row.people != "nominal" or row.late or row.blocked or row.flat_battery:
         return None
     return _best_doses(row.setpoint_mg_dl, row.meals, tuple(row.stomach.items()))
@@ -190,5 +189,5 @@ def _best_doses(setpoint_mg_dl: float, meals: Meals, stomach: tuple[tuple[str, f
         initial_glucose_mg_dl=setpoint_mg_dl,
         meal_model=LehmannDeutsch(**dict(stomach)),
     )
-    made = configured(Run, SITUATIONS[0].of(OURS, 0))
+    made = configured(Run, SITUATIONS[0].run_of(OURS, 0))
     return bound_of_situation(made.nominal, scenario, made.limits)
