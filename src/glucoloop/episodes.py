@@ -58,15 +58,7 @@ class Episodes:
         return own
 
     def init(self, like: jax.Array, key: jax.Array) -> Episode:
-        """State before the first sample.
-
-        Parameters
-        ----------
-        like : array
-            Array with the number of people and the type of numbers of the state.
-        key : jax.Array
-            Key from which the onset is drawn.
-        """
+        """State before the first sample, with the shape of an array; the onset is drawn from the key."""
         drawn = jax.random.uniform(self.own(key), jnp.shape(like), jnp.result_type(float, like))
         span = jnp.where(self.latest > self.earliest, self.latest - self.earliest, 0.0)
         later = jnp.minimum(jnp.floor(drawn * (span + 1.0)), span)

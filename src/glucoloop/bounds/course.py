@@ -89,15 +89,7 @@ class RunModel:
 def course_of(
     patient: SemilinearPatient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
 ) -> RunModel:
-    """Model of a scenario with other meals, one list of them for each member.
-
-    Raises
-    ------
-    TypeError
-        For a patient whom the exponential integrator cannot carry.
-    ValueError
-        Where the horizon is not a whole number of samples, or the patient cannot rest at the initial glucose.
-    """
+    """Model of a scenario with other meals, one list of them for each member."""
     grid = sample_grid(scenario.horizon_min, sample_time_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
     gut = meal_model_of(patient, scenario.meal_model)

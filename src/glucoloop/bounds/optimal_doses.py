@@ -177,13 +177,7 @@ def optimal_doses(
 
 
 def check_objective(objective: str, undershoot_weight: float) -> None:
-    """Refuse an unknown objective or a weight that is not positive.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a weight that is not positive.
-    """
+    """Refuse an unknown objective or a weight that is not positive."""
     if objective not in OBJECTIVES:
         raise Refusal(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
     if not 0.0 < undershoot_weight < math.inf:
@@ -191,13 +185,7 @@ def check_objective(objective: str, undershoot_weight: float) -> None:
 
 
 def check_known_after(known_after_min: float) -> None:
-    """Refuse a time that is not a number or that is infinite.
-
-    Raises
-    ------
-    ValueError
-        For a value that is not a number, or infinite.
-    """
+    """Refuse a time that is not a number or that is infinite."""
     if math.isnan(known_after_min) or known_after_min == math.inf:
         raise Refusal(
             f"meals that are known after {known_after_min:g} min are not possible; give a finite number of minutes"
@@ -205,13 +193,7 @@ def check_known_after(known_after_min: float) -> None:
 
 
 def check_samples(horizon_min: float, sample_time_min: float) -> None:
-    """Refuse a run that is too long for one plan.
-
-    Raises
-    ------
-    ValueError
-        For more than `MOST_SAMPLES` samples.
-    """
+    """Refuse a run that is too long for one plan."""
     if horizon_min / sample_time_min > MOST_SAMPLES:
         raise Refusal(
             f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "

@@ -103,10 +103,6 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
     R : () or (p, p)
         Covariance of the measurement noise, symmetric and positive definite; a scalar counts for every output.
 
-    Returns
-    -------
-    SteadyStateFilter
-
     Raises
     ------
     ValueError

@@ -14,21 +14,9 @@ from jax import Array
 
 
 def solved(matrix: Array, right: Array) -> Array:
-    """Solution x of ``matrix x = right``, by elimination with exchange of rows.
+    """Solution ``(n, m)`` of ``matrix x = right``, with a matrix ``(n, n)`` of full rank, by elimination.
 
     It can be differentiated in both directions, and mapped over any number of people.
-
-    Parameters
-    ----------
-    matrix : (n, n)
-        Matrix of full rank; for another the solution is not finite, or means nothing.
-    right : (n, m)
-        Right sides.
-
-    Returns
-    -------
-    (n, m)
-        The solution.
     """
     solution: Array = jax.lax.custom_linear_solve(
         lambda x: matrix @ x,
@@ -51,7 +39,6 @@ _eliminated = jax.custom_batching.custom_vmap(_with_rows_exchanged)
 
 @_eliminated.def_vmap
 def _of_people(size: int, mapped: list[bool], matrix: Array, right: Array) -> tuple[Array, bool]:
-    del size
     of_matrix, of_right = mapped
 
     def one_after_another(matrix: Array, right: Array) -> Array:

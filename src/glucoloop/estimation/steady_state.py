@@ -147,7 +147,6 @@ def _grown(h: Array, more: Array) -> tuple[Array, Array]:
 
 
 def _last_covariance(doubled: _Doubled, C: Array) -> Array:
-    del C
     a, g, h = doubled
     h = h + a.T @ h @ solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, a)
     return 0.5 * (h + h.T)

@@ -20,24 +20,10 @@ Array = npt.NDArray[Any]
 def counted_g(
     carbs_g: Array, seed: int, person: npt.ArrayLike, *, error_pct: float, bias_pct: float, meals_a_day: int
 ) -> Array:
-    """Carbohydrate of meals as people count it, ``(meals, people)``.
+    """Carbohydrate of meals as people count it, ``(meals, people)``, from what is eaten day by day.
 
     Each person's error is drawn for each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000
     g. The count of a meal is the same whoever else is drawn, and however many days follow.
-
-    Parameters
-    ----------
-    carbs_g : (meals, people) array
-        Meals that are eaten, day by day.
-    seed : int
-        Seed, from 0 to 2**32 - 1.
-    person : (people,) array of int
-        Numbers of the people.
-    error_pct : float
-        Standard deviation, in percent of the meal.
-    bias_pct : float
-        Mean error, in percent of the meal; below 0 people count too little.
-    meals_a_day : int
     """
     told = np.empty_like(carbs_g, dtype=float)
     for row, eaten in enumerate(carbs_g):
@@ -48,15 +34,7 @@ def counted_g(
 
 
 def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pct: float) -> tuple[Meal, ...]:
-    """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed.
-
-    Parameters
-    ----------
-    meals : sequence of Meal
-    seed : int
-    error_pct, bias_pct : float
-        As for `counted_g`.
-    """
+    """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed."""
     ordered = in_order(meals)
     eaten = np.array([meal.carbs_g for meal in ordered])[:, None]
     told = counted_g(

@@ -60,13 +60,7 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
 
 
 def check_meal_model(model: MealModel) -> None:
-    """Refuse a meal model with a number that is not possible.
-
-    Raises
-    ------
-    ValueError
-        For a number that is not positive and finite. One that JAX traces is not looked at.
-    """
+    """Refuse a meal model with a number that is not positive and finite; one that JAX traces is not looked at."""
     for path, value in jax.tree_util.tree_leaves_with_path(model):
         numbers = np.zeros(0) if is_traced(value) else np.asarray(value, float)
         bad = numbers[~(np.isfinite(numbers) & (numbers > 0.0))]

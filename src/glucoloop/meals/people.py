@@ -43,40 +43,17 @@ def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
 
 
 def digest(state: jax.Array, matrices: DigestionMatrices, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Digestion of one person over one step.
+    """Digestion of one person over one step: the state at its end, and moments ``(3,)`` as of `appearance_moments`.
 
-    Parameters
-    ----------
-    state : (states,) array
-        State of the meal model at the start of the step.
-    matrices : DigestionMatrices
-    inside : (3 + states,) array
-        Contribution of the jumps within the step to its moments and to the state at its end; see `jump_table`.
-
-    Returns
-    -------
-    state : (states,) array
-        State at the end of the step.
-    moments : (3,) array
-        Legendre moments of the appearance, as `appearance_moments` gives them, mg/min.
+    `inside` ``(3 + states,)`` is the contribution of the jumps within the step; see `jump_table`.
     """
     return matrices.transition @ state + inside[MOMENTS:], matrices.moments @ state + inside[:MOMENTS]
 
 
 def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.NDArray[np.float64]:
-    """Contribution of the jumps within each step.
+    """Contributions ``(steps, 3 + states, people)`` of the jumps to the moments of each step and the state at its end.
 
-    Parameters
-    ----------
-    absorption : Absorption
-        Absorption with jumps ``(jumps, people)``; jumps after the last step are ignored.
-    steps : int
-    step_min : float
-
-    Returns
-    -------
-    (steps, 3 + states, people) array
-        Contributions to the three moments over the step, then to the state at its end.
+    The absorption has jumps ``(jumps, people)``; those after the last step are ignored.
     """
     number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
     people = np.arange(number.shape[1])

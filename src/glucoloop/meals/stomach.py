@@ -84,24 +84,11 @@ def empty_stomach(like: jax.Array, sample_time_min: float) -> Stomach:
 def digest(
     stomach: Stomach, served: jax.Array, sample_time_min: float, gut: Gut | None = None
 ) -> tuple[Stomach, jax.Array]:
-    """Digestion over one sample.
+    """Digestion over one sample: the state at its end, and Legendre moments ``(3, ...)`` of the appearance [mg/min].
 
-    Parameters
-    ----------
-    stomach : Stomach
-    served : (...) array
-        Share of the sample in which a meal is served; more than 1 where meals overlap.
-    sample_time_min : float
-    gut : Gut, optional
-        Gut of Lehmann and Deutsch, of 60 min, by default.
-
-    Returns
-    -------
-    stomach : Stomach
-        State at the end of the sample.
-    appearance_mg_min : (3, ...) array
-        Legendre moments of the rate of appearance, as `appearance_moments` gives them: those of the parabola through
-        its beginning, middle and end.
+    `served` is the share of the sample in which a meal is served, more than 1 where meals overlap. The moments are
+    those of the parabola through beginning, middle and end of the sample. The usual gut is that of Lehmann and Deutsch,
+    of 60 min.
     """
     gut = gut_of(GUT_TIME_CONSTANT_MIN, sample_time_min) if gut is None else gut
     h, T = sample_time_min, gut.time_constant_min

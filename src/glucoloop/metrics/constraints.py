@@ -32,7 +32,6 @@ class Constraints(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
         """Extremes of no samples."""
-        del course
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Extremes(
             largest_change=zero,
@@ -44,12 +43,10 @@ class Constraints(Metric):
 
     def point(self, course: Course, state: _Extremes, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Extremes:
         """Extremes with a further point of the grid."""
-        del course, t_min
         return dataclasses.replace(state, minimum_mg_dl=jnp.minimum(state.minimum_mg_dl, glucose_mg_dl))
 
     def sample(self, course: Course, state: _Extremes, happened: Sampled, t_min: jax.Array) -> _Extremes:
         """Extremes with a further sample."""
-        del course, t_min
         rate = happened.delivery.insulin_mU_min
         return dataclasses.replace(
             state,

@@ -31,7 +31,6 @@ class Extremes(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> tuple[_Extreme, _Extreme]:
         """Glucose at the start as both extremes."""
-        del course, insulin_mU_min
         first = _Extreme(glucose_mg_dl=glucose_mg_dl, t_min=jnp.zeros_like(glucose_mg_dl))
         return first, first
 
@@ -39,7 +38,6 @@ class Extremes(Metric):
         self, course: Course, state: tuple[_Extreme, _Extreme], glucose_mg_dl: jax.Array, t_min: jax.Array
     ) -> tuple[_Extreme, _Extreme]:
         """Extremes with a further point of the grid."""
-        del course
         least, greatest = state
         return (
             least.among(glucose_mg_dl < least.glucose_mg_dl, glucose_mg_dl, t_min),

@@ -31,7 +31,6 @@ class Insulin(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Doses:
         """State before the first dose, with the rate at rest."""
-        del course
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Doses(
             total=zero,
@@ -45,7 +44,6 @@ class Insulin(Metric):
 
     def sample(self, course: Course, state: _Doses, happened: Sampled, t_min: jax.Array) -> _Doses:
         """Doses with a further sample."""
-        del course, t_min
         rate = happened.delivery.insulin_mU_min
         change = jnp.abs(rate - state.previous_mU_min)
         off = count(happened.infused_mU_min <= 0.0, state.off)
@@ -62,7 +60,6 @@ class Insulin(Metric):
 
     def finish(self, course: Course, state: _Doses, ended: Ended) -> dict[str, Any]:
         """Total, time without insulin, and changes over the run."""
-        del course
         return {
             "insulin_total_mU": ended.of_insulin(state.total * ended.sample_time_min),
             "insulin_off_min": ended.of_insulin(state.off * ended.sample_time_min),

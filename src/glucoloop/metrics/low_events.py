@@ -54,7 +54,6 @@ class LowEvents(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
         """State without events."""
-        del course, insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
         return {name: _Events(events=zero, going=zero, lasting=zero) for name in BOUNDS_MG_DL}
 
@@ -62,14 +61,12 @@ class LowEvents(Metric):
         self, course: Course, state: dict[str, _Events], happened: Sampled, t_min: jax.Array
     ) -> dict[str, _Events]:
         """Events with a further sample."""
-        del t_min
         in_a_row = samples_in_a_row(course.sample_time_min)
         low = {name: happened.glucose_mg_dl < bound for name, bound in BOUNDS_MG_DL.items()}
         return {name: events.with_sample(low[name], in_a_row) for name, events in state.items()}
 
     def finish(self, course: Course, state: dict[str, _Events], ended: Ended) -> dict[str, Any]:
         """Number of events of each level."""
-        del course
         return {name: ended.of_glucose(events.events) for name, events in state.items()}
 
 

@@ -30,13 +30,11 @@ class MeanAndVariation(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         """Sums of no points."""
-        del course, insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Sums(deviation=zero, squared=zero)
 
     def point(self, course: Course, state: _Sums, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Sums:
         """Sums with a further point of the grid."""
-        del t_min
         deviation = glucose_mg_dl - course.setpoint_mg_dl
         return _Sums(deviation=state.deviation + deviation, squared=state.squared + deviation * deviation)
 

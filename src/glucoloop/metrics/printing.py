@@ -11,13 +11,7 @@ from glucoloop.parts.metrics import RESULTS
 
 
 def short_table(metrics: Mapping[str, Any]) -> str:
-    """The most used metrics with units: of one person, or their distribution over people.
-
-    Parameters
-    ----------
-    metrics : mapping of str to array
-        Metrics by the names of the results of `parts.metrics.METRICS`.
-    """
+    """The most used metrics with units: of one person, or their distribution over people."""
     people = np.shape(metrics["minimum_mg_dl"])
     lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []
     for result in filter(lambda of: of.everyday, RESULTS):

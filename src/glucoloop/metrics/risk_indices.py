@@ -40,13 +40,11 @@ class RiskIndices(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Risks:
         """Sums of no points."""
-        del course, insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Risks(low=zero, high=zero)
 
     def point(self, course: Course, state: _Risks, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Risks:
         """Sums with a further point of the grid."""
-        del course, t_min
         f = 1.509 * (jnp.log(jnp.clip(glucose_mg_dl, 20.0, 600.0)) ** 1.084 - 5.381)
         return _Risks(
             low=state.low + 10.0 * jnp.minimum(f, 0.0) ** 2, high=state.high + 10.0 * jnp.maximum(f, 0.0) ** 2
@@ -54,7 +52,6 @@ class RiskIndices(Metric):
 
     def finish(self, course: Course, state: _Risks, ended: Ended) -> dict[str, Any]:
         """Means over the points of the grid."""
-        del course
         return {
             "lbgi": ended.of_glucose(state.low / ended.points),
             "hbgi": ended.of_glucose(state.high / ended.points),

@@ -28,14 +28,12 @@ class Samples(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
         """Numbers before the first sample."""
-        del course, insulin_mU_min
         return {name: jnp.zeros_like(glucose_mg_dl) for name in (*_STATUS, "missing")}
 
     def sample(
         self, course: Course, state: dict[str, jax.Array], happened: Sampled, t_min: jax.Array
     ) -> dict[str, jax.Array]:
         """Numbers with a further sample."""
-        del course, t_min
         status, reading = happened.decision.status, happened.reading
         there = {name: jnp.zeros_like(reading.valid) for name in _STATUS}
         for name, of in _STATUS.items():
@@ -46,5 +44,4 @@ class Samples(Metric):
 
     def finish(self, course: Course, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
         """Numbers of samples of the run."""
-        del course, ended
         return {f"samples_{name}": number.astype(int) for name, number in state.items()}

@@ -27,7 +27,6 @@ class Settling(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> tuple[jax.Array, ...]:
         """State of glucose that was never outside."""
-        del course, insulin_mU_min
         return (jnp.zeros_like(glucose_mg_dl) + _NEVER,) * len(BANDS_PCT)
 
     def point(
@@ -42,7 +41,6 @@ class Settling(Metric):
 
     def finish(self, course: Course, state: tuple[jax.Array, ...], ended: Ended) -> dict[str, Any]:
         """Settling time, and whether it is one, for each band."""
-        del course
         found, xp = {}, ended.xp
         step_min = ended.end_min / (ended.points - 1)
         for band, last in zip(BANDS_PCT, state, strict=True):

@@ -16,16 +16,13 @@ class SquaredError(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Sum of no samples."""
-        del course, insulin_mU_min
         return jnp.zeros_like(glucose_mg_dl)
 
     def sample(self, course: Course, state: jax.Array, happened: Sampled, t_min: jax.Array) -> jax.Array:
         """Sum with a further sample."""
-        del t_min
         error = happened.glucose_mg_dl - course.setpoint_mg_dl
         return state + error * error
 
     def finish(self, course: Course, state: jax.Array, ended: Ended) -> dict[str, Any]:
         """Sum over the run."""
-        del course
         return {"sse": ended.xp.where(ended.xp.isfinite(state), state, ended.xp.nan)}

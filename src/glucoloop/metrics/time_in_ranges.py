@@ -44,12 +44,10 @@ class TimeInRanges(Metric):
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
         """Numbers before the first point."""
-        del course, insulin_mU_min
         return _Points(**{field.name: jnp.zeros_like(glucose_mg_dl) for field in dataclasses.fields(_Points)})
 
     def point(self, course: Course, state: _Points, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Points:
         """Numbers with a further point of the grid."""
-        del course, t_min
         g = glucose_mg_dl
         return dataclasses.replace(
             state,
@@ -71,7 +69,6 @@ class TimeInRanges(Metric):
 
     def finish(self, course: Course, state: _Points, ended: Ended) -> dict[str, Any]:
         """Percentages of the points, and the risk index."""
-        del course
         very_low, very_high = ended.pct(state.below_54), ended.pct(state.above_250)
         below, above = ended.pct(state.below_70), ended.pct(state.above_180)
         risk = 3.0 * very_low + 2.4 * (below - very_low) + 1.6 * very_high + 0.8 * (above - very_high)

@@ -190,16 +190,7 @@ class StepResponseModel:
 
 
 def extended(step_response: Any, realisation: Realisation | None, samples: int) -> Any:
-    """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation.
-
-    Parameters
-    ----------
-    step_response : Array, shape (M, ...)
-    realisation : Realisation or None
-        Realisation of the response after n <= M samples, with outputs ``(L, ...)``.
-    samples : int
-        Least number N of samples; a response of as many or more is unchanged.
-    """
+    """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation."""
     memory = step_response.shape[0]
     missing = max(0, samples - memory)
     xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, Array) else np
@@ -211,19 +202,7 @@ def extended(step_response: Any, realisation: Realisation | None, samples: int) 
 
 
 def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike) -> None:
-    """Refuse a realisation that is not one of this impulse response, or does not decay after it.
-
-    Parameters
-    ----------
-    realisation : Realisation
-    impulse_response : array_like, shape (M,)
-
-    Raises
-    ------
-    ValueError
-        If the realisation begins after M samples, has an eigenvalue whose magnitude is not below 1, or differs from
-        the impulse response between n and M.
-    """
+    """Refuse a realisation that is not one of this impulse response, or does not decay after it."""
     h = np.asarray(impulse_response, dtype=float)
     if realisation.after > h.shape[0]:
         raise Refusal(
@@ -247,25 +226,7 @@ def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike)
 
 
 def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
-    """Past inputs on which each reading depends, one row per reading; the record starts from rest.
-
-    Parameters
-    ----------
-    insulin_deviation : array_like, shape (N,)
-        u_0..u_(N-1) [mU/min from the steady rate].
-    memory : int
-        Number M of past inputs kept.
-
-    Returns
-    -------
-    Array, shape (N + 1, M)
-        Row k is u_(k-1), ..., u_(k-M), with zeros before the record.
-
-    Raises
-    ------
-    ValueError
-        If the sequence isn't one-dimensional.
-    """
+    """Past inputs on which each reading depends: row k is u_(k-1), ..., u_(k-M), with zeros before the record."""
     insulin = jnp.asarray(insulin_deviation, dtype=float)
     if insulin.ndim != 1:
         raise Refusal(

@@ -28,7 +28,6 @@ def _anything(varied: Mapping[str, Distribution]) -> None:
 
 def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Check of a state that only requires it to be finite."""
-    del lowest_mg_dl
     finite = jnp.all(jnp.isfinite(x), axis=0)
     return finite, finite
 
@@ -70,13 +69,7 @@ class PatientModel:
     sound: Sound = _finite
 
     def refuse_unknown(self, parameter: str) -> None:
-        """Refuse the name of an unknown parameter.
-
-        Raises
-        ------
-        ValueError
-            For an unknown name, with the most similar known one.
-        """
+        """Refuse the name of an unknown parameter, with the most similar known one."""
         if parameter in self.nominal:
             return
         if parameter in self.follows:
@@ -89,13 +82,7 @@ class PatientModel:
 
 @functools.cache
 def patient_model(name: str) -> PatientModel:
-    """Model of a patient by name.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    """
+    """Model of a patient by name."""
     model: PatientModel = patient_entry(name).load()
     return model
 

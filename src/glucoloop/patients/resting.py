@@ -39,13 +39,7 @@ class Rest:
     """Reason why no greater rate has a state at rest, for messages."""
 
     def state(self, p: Constants, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Raises
-        ------
-        ValueError
-            For a rate that is negative or not finite, or under which glucose would not stay above 0 mg/dl.
-        """
+        """State at rest under a constant infusion; refuse a rate under which glucose would not stay above 0 mg/dl."""
         if is_traced(p, insulin_mU_min):
             return self.under(p, jnp.asarray(insulin_mU_min, float))
         with at_once():
@@ -66,13 +60,7 @@ class Rest:
             return x
 
     def insulin(self, p: Constants, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds a glucose.
-
-        Raises
-        ------
-        ValueError
-            If no infusion of 0 or more holds it.
-        """
+        """Infusion that holds a glucose; refuse a glucose that no infusion of 0 or more holds."""
         if is_traced(p, glucose_mg_dl):
             return self.holding(p, jnp.asarray(glucose_mg_dl, float))
         with at_once():
@@ -113,15 +101,7 @@ class RestingPatient(Generic[P]):
     setpoint_mg_dl: jax.Array
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Parameters
-        ----------
-        insulin_mU_min : float or (people,) array
-
-        Returns
-        -------
-        (states, ...) array
+        """State at rest ``(states, ...)`` under a constant infusion.
 
         Raises
         ------

@@ -23,14 +23,12 @@ class LimitedPump:
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> jax.Array:
         """State of the pump: the last delivered rate."""
-        del key
         return jnp.clip(insulin_mU_min, self.limits.min_mU_min, self.limits.max_mU_min)
 
     def deliver(
         self, state: jax.Array, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
     ) -> tuple[jax.Array, Delivery]:
         """Deliver the nearest allowed rate, and the bolus as far as it is allowed."""
-        del key
         command = jnp.where(jnp.isnan(command_mU_min), self.limits.min_mU_min, command_mU_min)
         delivered = self.limits.clip(command, state)
         bolus = None if bolus_mU is None else self.bolus.allowed(bolus_mU)

@@ -18,10 +18,8 @@ class IdealSensor:
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
         """Empty state, since the sensor has no memory."""
-        del glucose_mg_dl, key
         return ()
 
     def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
         """Read the true glucose of this moment."""
-        del key
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))

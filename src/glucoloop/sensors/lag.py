@@ -32,18 +32,7 @@ def lagged(
     lag_min: ArrayLike,
     sample_time_min: float,
 ) -> jax.Array:
-    """Glucose behind a lag at the end of a sample, over which glucose changes evenly.
-
-    Parameters
-    ----------
-    behind_mg_dl : (...) array
-        Glucose behind the lag at the beginning of the sample.
-    before_mg_dl, now_mg_dl : (...) array
-        Glucose at the beginning and at the end of the sample.
-    lag_min : float
-        Time constant of the lag, above 0.
-    sample_time_min : float
-    """
+    """Glucose behind a lag at the end of a sample, over which glucose before the lag changes evenly."""
     z = sample_time_min / jnp.asarray(lag_min, float)
     kept, mean = jnp.exp(-z), -jnp.expm1(-z) / z
     return kept * behind_mg_dl + (mean - kept) * before_mg_dl + (1.0 - mean) * now_mg_dl

@@ -69,37 +69,10 @@ def search(
 ) -> TuningSurface:
     """Simulate the loop with every tuning of a grid, as one batch, and score each.
 
-    With noise around the sensor, oscillation is judged in a loop of its own without that noise; otherwise in the run of
-    the first seed.
-
-    Parameters
-    ----------
-    situation : Situation
-        Patient, sensor, pump and faults.
-    design : callable
-        Function that makes the controller of a tuning, see `designer`.
-    grid : sequence of MPCTuning
-        Tunings, see `tuning_grid`.
-    scenario : Scenario, optional
-        Meals and length; the 50 g oral glucose test by default.
-    seeds : sequence of int
-        Keys of the noise. Every tuning meets the same ones; results are medians over them.
-    integrator : Integrator, optional
-        Argument of `close_loop`.
-    name : str, optional
-        Name of the controller on the surface.
-    progress : callable, optional
-        Called after each block with the number of finished runs and of all runs.
-
-    Returns
-    -------
-    TuningSurface
-
-    Raises
-    ------
-    ValueError
-        For a grid or seeds that are empty or too many, or a grid of which the design refuses
-        every tuning; a single refused tuning is left out and listed in `TuningSurface.refused`.
+    Results are medians over the seeds of noise. With noise around the sensor, oscillation is judged in a loop of its
+    own without that noise; otherwise in the run of the first seed. A tuning that the design refuses is listed in
+    `TuningSurface.refused`; it is an error if all are refused. `progress` is called after each block with the numbers
+    of finished runs and of all runs.
     """
     if not grid:
         raise Refusal("the grid has no tuning; give at least one")

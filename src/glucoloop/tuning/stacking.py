@@ -18,21 +18,12 @@ _SOLVED_EXACTLY: Final = 2
 
 
 def move_slots(moves: int, most: int) -> int:
-    """Number of moves to which a controller is padded.
-
-    Programs of one and two moves are solved in closed form and longer ones by iteration, so they stay apart.
-    """
+    """Number of moves to which a controller is padded: one and two, solved in closed form, stay apart from more."""
     return min(_SOLVED_EXACTLY, most) if moves <= _SOLVED_EXACTLY else most
 
 
 def horizons(controller: Controller) -> tuple[int, int]:
-    """Number of planned moves and of predicted samples, as the controller's arrays have them.
-
-    Raises
-    ------
-    TypeError
-        For a controller that cannot be padded.
-    """
+    """Number of planned moves and of predicted samples, as the arrays of a controller have them."""
     found: tuple[int, int] | None = getattr(controller, "horizons", None)
     if found is None or not hasattr(controller, "padded"):
         raise TypeError(
@@ -45,17 +36,7 @@ def horizons(controller: Controller) -> tuple[int, int]:
 def padded(controller: C, moves: int, horizon: int) -> C:
     """The same controller with room for more moves and more samples, none of which has any weight.
 
-    Parameters
-    ----------
-    controller : Controller
-        Controller with `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
-    moves, horizon : int
-        Numbers of moves and samples, at least the controller's own.
-
-    Returns
-    -------
-    Controller
-        Controller whose decisions are those of the given one, up to rounding.
+    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
     """
     own_moves, own_horizon = horizons(controller)
     if moves < own_moves or horizon < own_horizon:

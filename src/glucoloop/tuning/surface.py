@@ -79,13 +79,7 @@ class TuningSurface:
         return np.lexsort((sse, ~self.acceptable))
 
     def best_index(self) -> int:
-        """The acceptable point with the least sum of squared errors.
-
-        Raises
-        ------
-        ValueError
-            If no point is acceptable.
-        """
+        """The acceptable point with the least sum of squared errors; refused if no point is acceptable."""
         first = int(self.order()[0])
         if not self.acceptable[first]:
             raise Refusal(
@@ -99,31 +93,13 @@ class TuningSurface:
         return self.tunings[self.best_index()]
 
     def index(self, tuning: MPCTuning) -> int:
-        """Index of a tuning in the arrays.
-
-        Raises
-        ------
-        ValueError
-            If it is not a point of the grid.
-        """
+        """Index of a tuning of the grid in the arrays."""
         if tuning not in self.tunings:
             raise Refusal(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
         return self.tunings.index(tuning)
 
     def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:
-        """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank.
-
-        Parameters
-        ----------
-        tuning : MPCTuning
-        called : str
-            Kind of tuning, for messages about the rank.
-
-        Raises
-        ------
-        ValueError
-            If it is not a point of the grid.
-        """
+        """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank."""
         here, acceptable = self.index(tuning), self.acceptable
         better = acceptable & (self.sse < self.sse[here])
         best = self.best_index() if acceptable.any() else None

@@ -23,10 +23,7 @@ class DailyRates:
     """(periods, rates) indicator of the rate of each period; the first rate is for a time that is not known."""
 
     def at(self, values: Any, time_of_day_min: jax.Array | None) -> Any:
-        """Values at a time of day, of a tree of arrays whose first axis is that of the rates.
-
-        The first rate holds for None, and for a number that is no time of day.
-        """
+        """Values at a time of day, of arrays with a first axis of rates; the first holds at an unknown time."""
         share = self._share(time_of_day_min)
         return jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), values)
 
@@ -49,14 +46,9 @@ def earlier(time_of_day_min: jax.Array, minutes: float) -> jax.Array:
 
 
 def daily_rates(values: DailyValues, otherwise: float) -> tuple[DailyRates, tuple[float, ...]]:
-    """Periods of the day, and the rates ``(rates,)`` that occur in them.
+    """Periods of the day, from their beginnings and rates in order, and the rates ``(rates,)`` that occur in them.
 
-    Parameters
-    ----------
-    values : sequence of (float, float)
-        Beginning of each period in minutes after midnight, in their order, and its rate.
-    otherwise : float
-        Rate while the time of day is not known, the first of those that are returned.
+    The first of these is `otherwise`, which holds while the time of day is not known.
     """
     rates = (otherwise, *sorted({rate for _, rate in values} - {otherwise}))
     which = [rates.index(rate) for _, rate in values]

@@ -85,7 +85,6 @@ class MealKalman:
 
     def at_noise(self, deviation_mg_dl: float) -> MealKalman:
         """The same filter: it takes all noise for white."""
-        del deviation_mg_dl
         return self
 
     def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:

@@ -25,16 +25,10 @@ _INTERSTITIAL: Final = STATE_NAMES.index("IG")
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin and glucose of states are physically possible, ``(...)`` each.
+    """Whether insulin and glucose of states ``(9, ...)`` are physically possible, ``(...)`` each.
 
     No depot, amount, concentration or effect is ever below zero. Interstitial glucose follows plasma glucose, so that
     it has never been below the lowest of that.
-
-    Parameters
-    ----------
-    x : (9, ...) array
-    lowest_mg_dl : (...) array
-        Least plasma glucose so far.
     """
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0)
     follows = x[_INTERSTITIAL] * MG_DL_PER_MMOL_L >= lowest_mg_dl - _INTEGRATION_MG_DL

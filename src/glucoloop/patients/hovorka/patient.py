@@ -68,7 +68,6 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""
-        del t_min
         return equations.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
@@ -102,7 +101,6 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
         glucagon : float
             Ignored, since the model has no glucagon.
         """
-        del glucagon
         p = jax.tree.map(float, self.parameters)
         amount = p.V_G * p.weight_kg / MG_DL_PER_MMOL_L
         depot = p.k_e * p.V_I * p.weight_kg * p.t_maxI

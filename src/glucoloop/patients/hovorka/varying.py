@@ -38,11 +38,8 @@ def meanings(constants: Iterable[Constant]) -> dict[str, str]:
 def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distribution]) -> None:
     """Refuse distributions around a nominal person that can make an impossible one.
 
-    Raises
-    ------
-    ValueError
-        If a constant can be 0 or less, the kidney could excrete glucose while the uptake without insulin is
-        reduced for lack of it, or absorption of insulin is given both by its time and by its rate.
+    A constant must stay above 0, the kidney must not excrete glucose while the uptake is reduced for lack of it, and
+    absorption is varied by its time or by its rate.
     """
     for name, distribution in varied.items():
         if not distribution.lower > 0.0:
@@ -66,19 +63,7 @@ def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distributio
 
 
 def with_values(person: Constants, values: Mapping[str, Any]) -> Constants:
-    """Constants of the person or people with these values, and those of the nominal person otherwise.
-
-    Parameters
-    ----------
-    person : HovorkaConstants
-    values : mapping
-        Values by the names of `nominal_values`: floats or arrays ``(people,)``.
-
-    Returns
-    -------
-    HovorkaConstants
-        Constants, an array for each one that varies.
-    """
+    """Constants of the person or people ``(people,)`` with these values, and those of the nominal person otherwise."""
     constants = dict(values)
     if ABSORPTION_RATE in constants:
         constants[ABSORPTION_TIME] = 1.0 / constants.pop(ABSORPTION_RATE)

@@ -26,19 +26,7 @@ from glucoloop.refusal import Refusal
 
 
 def basal_glucose(p: SorensenParameters, arterial_mg_dl: jax.Array | float) -> tuple[jax.Array | float, ...]:
-    """Healthy basal glucose of heart, liver and peripheral interstitium from the balances.
-
-    Parameters
-    ----------
-    p : SorensenParameters
-    arterial_mg_dl : float or (people,) array
-        Fasting arterial glucose.
-
-    Returns
-    -------
-    tuple of float or (people,) array
-        `G_H`, `G_L` and `G_PI` in mg/dl.
-    """
+    """Healthy basal `G_H`, `G_L` and `G_PI` in mg/dl from the balances, for a fasting arterial glucose."""
     liver = arterial_mg_dl + (p.brain_uptake + p.red_cell_uptake + p.basal_peripheral_uptake) / p.q_L
     vascular = arterial_mg_dl - p.basal_peripheral_uptake / p.q_P
     return arterial_mg_dl, liver, vascular - p.basal_peripheral_uptake * p.T_P / p.v_PI
@@ -50,16 +38,6 @@ def with_fasting_glucose(p: SorensenParameters, arterial_mg_dl: float) -> Sorens
     The three references of the glucose effects move by as much as fasting glucose does, which is what the balances ask
     for (see above). The printed references are kept as the starting point: they differ from the balances by rounding,
     and in the periphery by .17 mg/dl.
-
-    Parameters
-    ----------
-    p : SorensenParameters
-    arterial_mg_dl : float
-
-    Raises
-    ------
-    ValueError
-        For a fasting glucose at which an organ has no glucose.
     """
     lower = p.ref_G_H - arterial_mg_dl
     shifted = {name: getattr(p, name) - lower for name in ("ref_G_H", "ref_G_L", "ref_G_PI")}

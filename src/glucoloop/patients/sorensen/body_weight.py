@@ -35,18 +35,6 @@ FLOWS: Final = (
 
 
 def scaled_to_weight(p: SorensenParameters, weight_kg: jax.Array | float) -> SorensenParameters:
-    """Constants of a person, or of people, of another weight.
-
-    Parameters
-    ----------
-    p : SorensenParameters
-        Constants at 70 kg.
-    weight_kg : float or (people,) array
-
-    Returns
-    -------
-    SorensenParameters
-        Constants with every volume and flow times ``weight_kg / 70``.
-    """
+    """Constants with every volume and flow times ``weight_kg / 70``, from those at 70 kg."""
     factor = weight_kg / REFERENCE_WEIGHT_KG
     return dataclasses.replace(p, **{name: getattr(p, name) * factor for name in (*VOLUMES, *FLOWS)})

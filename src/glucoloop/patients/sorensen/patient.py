@@ -54,7 +54,6 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""
-        del t_min
         return sorensen.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:

@@ -30,14 +30,7 @@ _UPTAKE_ENDS: Final = tuple(STATE_NAMES.index(name) for name in ("G_L", "G_K", "
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin and glucose of states are physically possible, ``(...)`` each.
-
-    Parameters
-    ----------
-    x : (19, ...) array
-    lowest_mg_dl : (...) array
-        Least arterial glucose so far.
-    """
+    """Whether insulin and glucose of states ``(19, ...)`` are possible, by the least arterial glucose so far."""
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0) & (x[_GLUCAGON] >= -_ROUNDING)
     return insulin, _explained(x, lowest_mg_dl)
 

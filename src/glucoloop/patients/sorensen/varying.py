@@ -48,14 +48,7 @@ MEANINGS: Final[dict[str, str]] = {
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
-    """Refuse distributions that can make an impossible person.
-
-    Raises
-    ------
-    ValueError
-        If a fraction can leave 0 to 1, a quantity that must be positive can be 0 or less, insulin can be cleared
-        from the periphery faster than it comes there, or an effect can change its sign.
-    """
+    """Refuse distributions that can make an impossible person, by a bound, a clearance or the sign of an effect."""
     for name, distribution in varied.items():
         lowest, highest = _possible(name)
         if not (lowest < distribution.lower and distribution.upper < highest):
@@ -111,18 +104,7 @@ def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> N
 
 
 def with_values(values: Mapping[str, Any]) -> SorensenParameters:
-    """Constants of the person or people with these values, and nominal ones otherwise.
-
-    Parameters
-    ----------
-    values : mapping
-        Values by names in `NOMINAL`: floats or arrays ``(people,)``. Volumes and flows are those at 70 kg.
-
-    Returns
-    -------
-    SorensenParameters
-        Constants, an array for each one that varies.
-    """
+    """Constants of people with these values, volumes and flows as at 70 kg, and nominal ones otherwise."""
     constants: dict[str, Any] = {}
     for name, value in values.items():
         field, dot, part = name.partition(".")

@@ -21,7 +21,6 @@ class Calibration(AlteredReadings):
 
     def altered(self, reading: Reading, age: jax.Array) -> Reading:
         """Gain and offset applied to the reading."""
-        del age
         glucose = self.gain * reading.glucose_mg_dl + self.offset_mg_dl
         return Reading(glucose_mg_dl=glucose, valid=reading.valid)
 

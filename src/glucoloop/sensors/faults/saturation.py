@@ -22,7 +22,6 @@ class Saturation(AlteredReadings):
 
     def altered(self, reading: Reading, age: jax.Array) -> Reading:
         """The reading, clipped to the range."""
-        del age
         glucose = jnp.clip(reading.glucose_mg_dl, self.low_mg_dl, self.high_mg_dl)
         return Reading(glucose_mg_dl=glucose, valid=reading.valid)
 

@@ -20,7 +20,6 @@ class Spikes(AlteredReadings):
 
     def altered(self, reading: Reading, age: jax.Array) -> Reading:
         """The reading and the fixed amount."""
-        del age
         return Reading(glucose_mg_dl=reading.glucose_mg_dl + self.size_mg_dl, valid=reading.valid)
 
 
