@@ -1,0 +1,106 @@
+"""Readings that arrive late without a notice, or out of order."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
+from glucoloop.episodes import Episodes, Within
+from glucoloop.parts.faults import OutOfOrderSettings
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.dead_time import LONGEST_DEAD_TIME_SAMPLES, filled, joined, one_of, without_oldest
+from glucoloop.sensors.faults.wrapping import FaultySensor, or_ideal, read_within
+from glucoloop.sensors.protocol import Reading, Sensor
+
+_HAIR: Final = 1e-9  # of a sample: whole minutes over whole minutes may come out just above a whole number
+_WHICH: Final = 1  # sets the choice of a reading apart from the draws of an episode
+
+
+@pytree
+class _State:
+    within: Within
+    past: Reading
+
+
+@pytree
+class Late(FaultySensor):
+    """Gives the reading from some samples ago; before the first such reading, the initial glucose."""
+
+    samples: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """State of the inner sensor and of the fault, with the initial glucose as past readings."""
+        return _State(within=super().init(glucose_mg_dl, key), past=filled(self.samples, glucose_mg_dl))
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read the inner sensor, and give an older reading while the fault is present."""
+        within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
+        line = joined(state.past, newest)
+        told: Reading = jax.tree.map(lambda old, new: jnp.where(age >= 0.0, old, new), one_of(line, 0), newest)
+        return _State(within=within, past=without_oldest(line)), told
+
+
+@checked
+def late(samples: int, episodes: Episodes, inner: Sensor | None = None) -> Late:
+    """Sensor whose readings arrive late by whole samples during the episodes.
+
+    A dead time that is always there is `dead_time`.
+
+    Raises
+    ------
+    ValueError
+        Unless `samples` is a whole number from 1 to 288.
+    """
+    if not 1 <= samples <= LONGEST_DEAD_TIME_SAMPLES:
+        raise Refusal(
+            f"a delay of {samples} samples is not possible; give a whole number from 1 to {LONGEST_DEAD_TIME_SAMPLES}"
+        )
+    return Late(inner=or_ideal(inner), episodes=episodes, samples=samples)
+
+
+def late_by(delay_min: float, episodes: Episodes, inner: Sensor | None = None, *, sample_time_min: float = 5.0) -> Late:
+    """Sensor whose readings are late by some minutes, rounded up to samples; see `late`."""
+    delay = delay_min / sample_time_min
+    return late(math.ceil(delay - _HAIR) if math.isfinite(delay) else 0, episodes, inner)
+
+
+@pytree
+class OutOfOrder(FaultySensor):
+    """Gives one of the latest readings, each with the same probability and drawn anew at each sample."""
+
+    among: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """State of the inner sensor and of the fault, with the initial glucose as past readings."""
+        return _State(within=super().init(glucose_mg_dl, key), past=filled(self.among - 1, glucose_mg_dl))
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read the inner sensor, and give one of the latest readings while the fault is present."""
+        within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
+        line = joined(state.past, newest)
+        own = jax.random.fold_in(self.episodes.own(key), _WHICH)
+        drawn = self.among * jax.random.uniform(own, age.shape, age.dtype)
+        told = newest
+        for place in range(self.among - 1):
+            # native code cannot take a random place of an array, but it can choose between values
+            here = (age >= 0.0) & (drawn >= place) & (drawn < place + 1)
+            told = jax.tree.map(lambda old, so_far, here=here: jnp.where(here, old, so_far), one_of(line, place), told)
+        return _State(within=within, past=without_oldest(line)), told
+
+
+@checked
+def out_of_order(among: int, episodes: Episodes, inner: Sensor | None = None) -> OutOfOrder:
+    """Sensor that gives a random one of its latest readings during the episodes.
+
+    Raises
+    ------
+    ValueError
+        Unless `among` is a whole number from 2 to 48.
+    """
+    OutOfOrderSettings(among=among)
+    return OutOfOrder(inner=or_ideal(inner), episodes=episodes, among=among)
