@@ -28,7 +28,7 @@ from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
-from glucoloop.metrics.settling import Settling
+from glucoloop.metrics.regulation import Settling
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal

@@ -114,7 +114,7 @@ def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Resu
 class TimeInRangesPart(MetricPart, name="time-in-ranges"):
     """Times in ranges of glucose, and the risk index that follows from them."""
 
-    make: ClassVar = f"{_METRICS}.time_in_ranges:TimeInRanges"
+    make: ClassVar = f"{_METRICS}.glycemia:TimeInRanges"
     section: ClassVar = GLYCEMIA
     numbers: ClassVar = (
         _share(
@@ -143,7 +143,7 @@ class TimeInRangesPart(MetricPart, name="time-in-ranges"):
 class LowEventsPart(MetricPart, name="low-events"):
     """Events of low glucose."""
 
-    make: ClassVar = f"{_METRICS}.low_events:LowEvents"
+    make: ClassVar = f"{_METRICS}.glycemia:LowEvents"
     section: ClassVar = GLYCEMIA
     numbers: ClassVar = (
         _events("low_events", 70),
@@ -154,7 +154,7 @@ class LowEventsPart(MetricPart, name="low-events"):
 class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
     """Mean glucose and its variation."""
 
-    make: ClassVar = f"{_METRICS}.mean_and_variation:MeanAndVariation"
+    make: ClassVar = f"{_METRICS}.glycemia:MeanAndVariation"
     section: ClassVar = GLYCEMIA
     numbers: ClassVar = (
         Result(
@@ -179,7 +179,7 @@ class MeanAndVariationPart(MetricPart, name="mean-and-variation"):
 class RiskIndicesPart(MetricPart, name="risk-indices"):
     """Risk of low and of high glucose."""
 
-    make: ClassVar = f"{_METRICS}.risk_indices:RiskIndices"
+    make: ClassVar = f"{_METRICS}.glycemia:RiskIndices"
     section: ClassVar = GLYCEMIA
     numbers: ClassVar = (
         Result("lbgi", "Low blood glucose index.", "Low blood glucose index", "", 2),
@@ -190,7 +190,7 @@ class RiskIndicesPart(MetricPart, name="risk-indices"):
 class ExtremesPart(MetricPart, name="extremes"):
     """Least and greatest glucose."""
 
-    make: ClassVar = f"{_METRICS}.extremes:Extremes"
+    make: ClassVar = f"{_METRICS}.regulation:Extremes"
     section: ClassVar = REGULATION
     numbers: ClassVar = (
         Result(
@@ -232,7 +232,7 @@ class ExtremesPart(MetricPart, name="extremes"):
 class SettlingPart(MetricPart, name="settling"):
     """Time until glucose stays near the setpoint."""
 
-    make: ClassVar = f"{_METRICS}.settling:Settling"
+    make: ClassVar = f"{_METRICS}.regulation:Settling"
     section: ClassVar = REGULATION
     numbers: ClassVar = (
         Result(
@@ -262,7 +262,7 @@ class SettlingPart(MetricPart, name="settling"):
 class SquaredErrorPart(MetricPart, name="squared-error"):
     """Sum of squared errors."""
 
-    make: ClassVar = f"{_METRICS}.squared_error:SquaredError"
+    make: ClassVar = f"{_METRICS}.regulation:SquaredError"
     section: ClassVar = REGULATION
     numbers: ClassVar = (
         Result(
@@ -278,7 +278,7 @@ class SquaredErrorPart(MetricPart, name="squared-error"):
 class InsulinPart(MetricPart, name="insulin"):
     """Insulin delivered and its changes."""
 
-    make: ClassVar = f"{_METRICS}.insulin:Insulin"
+    make: ClassVar = f"{_METRICS}.dosing:Insulin"
     section: ClassVar = INSULIN
     numbers: ClassVar = (
         Result(
@@ -318,7 +318,7 @@ class InsulinPart(MetricPart, name="insulin"):
 class SamplesPart(MetricPart, name="samples"):
     """Samples at which the controller or its guard met a difficulty."""
 
-    make: ClassVar = f"{_METRICS}.samples:Samples"
+    make: ClassVar = f"{_METRICS}.dosing:Samples"
     section: ClassVar = SAMPLES
     numbers: ClassVar = (
         _samples("saturated", "at which the controller wanted a dose beyond its limits", "Dose beyond limits"),
@@ -354,7 +354,7 @@ class SamplesPart(MetricPart, name="samples"):
 class ConstraintsPart(MetricPart, name="constraints"):
     """Constraints of Parker, Doyle and Peppas (1999)."""
 
-    make: ClassVar = f"{_METRICS}.constraints:Constraints"
+    make: ClassVar = f"{_METRICS}.dosing:Constraints"
     section: ClassVar = CONSTRAINTS
     numbers: ClassVar = (
         Result("rate_satisfied", "Constraint (17): no change beyond the pump's limit.", "Change of the rate"),
