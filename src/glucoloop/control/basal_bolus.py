@@ -28,8 +28,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import BasalBolusSettings
 from glucoloop.control.tuning import check_sample_time
-from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 

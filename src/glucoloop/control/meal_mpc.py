@@ -30,11 +30,10 @@ from glucoloop.estimation.unknown_meal import (
     design_meal_horizon,
     design_meal_kalman,
 )
-from glucoloop.estimation.unknown_meal.daily import earlier
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
-from glucoloop.meals.announced import Announced, announce, serve
-from glucoloop.meals.stomach import Gut, Stomach, digest, gut_of
+from glucoloop.estimation.unknown_meal.habits import earlier
+from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
 from glucoloop.models.individual import IndividualModel, individual_model
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves

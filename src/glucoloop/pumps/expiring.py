@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.parts.pumps import ExpiringSettings
-from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 

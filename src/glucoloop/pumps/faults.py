@@ -12,7 +12,7 @@ from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within, begin, recurring
 from glucoloop.parts.faults import OcclusionSettings
 from glucoloop.pumps.expiring import expiring
-from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
 

@@ -21,8 +21,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.parts.sensors import LagSettings
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 
 def lagged(

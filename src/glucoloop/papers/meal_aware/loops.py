@@ -36,14 +36,14 @@ from glucoloop.papers.meal_aware.situations import (
     NamedSituation,
 )
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
-from glucoloop.sensors.white_noise import WhiteNoise
+from glucoloop.sensors.noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
-from glucoloop.tuning.stacking import stack
+from glucoloop.tuning.search import stack
 
 _MOST_TOGETHER: Final = 50
 

@@ -38,7 +38,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.people_plant import varying
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
-from glucoloop.tuning.stacking import move_slots
+from glucoloop.tuning.search import move_slots
 
 SAMPLE_MIN: Final = 5.0
 _NEVER: Final = math.inf

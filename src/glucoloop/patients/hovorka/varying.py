@@ -1,4 +1,4 @@
-"""Constants that can vary from person to person, their bounds, and the parameters that result.
+"""Constants that can vary from person to person, how they do, their bounds, and the parameters that result.
 
 Varied are the constants of the patient by name, body weight among them. Absorption of insulin can be varied by its rate
 as well, ``absorption_rate = 1 / t_maxI``, since that is the quantity whose distribution is published.
@@ -8,12 +8,43 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from glucoloop.patients.hovorka.equations import HovorkaConstants
 from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
+
+LEAST_OF_MEAN: Final = 0.1
+"""Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
+
+
+class Normal(NamedTuple):
+    """A normally distributed parameter."""
+
+    parameter: str
+    mean: float
+    sd: float
+    source: str
+
+
+class Uniform(NamedTuple):
+    """A parameter with a uniform distribution between two values."""
+
+    parameter: str
+    least: float
+    most: float
+    source: str
+
+
+class Lognormal(NamedTuple):
+    """A parameter whose logarithm is normally distributed."""
+
+    parameter: str
+    median: float
+    sd_of_logarithm: float
+    source: str
+
 
 Constants = TypeVar("Constants", bound=HovorkaConstants)
 

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes, Within, begin
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 
 @pytree
