@@ -123,3 +123,8 @@ class RestingPatient(Generic[P]):
 
 def _first(values: npt.NDArray[np.float64], which: npt.NDArray[np.bool_]) -> float:
     return float(np.broadcast_to(values, which.shape)[which].flat[0])
+
+
+def shape_of_people(p: Constants, given: ArrayLike) -> tuple[int, ...]:
+    """Shape of the people in the constants that vary, and in a rate or a glucose."""
+    return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))

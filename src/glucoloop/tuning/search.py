@@ -13,9 +13,7 @@ from typing import Final, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
-from glucoloop._pytree import pytree
 from glucoloop.control import Controller, MPCTuning
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.surroundings import surroundings_of
@@ -25,7 +23,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
 from glucoloop.situations.situation import Situation
 from glucoloop.tuning.designers import Designer
-from glucoloop.tuning.oscillation import Oscillation, oscillation
+from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
 
 C = TypeVar("C", bound=Controller)
@@ -83,20 +81,17 @@ _ROUND: Final = 8
 """Divisor of the size of blocks, so that similar grids share a program."""
 
 
-@pytree
-class _Scores:
-    """Scores that are kept of a run."""
-
-    sse: jax.Array
-    undershoot_mg_dl: jax.Array
-    minimum_mg_dl: jax.Array
-    settling_2pct_min: jax.Array
-    settled_2pct: jax.Array
-    settling_5pct_min: jax.Array
-    settled_5pct: jax.Array
-    insulin_total_variation_mU_min: jax.Array
-    kept: jax.Array
-    oscillation: Oscillation
+_NUMBERS: Final = (
+    "sse",
+    "undershoot_mg_dl",
+    "minimum_mg_dl",
+    "settling_2pct_min",
+    "settling_5pct_min",
+    "insulin_total_variation_mU_min",
+)
+_TRUTHS: Final = ("settled_2pct", "settled_5pct")
+_Scores = dict[str, jax.Array]
+"""Scores that are kept of a run, by name."""
 
 
 def search(
@@ -140,18 +135,8 @@ def search(
         def score(controller: Controller, key: jax.Array) -> _Scores:
             trace = close_loop(situation, controller, meals, around=around, key=key, integrator=integrator)
             metrics = summarise(trace, limits)
-            return _Scores(
-                sse=metrics.sse,
-                undershoot_mg_dl=metrics.undershoot_mg_dl,
-                minimum_mg_dl=metrics.minimum_mg_dl,
-                settling_2pct_min=metrics.settling_2pct_min,
-                settled_2pct=metrics.settled_2pct,
-                settling_5pct_min=metrics.settling_5pct_min,
-                settled_5pct=metrics.settled_5pct,
-                insulin_total_variation_mU_min=metrics.insulin_total_variation_mU_min,
-                kept=metrics.constraints_satisfied,
-                oscillation=oscillation(trace),
-            )
+            scores = {name: getattr(metrics, name) for name in (*_NUMBERS, *_TRUTHS, "constraints_satisfied")}
+            return {**scores, **vars(oscillation(trace))}
 
         return _in_blocks(score, controllers, seeds, most_moves, horizon, progress, done, total)
 
@@ -165,18 +150,12 @@ def search(
         tunings=tuple(grid),
         refused=refused,
         seeds=len(seeds),
-        sse=_median(scores.sse),
-        undershoot_mg_dl=_median(scores.undershoot_mg_dl),
-        minimum_mg_dl=_median(scores.minimum_mg_dl),
-        settling_2pct_min=_median(scores.settling_2pct_min),
-        settled_2pct=np.mean(scores.settled_2pct, axis=1) > 0.5,
-        settling_5pct_min=_median(scores.settling_5pct_min),
-        settled_5pct=np.mean(scores.settled_5pct, axis=1) > 0.5,
-        insulin_total_variation_mU_min=_median(scores.insulin_total_variation_mU_min),
-        kept_share=np.mean(scores.kept, axis=1),
-        crossings=np.asarray(quiet.oscillation.crossings, np.int64)[:, 0],
-        turns=np.asarray(quiet.oscillation.turns, np.int64)[:, 0],
-        oscillates=np.asarray(quiet.oscillation.oscillates, bool)[:, 0],
+        **{name: np.median(np.asarray(scores[name], float), axis=1) for name in _NUMBERS},
+        **{name: np.mean(scores[name], axis=1) > 0.5 for name in _TRUTHS},
+        kept_share=np.mean(scores["constraints_satisfied"], axis=1),
+        crossings=np.asarray(quiet["crossings"], np.int64)[:, 0],
+        turns=np.asarray(quiet["turns"], np.int64)[:, 0],
+        oscillates=np.asarray(quiet["oscillates"], bool)[:, 0],
     )
 
 
@@ -195,10 +174,6 @@ def _designed(
         reason = next(iter(refused.values()))
         raise Refusal(f"no controller can be designed for any tuning of the grid: {reason}")
     return designed, tuple(refused.items())
-
-
-def _median(values: jax.Array) -> npt.NDArray[np.float64]:
-    return np.asarray(np.median(np.asarray(values, float), axis=1), np.float64)
 
 
 def _block(runs: int) -> int:

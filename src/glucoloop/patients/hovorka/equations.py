@@ -59,49 +59,31 @@ class HovorkaConstants:
 
     Volumes, production and uptake are per kg of body weight, as the papers give them. The two constants of the gut,
     `A_G` and `t_maxG`, are among a person's constants but enter the person's meal model, not the balances.
-    `glucoloop.patients.hovorka.parameters` holds published sets with the provenance of every value.
+    `glucoloop.patients.hovorka.parameters` holds published sets with the unit, meaning and provenance of every value.
     """
 
     weight_kg: jax.Array | float
     # insulin
     t_maxI: jax.Array | float
-    """Time to the maximum of insulin absorption, min."""
     k_e: jax.Array | float
-    """Elimination from plasma, 1/min."""
     V_I: jax.Array | float
-    """Distribution volume of insulin, l/kg."""
     k_a1: jax.Array | float
-    """Rate of the effect on transport, 1/min."""
     k_a2: jax.Array | float
-    """Rate of the effect on disposal, 1/min."""
     k_a3: jax.Array | float
-    """Rate of the effect on production, 1/min."""
     S_IT: jax.Array | float
-    """Sensitivity of transport to insulin, 1/min per mU/l."""
     S_ID: jax.Array | float
-    """Sensitivity of disposal to insulin, 1/min per mU/l."""
     S_IE: jax.Array | float
-    """Sensitivity of production to insulin, l/mU."""
     # glucose
     V_G: jax.Array | float
-    """Volume of the accessible compartment, l/kg."""
     k_12: jax.Array | float
-    """Transfer from the non-accessible to the accessible compartment, 1/min."""
     EGP_0: jax.Array | float
-    """Production by the liver, extrapolated to no insulin, mmol/kg/min."""
     F_01: jax.Array | float
-    """Uptake that does not depend on insulin, mmol/kg/min."""
     renal_threshold: jax.Array | float
-    """Glucose above which the kidney excretes, mmol/l."""
     renal_clearance: jax.Array | float
-    """Excreted fraction of what exceeds the threshold, 1/min."""
     t_IG: jax.Array | float
-    """Delay of the interstitial space behind plasma, min."""
     # gut
     A_G: jax.Array | float
-    """Fraction of eaten carbohydrate that appears as glucose."""
     t_maxG: jax.Array | float
-    """Time to the maximum of the appearance of glucose after a meal, min."""
 
     @property
     def glucose_volume_l(self) -> jax.Array | float:
