@@ -422,15 +422,8 @@ def bound_of_situation(
     """The bound that holds for every controller of a situation, however it learns of meals.
 
     Announced meals are known at the sample before they begin. Other meals are known a dead time after their start, at
-    the first reading that they change; with sensor noise no controller knows of them so early.
-
-    Parameters
-    ----------
-    patient, scenario, pump_limits
-        As for `optimal_doses`.
-    dead_time_min : float
-        Dead time of the readings.
-    sample_time_min : float
+    the first reading that they change; with sensor noise no controller knows of them so early. Other arguments are
+    those of `optimal_doses`.
     """
     known_after_min = dead_time_min
     if scenario.announced and scenario.meals:

@@ -37,14 +37,7 @@ def _jumps(model: MealModel, eaten: Eaten) -> Jumps:
 
 
 def absorb(model: MealModel, eaten: Eaten) -> Absorption:
-    """Combine meals with the meal model that absorbs them.
-
-    Parameters
-    ----------
-    model : MealModel
-        Meal model of one person, or of people; in that case the meals have a trailing axis of people too.
-    eaten : Eaten
-    """
+    """Combine meals with the meal model that absorbs them; with a model of people, meals have an axis of people too."""
     return Absorption(model=model, jumps=_jumps(model, eaten))
 
 

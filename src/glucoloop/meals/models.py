@@ -23,13 +23,7 @@ MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
 
 
 def meal_model(name: str) -> MealModel:
-    """A meal model by its name, with its published numbers.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    """
+    """A meal model by its name, with its published numbers."""
     if name not in MEAL_MODELS:
         raise Refusal(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
     return MEAL_MODELS[name]()

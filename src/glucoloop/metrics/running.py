@@ -98,23 +98,10 @@ class RunningMetrics:
         meal_t_min: npt.NDArray[Any] | float,
         precision: str = "float64",
     ) -> Metrics:
-        """Metrics of a run of a cohort.
+        """Metrics ``(people,)`` of a run of a cohort, as NumPy arrays; NaN for a person whose glucose was not finite.
 
-        Parameters
-        ----------
-        tally : Tally
-            States ``(people,)`` at the end.
-        samples : int
-        sample_time_min : float
-        meal_t_min : () or (people,) array
-            Time of the sample in which the first meal begins; 0 if nothing is eaten.
-        precision : {"float64", "float32"}
-            Precision of the tally: a dose at its limit may seem to exceed it by rounding.
-
-        Returns
-        -------
-        Metrics
-            NumPy arrays ``(people,)``; as `summarise` has them, NaN for a person whose glucose was not finite.
+        `meal_t_min` is the time of the sample in which the first meal begins, 0 if nothing is eaten. With the precision
+        ``"float32"`` a dose at its limit may exceed it by more rounding.
         """
         fold, states = jax.tree.map(lambda a: np.asarray(a, np.float64), (self, tally))
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of people without metrics

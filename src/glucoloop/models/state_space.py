@@ -46,39 +46,26 @@ class ContinuousModel:
 
 @pytree
 class LinearModel:
-    """A linear model sampled with a zero-order hold, and the point about which it holds.
-
-    Attributes
-    ----------
-    Phi : (n, n)
-        Transition over one sample.
-    Gamma : (n,)
-        Effect of an input held over one sample, per mU/min.
-    C : (n,)
-        Output row.
-    Psi : (n,) or None
-        Effect of a disturbance held over one sample.
-    C_reading : (n,) or None
-        Output row of the sensor, or None where it reads glucose.
-    state : (n,)
-        Operating point x0.
-    insulin_mU_min : ()
-        Operating point u0.
-    glucose_mg_dl : ()
-        Operating point y0.
-    sample_time_min : float
-        Sample time; static.
-    """
+    """A linear model sampled with a zero-order hold, and the point about which it holds."""
 
     Phi: Array
+    """Transition over one sample, ``(n, n)``."""
     Gamma: Array
+    """Effect of an input held over one sample, per mU/min, ``(n,)``."""
     C: Array
+    """Output row, ``(n,)``."""
     Psi: Array | None = None
+    """Effect of a disturbance held over one sample, ``(n,)``."""
     C_reading: Array | None = None
+    """Output row of the sensor, ``(n,)``, or None where it reads glucose."""
     state: Array
+    """Operating point x0, ``(n,)``."""
     insulin_mU_min: Array
+    """Operating point u0."""
     glucose_mg_dl: Array
+    """Operating point y0."""
     sample_time_min: float = static()
+    """Sample time of the model."""
 
     @property
     def reading_row(self) -> Array:

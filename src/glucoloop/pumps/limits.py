@@ -81,15 +81,10 @@ class BolusLimits:
     step_mU: jax.Array | float = 50.0
 
     def allowed(self, bolus_mU: jax.Array) -> jax.Array:
-        """Bolus that a pump gives for a requested one.
+        """Bolus that a pump gives for a requested one, which may be any number or NaN.
 
         It is rounded down to whole steps, and the remainder is not given later. A bolus above the largest one is cut to
         it. One that is below the least, below zero or not finite is not given at all.
-
-        Parameters
-        ----------
-        bolus_mU : (...) array
-            Requested bolus; any number or NaN.
         """
         wanted = jnp.where(jnp.isfinite(bolus_mU) & (bolus_mU > 0.0), bolus_mU, 0.0)
         whole = jnp.floor(jnp.minimum(wanted, self.max_mU) / self.step_mU + _HAIR) * self.step_mU

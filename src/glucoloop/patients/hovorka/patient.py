@@ -91,15 +91,9 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
     def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
         """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.
 
-        Parameters
-        ----------
-        glucose : float
-            Variance of glucose in mg/dl squared; the two amounts of glucose vary as the concentration they stand for.
-        other : float
-            Variance of plasma insulin in (mU/l) squared; depots and effects vary as they would at rest under the
-            infusion that makes up such an insulin.
-        glucagon : float
-            Ignored, since the model has no glucagon.
+        The variances are those of glucose in (mg/dl)^2, as which both amounts of glucose vary, and of plasma insulin in
+        (mU/l)^2; depots and effects vary as they would at rest under the infusion that makes up such an insulin. The
+        model has no glucagon.
         """
         p = jax.tree.map(float, self.parameters)
         amount = p.V_G * p.weight_kg / MG_DL_PER_MMOL_L
