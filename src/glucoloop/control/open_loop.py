@@ -55,11 +55,6 @@ def design_open_loop(
     ------
     ValueError
         For a rate outside the limits, or a sample time that is not possible.
-
-    Examples
-    --------
-    >>> design_open_loop(20.0).sample_time_min
-    5.0
     """
     check_sample_time(sample_time_min)
     if insulin_mU_min is None:

@@ -110,19 +110,9 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
 
 
 def steady_state_seen(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
-    """Product ``P C'`` of the steady prediction covariance, which is all that a gain needs.
+    """Product ``P C'`` of the steady prediction covariance, ``(n,)`` or ``(n, B)``, which is all that a gain needs.
 
     The parameters are those of `steady_state_covariance`. The filter-form gain is ``P C' / (C P C' + R)``.
-
-    Returns
-    -------
-    (n,) or (n, B)
-        Covariance of the error of each state with that of the predicted output.
-
-    Raises
-    ------
-    ValueError
-        If `doublings` is less than 1.
     """
     return _steady(_last_seen, Phi, C, Q, R, doublings)
 

@@ -1,6 +1,6 @@
 """Glucose sensors and their faults: small objects that wrap one another."""
 
-from glucoloop.sensors.dead_time import DeadTime, dead_time
+from glucoloop.sensors.delay import DeadTime, Lag, dead_time, lag
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.faults import (
     calibration,
@@ -15,7 +15,6 @@ from glucoloop.sensors.faults import (
     spikes,
     stuck,
 )
-from glucoloop.sensors.lag import Lag, lag
 from glucoloop.sensors.noise import CorrelatedNoise, WhiteNoise, correlated_noise, white_noise
 from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 

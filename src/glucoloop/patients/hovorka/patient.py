@@ -15,12 +15,7 @@ from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
-from glucoloop.patients.hovorka.rest import (
-    glucose_without_insulin_mg_dl,
-    infusion_for,
-    rest_at,
-    rest_under,
-)
+from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.refusal import Refusal

@@ -14,12 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.patients.resting import shape_of_people
-from glucoloop.patients.sorensen.equations import (
-    SorensenParameters,
-    hepatic_balance,
-    insulin_effects,
-    renal_excretion,
-)
+from glucoloop.patients.sorensen.equations import SorensenParameters, hepatic_balance, insulin_effects, renal_excretion
 
 _HALVINGS: Final = 45
 _NEWTON_STEPS: Final = 3

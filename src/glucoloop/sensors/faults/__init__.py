@@ -15,8 +15,17 @@ from glucoloop.sensors.faults.altered import (
     spikes,
 )
 from glucoloop.sensors.faults.compression import Compression, compression
-from glucoloop.sensors.faults.delayed import Late, OutOfOrder, late, late_by, out_of_order
-from glucoloop.sensors.faults.held import Repeated, Stuck, repeated, stuck
+from glucoloop.sensors.faults.earlier import (
+    Late,
+    OutOfOrder,
+    Repeated,
+    Stuck,
+    late,
+    late_by,
+    out_of_order,
+    repeated,
+    stuck,
+)
 
 __all__ = [
     "Calibration",

@@ -1,7 +1,7 @@
-"""Sensor behind a first-order lag: glucose under the skin follows glucose in the blood some minutes later.
+"""Sensors that are late: behind a first-order lag, or by a dead time of whole samples.
 
-The lag is that of one compartment, ``lag r' = G - r``. Between two samples glucose G is taken to change evenly, for
-which the equation is solved exactly.
+Glucose under the skin follows glucose in the blood some minutes later, by the lag of one compartment,
+``lag r' = G - r``. Between two samples glucose G is taken to change evenly, for which the equation is solved exactly.
 
 References
 ----------
@@ -11,7 +11,8 @@ of insulin: implications for continuous monitoring", Am. J. Physiol. 277(3), 199
 
 from __future__ import annotations
 
-from typing import Any
+import operator
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -87,3 +88,69 @@ def lag(lag_min: float = 10.0, inner: Sensor | None = None, *, sample_time_min: 
     if not 0.0 < sample_time_min < float("inf"):
         raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
     return Lag(inner=IdealSensor() if inner is None else inner, lag_min=lag_min, sample_time_min=sample_time_min)
+
+
+LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
+
+
+def filled(samples: int, glucose_mg_dl: jax.Array) -> Reading:
+    """Buffer ``(samples, ...)`` of a sensor that has read the given glucose for a long time."""
+    glucose = jnp.broadcast_to(glucose_mg_dl, (samples, *jnp.shape(glucose_mg_dl)))
+    return Reading(glucose_mg_dl=glucose, valid=jnp.ones(glucose.shape, bool))
+
+
+def joined(past: Reading, newest: Reading) -> Reading:
+    """Buffer with the newest reading appended, ``(samples + 1, ...)``."""
+    line: Reading = jax.tree.map(lambda old, new: jnp.concatenate([old, new[None]]), past, newest)
+    return line
+
+
+def one_of(line: Reading, index: int) -> Reading:
+    """Reading at a position of the buffer."""
+    reading: Reading = jax.tree.map(operator.itemgetter(index), line)
+    return reading
+
+
+def without_oldest(line: Reading) -> Reading:
+    """Buffer for the next sample, without the oldest reading."""
+    rest: Reading = jax.tree.map(lambda readings: readings[1:], line)
+    return rest
+
+
+@pytree
+class _Line:
+    inner: Any
+    waiting: Reading
+    """Readings that are not yet given, the oldest first."""
+
+
+@pytree
+class DeadTime:
+    """Gives the reading of the inner sensor from `samples` ago; before the first such reading, the initial glucose."""
+
+    inner: Sensor
+    samples: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _Line:
+        """A delay line filled with the initial glucose."""
+        return _Line(inner=self.inner.init(glucose_mg_dl, key), waiting=filled(self.samples, glucose_mg_dl))
+
+    def read(self, state: _Line, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_Line, Reading]:
+        """Append a new reading to the delay line and give the one at its head."""
+        inner, newest = self.inner.read(state.inner, glucose_mg_dl, key)
+        line = joined(state.waiting, newest)
+        return _Line(inner=inner, waiting=without_oldest(line)), one_of(line, 0)
+
+
+@checked
+def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
+    """Sensor with a dead time of whole samples.
+
+    Raises
+    ------
+    ValueError
+        Unless `samples` is a whole number from 0 to 288.
+    """
+    if not 0 <= samples <= LONGEST_DEAD_TIME_SAMPLES:
+        raise Refusal(f"samples is {samples}; give a whole number from 0 to {LONGEST_DEAD_TIME_SAMPLES}")
+    return DeadTime(inner=inner if inner is not None else IdealSensor(), samples=samples)
