@@ -11,14 +11,16 @@ body weight while flows and volumes do, so these distances are largest for the l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.model import PatientModel, Values
+from glucoloop.patients.population import Population
 from glucoloop.patients.sorensen.equations import INSULIN, STATE_NAMES
+from glucoloop.patients.sorensen.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
 from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient
 from glucoloop.patients.sorensen.varying import (
     ADULTS,
@@ -31,6 +33,36 @@ from glucoloop.patients.sorensen.varying import (
     refuse_impossible,
     with_values,
 )
+from glucoloop.patients.variation import Variation
+
+_NAME: Final = "parker-1999"
+_SPREAD_CV_PCT: Final = 20.0
+
+
+def _populations() -> dict[str, Population]:
+    """Populations by name."""
+    uncertain = (
+        Variation(parameter=of.parameter, distribution="uniform", spread_pct=LARGEST_VARIATION_PCT)
+        if of.half_width is None
+        else Variation(parameter=of.parameter, distribution="uniform", spread=of.half_width)
+        for of in UNCERTAIN
+    )
+    lognormal = (
+        Variation(
+            parameter=of.parameter,
+            distribution="lognormal",
+            spread_pct=_SPREAD_CV_PCT,
+            # insulin of the periphery could not be cleared beyond 0.243
+            upper=0.21 if of.parameter == "F_PC" else None,
+        )
+        if of.half_width is None
+        else Variation(parameter=of.parameter, distribution="normal", spread=_SPREAD_CV_PCT / 100.0)
+        for of in UNCERTAIN
+    )
+    varied = {"parker2000": tuple(uncertain), "lognormal": (*lognormal, ADULTS)}
+    summaries = PATIENTS[_NAME].populations
+    return {name: Population(name, which, summaries[name], patient=_NAME) for name, which in varied.items()}
+
 
 LIGHTEST_KG: Final = ADULTS.around(REFERENCE_WEIGHT_KG).lower
 """Least weight of a person in the populations."""
@@ -66,12 +98,6 @@ def _build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> So
         basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
         setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
     )
-
-
-def _populations() -> Mapping[str, Any]:
-    from glucoloop.patients.sorensen.populations import POPULATIONS
-
-    return POPULATIONS
 
 
 PARKER_1999_MODEL: Final = PatientModel(
