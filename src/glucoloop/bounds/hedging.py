@@ -179,7 +179,7 @@ def _hedged(
     both: RunModel, scenario: Scenario, limits: DoseLimits, question: str, error: float, apart: int, basal: float
 ) -> HedgedDoses:
     meal = scenario.meals[0]
-    plan = DosePlan.of_several(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
+    plan = DosePlan.of_course(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
     minimum = plan.least(np.full(both.samples, basal), "deviation")
     calm = plan.calm(minimum, "deviation")
     told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf

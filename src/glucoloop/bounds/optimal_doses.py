@@ -165,13 +165,13 @@ def optimal_doses(
     for meals, first in _stages(scenario, fasting, known_after_min):
         known = course_of(patient, scenario, sample_time_min, [meals])
         start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
-        plan = DosePlan.of_one(known, pump_limits, first)
+        plan = DosePlan.of_course(known, pump_limits, first)
         minimum = plan.least(start, objective, undershoot_weight)
         calm = plan.calm(minimum, objective)
         doses = plan.doses(calm.v)[:, 0]
         iterations += minimum.iterations + calm.iterations
     if minimum is None:  # nothing is eaten
-        minimum = DosePlan.of_one(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
+        minimum = DosePlan.of_course(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
     eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
     return told(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
@@ -232,14 +232,10 @@ class DosePlan:
     """(samples, members) position of each dose in the vector; circumstances share doses until they are told apart."""
 
     @classmethod
-    def of_one(cls, course: RunModel, limits: DoseLimits, first: int) -> DosePlan:
-        """A plan whose doses before a sample are fixed."""
-        return cls.of_several(course, limits, first, course.samples)
-
-    @classmethod
-    def of_several(cls, course: RunModel, limits: DoseLimits, first: int, apart: int) -> DosePlan:
-        """Plan for several circumstances: doses before `first` are fixed, and doses before `apart` are shared."""
+    def of_course(cls, course: RunModel, limits: DoseLimits, first: int, apart: int | None = None) -> DosePlan:
+        """Plan whose doses before `first` are fixed; several circumstances share those before `apart`."""
         n, members = course.samples, course.members
+        apart = n if apart is None else apart
         place = np.arange(n * members).reshape(n, members)
         place[:apart] = place[:apart, :1]
         place = np.unique(place, return_inverse=True)[1].reshape(n, members)

@@ -39,31 +39,17 @@ class Tally:
 
 
 @pytree
-class RunningMetrics:
+class RunningMetrics(Course):
     """Fold of the loop that computes metrics; implements `simulation.cohort.Fold`."""
 
-    setpoint_mg_dl: jax.Array | float
-    limits: DoseLimits = PARKER_1999_LIMITS
-    lowest_glucose_mg_dl: jax.Array | float = LOWEST_GLUCOSE_MG_DL
-    inside_min: tuple[jax.Array | float, ...]
-    """Moments of the fine grid between samples; see `SampleGrid.inside_min`."""
     further: tuple[str, ...] = static(default=())
     """Texts of metrics beside those of this package: name and settings."""
-
-    @property
-    def _course(self) -> Course:
-        return Course(
-            setpoint_mg_dl=self.setpoint_mg_dl,
-            limits=self.limits,
-            lowest_glucose_mg_dl=self.lowest_glucose_mg_dl,
-            inside_min=self.inside_min,
-        )
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
         """States at the start, which is the first point of the grid."""
         zero = jnp.zeros_like(glucose_mg_dl)
         start = Tally(
-            states=tuple(metric.init(self._course, glucose_mg_dl, insulin_mU_min) for metric in self._metrics),
+            states=tuple(metric.init(self, glucose_mg_dl, insulin_mU_min) for metric in self._metrics),
             glucose=zero,
             insulin=zero,
         )
@@ -71,9 +57,9 @@ class RunningMetrics:
 
     def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
         """Include a sample and the grid until the next."""
-        course, pairs = self._course, zip(self._metrics, tally.states, strict=True)
+        pairs = zip(self._metrics, tally.states, strict=True)
         tally = Tally(
-            states=tuple(metric.sample(course, state, happened, t_min) for metric, state in pairs),
+            states=tuple(metric.sample(self, state, happened, t_min) for metric, state in pairs),
             glucose=tally.glucose,
             insulin=tally.insulin + 0.0 * happened.infused_mU_min,
         )
@@ -82,9 +68,9 @@ class RunningMetrics:
         return tally
 
     def _point(self, tally: Tally, glucose: jax.Array, t_min: jax.Array) -> Tally:
-        course, pairs = self._course, zip(self._metrics, tally.states, strict=True)
+        pairs = zip(self._metrics, tally.states, strict=True)
         return Tally(
-            states=tuple(metric.point(course, state, glucose, t_min) for metric, state in pairs),
+            states=tuple(metric.point(self, state, glucose, t_min) for metric, state in pairs),
             glucose=tally.glucose + 0.0 * glucose,
             insulin=tally.insulin,
         )
@@ -129,7 +115,7 @@ class RunningMetrics:
     def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
         chosen = metrics_with(self.further)
         for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
-            found, names = metric.finish(self._course, state, ended), [result.name for result in choice.results]
+            found, names = metric.finish(self, state, ended), [result.name for result in choice.results]
             if sorted(found) != sorted(names):
                 raise Refusal(
                     f"the metric {choice.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
@@ -216,7 +202,7 @@ def _summarised(
         return fold.step(tally, *entry), None
 
     start = fold.init(fine[0], jnp.broadcast_to(trace.basal_insulin_mU_min, fine.shape[1:]))
-    sample_time_min = fold.inside_min[-1]
+    sample_time_min = fold.sample_time_min
     happened = _happened(trace, inside, sample_time_min)
     tally: Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]
     return fold.finished(tally, samples=samples, sample_time_min=sample_time_min, first_meal_min=first_meal_min(trace))

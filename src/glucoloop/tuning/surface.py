@@ -116,17 +116,16 @@ class TuningSurface:
     def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:
         """The same results for some of the tunings, in the order of the surface."""
         kept = np.array([tuning in tunings for tuning in self.tunings], bool)
-        arrays = {
-            field.name: value[kept]
-            for field in dataclasses.fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
         return dataclasses.replace(
             self,
             tunings=tuple(tuning for tuning in self.tunings if tuning in tunings),
             refused=tuple(one for one in self.refused if one[0] in tunings),
-            **arrays,
+            **{name: value[kept] for name, value in self._results().items()},
         )
+
+    def _results(self) -> dict[str, npt.NDArray[Any]]:
+        """Arrays of the surface by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:
         """The surface as a table: one column for each parameter and each result."""
@@ -134,12 +133,7 @@ class TuningSurface:
         if all(isinstance(tuning, StateTuning) for tuning in self.tunings):
             names.append("reference_filter")
         parameters = {name: np.array([getattr(tuning, name) for tuning in self.tunings]) for name in names}
-        results = {
-            field.name: np.asarray(value)
-            for field in dataclasses.fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
-        return {**parameters, **results, "feasible": self.feasible, "acceptable": self.acceptable}
+        return {**parameters, **self._results(), "feasible": self.feasible, "acceptable": self.acceptable}
 
 
 def tuning_text(tuning: MPCTuning) -> str:
