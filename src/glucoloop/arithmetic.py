@@ -44,21 +44,12 @@ _wanted: dict[str, bool | int | str | None] = {}
 
 
 def use_float64() -> None:
-    """Switch JAX to float64, now or as soon as it is imported.
-
-    Warns if ``JAX_ENABLE_X64`` asks for something else.
-    """
+    """Switch JAX to float64, now or as soon as it is imported; warn if ``JAX_ENABLE_X64`` asks for something else."""
     _want({FLOAT64: SETTINGS[FLOAT64]})
 
 
 def pin() -> list[str]:
-    """Fix all of `SETTINGS` for this process and those that it starts.
-
-    Returns
-    -------
-    list of str
-        Sentences about settings of the environment that are ignored, and about flags that change results.
-    """
+    """Fix `SETTINGS` for this process and its children; return sentences about what is ignored or changes results."""
     notes = []
     for name, value in SETTINGS.items():
         variable = name.upper()
@@ -78,10 +69,7 @@ def pin() -> list[str]:
 
 
 def identity() -> dict[str, str]:
-    """Identity of the arithmetic of this process: versions, processor, platform, flags and settings.
-
-    Two processes with the same identity give the same bits.
-    """
+    """Versions, processor, platform, flags and settings; two processes with the same identity give the same bits."""
     import jax
 
     return {

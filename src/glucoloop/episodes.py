@@ -7,7 +7,7 @@ up to 2**24 samples even in single precision.
 from __future__ import annotations
 
 import math
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -58,15 +58,7 @@ class Episodes:
         return own
 
     def init(self, like: jax.Array, key: jax.Array) -> Episode:
-        """State before the first sample.
-
-        Parameters
-        ----------
-        like : array
-            Array with the number of people and the type of numbers of the state.
-        key : jax.Array
-            Key from which the onset is drawn.
-        """
+        """State before the first sample, with the shape of an array; the onset is drawn from the key."""
         drawn = jax.random.uniform(self.own(key), jnp.shape(like), jnp.result_type(float, like))
         span = jnp.where(self.latest > self.earliest, self.latest - self.earliest, 0.0)
         later = jnp.minimum(jnp.floor(drawn * (span + 1.0)), span)
@@ -169,20 +161,6 @@ def _checked_key(key: int) -> int:
     return key
 
 
-class Faulty(Protocol):
-    """Protocol of a sensor or a pump with a fault."""
-
-    @property
-    def inner(self) -> Any:
-        """Sensor or pump that the fault acts on."""
-        ...
-
-    @property
-    def episodes(self) -> Episodes:
-        """Episodes during which the fault is present."""
-        ...
-
-
 @pytree
 class Within:
     """State of the inner sensor or pump, and of the episodes of the fault."""
@@ -191,9 +169,9 @@ class Within:
     episode: Episode
 
 
-def begin(fault: Faulty, at_rest: jax.Array, key: jax.Array) -> Within:
+def begin(inner: Any, episodes: Episodes, at_rest: jax.Array, key: jax.Array) -> Within:
     """State before the first sample, from glucose or the rate of insulin at rest.
 
     What is inside gets the same key as without the fault, so its random draws are the same.
     """
-    return Within(inner=fault.inner.init(at_rest, key), episode=fault.episodes.init(at_rest, key))
+    return Within(inner=inner.init(at_rest, key), episode=episodes.init(at_rest, key))

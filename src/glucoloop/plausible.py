@@ -33,13 +33,7 @@ class OtherUnit:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A measured quantity, its unit, and its plausible range.
-
-    Raises
-    ------
-    ValueError
-        Unless ``least < most``.
-    """
+    """A measured quantity, its unit, and its plausible range, whose least value is below its greatest."""
 
     name: str
     unit: str
@@ -73,10 +67,7 @@ class Quantity:
                 yield other, converted
 
     def looks_like(self, value: float) -> str | None:
-        """Unit that the value looks like, as part of a sentence: ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``.
-
-        It is None if no other unit makes the value plausible.
-        """
+        """Unit that a value looks like, as in ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``, if any."""
         found = next(self.meant(value), None)
         if found is None:
             return None
@@ -121,27 +112,9 @@ NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7
 
 
 def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> str | None:
-    """Question about an implausible value, or None for a plausible one.
+    """Question about an implausible value, in whole sentences without the last full stop, or None for a plausible one.
 
-    Parameters
-    ----------
-    value : float
-    quantity : Quantity
-    called : str
-        Name of the value for the user, like ``--setpoint`` or ``the median of the column insulin_mU_min``.
-    confirm : str
-        Way to confirm the value, such as ``CONFIRM_OPTION``.
-
-    Returns
-    -------
-    str or None
-        Whole sentences, without a full stop at the end.
-
-    Examples
-    --------
-    >>> print(doubt(5.5, SETPOINT, "--setpoint", CONFIRM_OPTION))
-    --setpoint is 5.5 mg/dl; that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl. Give 99.1, or add --allow-unusual if \
-5.5 mg/dl is meant
+    `called` is the name of the value for the user, and `confirm` the way to confirm it.
     """
     if quantity.plausible(value):
         return None
@@ -159,13 +132,7 @@ def doubt(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_
 
 
 def ask(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:
-    """Refuse an implausible value.
-
-    Raises
-    ------
-    ValueError
-        If the value is implausible, with the sentences of `doubt`.
-    """
+    """Refuse an implausible value, with the sentences of `doubt`."""
     asked = doubt(value, quantity, called, confirm)
     if asked is not None:
         raise Refusal(asked)

@@ -47,28 +47,10 @@ def name_word(name: str) -> int:
 
 
 def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt.NDArray[np.float64]:
-    """Uniform numbers between 0 and 1, both excluded.
+    """Uniform numbers ``(n,)`` between 0 and 1, both excluded, multiples of 2**-53.
 
-    Parameters
-    ----------
-    seed : int
-        Seed, from 0 to 2**32 - 1.
-    name : str
-        Name of the drawn quantity; different names have independent numbers.
-    person : (n,) array of int
-        Numbers of the persons, from 0 to 2**32 - 1 each.
-    index : int
-        Index of the number among those of that name.
-
-    Returns
-    -------
-    (n,) array
-        Multiples of 2**-53.
-
-    Raises
-    ------
-    ValueError
-        For a seed, a person or an index that is not a whole number from 0 to 2**32 - 1.
+    Different names have independent numbers, and so have the indices of one name. Seed, persons and index are whole
+    numbers from 0 to 2**32 - 1.
     """
     checked_counter("seed", seed)
     checked_counter("index", index)

@@ -31,10 +31,9 @@ def test_other_runs_and_bounds_are_refused(best):
 
 @pytest.mark.parametrize(("announced", "dead_time_min", "known_after_min"), [(False, 10.0, 10.0), (True, 10.0, -3.0)])
 def test_situation_says_when_a_meal_is_known(monkeypatch, announced, dead_time_min, known_after_min):
-    from glucoloop.bounds import distance
-
     asked = {}
-    monkeypatch.setattr(distance, "optimal_doses", lambda *args, **settings: asked.update(settings))
+    globals_ = bound_of_situation.__globals__
+    monkeypatch.setitem(globals_, "optimal_doses", lambda *args, **settings: asked.update(settings))
     scenario = gl.Scenario([gl.Meal(50.0, 53.0)], announced=announced)
     bound_of_situation(gl.patient(), scenario, PARKER_1999_LIMITS, dead_time_min=dead_time_min)
     assert asked["known_after_min"] == known_after_min

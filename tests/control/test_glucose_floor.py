@@ -19,7 +19,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.optimize import minimise_moves_above_floor, soft_floor
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.simulation import nonlinear_model
-from glucoloop.tuning.stacking import padded
+from glucoloop.tuning.search import padded
 from observing import observing
 
 IMPULSE = -0.12 * (np.exp(-np.arange(1, 37) / 9.0) - np.exp(-np.arange(1, 37) / 3.0))

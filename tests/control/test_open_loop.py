@@ -53,14 +53,14 @@ def test_it_keeps_one_rate_for_everybody():
 
 @pytest.mark.parametrize("rate", [-1.0, 67.0, np.nan, np.inf])
 def test_a_rate_that_cannot_be_delivered_is_refused(rate):
-    with pytest.raises(ValueError, match=rf"rate of {rate:g} mU/min cannot be delivered; give 0 to 66.9 mU/min"):
+    with pytest.raises(ValueError, match=rf"rate of {rate:g} mU/min is not possible; give one from 0 to 66.9 mU/min"):
         design_open_loop(rate)
 
 
 def test_the_limits_are_those_of_the_pump():
     limits = dose_limits(min_mU_min=5.0, max_mU_min=30.0)
     assert float(design_open_loop(30.0, limits).insulin_mU_min) == 30.0
-    with pytest.raises(ValueError, match="rate of 4 mU/min cannot be delivered; give 5 to 30 mU/min"):
+    with pytest.raises(ValueError, match="rate of 4 mU/min is not possible; give one from 5 to 30 mU/min"):
         design_open_loop(4.0, limits)
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal
-from glucoloop.meals.counting import counted_g, counted_meals
-from glucoloop.meals.plan import MealPlan, draw_meals
+from glucoloop.meals.plan import MealPlan, counted_g, counted_meals, draw_meals
 from glucoloop.parts.number_text import parse_time_of_day, time_of_day_text
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

@@ -10,9 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
-from glucoloop.meals.absorption import appearance_moments
+from glucoloop.meals.absorption import appearance_moments, digest, digestion_matrices, jump_table
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
-from glucoloop.meals.people import digest, digestion_matrices, jump_table
 
 STEPS, MEALS = 48, 3
 STEP_MIN = 2.5

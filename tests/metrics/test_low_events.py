@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glucoloop.metrics.low_events import samples_in_a_row
+from glucoloop.metrics.glycemia import samples_in_a_row
 
 ROW = 40
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from glucoloop.metrics.protocol import of_glucose
-from glucoloop.metrics.settling import Settling
+from glucoloop.metrics.regulation import Settling
 
 T = np.arange(601.0)
 SETPOINT = 80.0

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from glucoloop.control import Decision, MPCTuning, Status, design_linear_mpc
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import RunningMetrics, summarise
-from glucoloop.metrics.summary import first_meal_min
+from glucoloop.metrics.running import first_meal_min
 from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.sensors import Reading, white_noise

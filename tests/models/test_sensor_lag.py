@@ -17,7 +17,7 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.models.individual import individual_model
 from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response
-from glucoloop.sensors.lag import lagged
+from glucoloop.sensors.delay import lagged
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
 

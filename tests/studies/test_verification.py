@@ -17,7 +17,7 @@ from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
-from glucoloop.patients.sorensen.soundness import sound
+from glucoloop.patients.sorensen.model import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.pumps.faults import occlusion
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise

@@ -29,8 +29,7 @@ from glucoloop.situations.situation import usual_situation
 from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
 from glucoloop.tuning.paper import paper_tuning_surface, printed_tuning
-from glucoloop.tuning.search import _block, search
-from glucoloop.tuning.stacking import move_slots, padded, stack
+from glucoloop.tuning.search import _block, move_slots, padded, search, stack
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]

@@ -24,14 +24,14 @@ from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.sensors import IdealSensor, Sensor, dead_time
-from glucoloop.sensors.white_noise import WhiteNoise
+from glucoloop.sensors.noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.tuning.oscillation import Oscillation, oscillation
-from glucoloop.tuning.stacking import stack
+from glucoloop.tuning.search import stack
 from meal_aware.measures import Runs, numbers_by_minute
 from meal_aware.mismatched_loops import MismatchedLoops, designer
 from meal_aware.situations import (

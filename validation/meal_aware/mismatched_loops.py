@@ -36,7 +36,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.people_plant import varying
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
-from glucoloop.tuning.stacking import move_slots
+from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples
 from meal_aware.situations import HORIZON_MIN, PATIENT, Mismatch
 

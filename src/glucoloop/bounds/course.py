@@ -8,7 +8,7 @@ in several circumstances. They are carried one after the other, so that what is 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -67,37 +67,25 @@ class RunModel:
 
     def glucose_mg_dl(self, insulin_mU_min: Values) -> Values:
         """Glucose on the fine grid, ``(points, members)``, under doses ``(samples, members)``."""
-        return np.concatenate(
-            [
-                _glucose(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
-                for member in range(self.members)
-            ],
-            axis=1,
-        )
+        return self._of_each(_glucose, insulin_mU_min)
 
     def sensitivity(self, insulin_mU_min: Values) -> Values:
         """Derivative of glucose with respect to each dose, ``(points, members, samples)``, mg/dl per mU/min."""
-        return np.concatenate(
-            [
-                _sensitivity(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
-                for member in range(self.members)
-            ],
-            axis=1,
+        return self._of_each(_sensitivity, insulin_mU_min)
+
+    def _of_each(self, function: Callable[..., jax.Array], insulin_mU_min: Values) -> Values:
+        """Values of a function of the run for one member after the other, side by side."""
+        one = (
+            function(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
+            for member in range(self.members)
         )
+        return np.concatenate(list(one), axis=1)
 
 
 def course_of(
     patient: SemilinearPatient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
 ) -> RunModel:
-    """Model of a scenario with other meals, one list of them for each member.
-
-    Raises
-    ------
-    TypeError
-        For a patient whom the exponential integrator cannot carry.
-    ValueError
-        Where the horizon is not a whole number of samples, or the patient cannot rest at the initial glucose.
-    """
+    """Model of a scenario with other meals, one list of them for each member."""
     grid = sample_grid(scenario.horizon_min, sample_time_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
     gut = meal_model_of(patient, scenario.meal_model)

@@ -150,13 +150,7 @@ def hedged_doses(
 
 
 def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[float]) -> None:
-    """Refuse a scenario, a noise or errors for which hedging cannot be computed.
-
-    Raises
-    ------
-    ValueError
-        For a scenario without just one meal, no noise, or an error out of bounds.
-    """
+    """Refuse a scenario, a noise or errors for which hedging cannot be computed."""
     if len(scenario.meals) != 1:
         raise Refusal(
             f"the bound under sensor noise is for one meal, and the scenario has {len(scenario.meals)}; give one"
@@ -172,15 +166,10 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
 
 
 def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
-    """First sample whose reading brings the best test of two worlds to an error; the number of samples if none does.
+    """First sample of differing readings ``(samples,)`` at which the best test of two worlds comes down to an error.
 
-    Parameters
-    ----------
-    difference_mg_dl : (samples,) array
-        Difference of the noise-free readings of the two worlds.
-    noise_variance : float
-    error : float
-        Probability of the wrong answer, where both worlds are as likely.
+    The error is the probability of the wrong answer where both worlds are as likely. It is the number of samples if
+    none does.
     """
     needed = -2.0 * NormalDist().inv_cdf(error)
     return int(np.searchsorted(np.cumsum(difference_mg_dl**2) / noise_variance, needed**2))
@@ -190,7 +179,7 @@ def _hedged(
     both: RunModel, scenario: Scenario, limits: DoseLimits, question: str, error: float, apart: int, basal: float
 ) -> HedgedDoses:
     meal = scenario.meals[0]
-    plan = DosePlan.of_several(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
+    plan = DosePlan.of_course(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
     minimum = plan.least(np.full(both.samples, basal), "deviation")
     calm = plan.calm(minimum, "deviation")
     told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf

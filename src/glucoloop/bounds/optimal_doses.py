@@ -28,7 +28,7 @@ from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
-from glucoloop.metrics.settling import Settling
+from glucoloop.metrics.regulation import Settling
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -165,25 +165,19 @@ def optimal_doses(
     for meals, first in _stages(scenario, fasting, known_after_min):
         known = course_of(patient, scenario, sample_time_min, [meals])
         start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
-        plan = DosePlan.of_one(known, pump_limits, first)
+        plan = DosePlan.of_course(known, pump_limits, first)
         minimum = plan.least(start, objective, undershoot_weight)
         calm = plan.calm(minimum, objective)
         doses = plan.doses(calm.v)[:, 0]
         iterations += minimum.iterations + calm.iterations
     if minimum is None:  # nothing is eaten
-        minimum = DosePlan.of_one(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
+        minimum = DosePlan.of_course(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
     eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
     return told(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
 
 def check_objective(objective: str, undershoot_weight: float) -> None:
-    """Refuse an unknown objective or a weight that is not positive.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a weight that is not positive.
-    """
+    """Refuse an unknown objective or a weight that is not positive."""
     if objective not in OBJECTIVES:
         raise Refusal(f"unknown objective {objective!r}; the known ones are: {', '.join(OBJECTIVES)}")
     if not 0.0 < undershoot_weight < math.inf:
@@ -191,13 +185,7 @@ def check_objective(objective: str, undershoot_weight: float) -> None:
 
 
 def check_known_after(known_after_min: float) -> None:
-    """Refuse a time that is not a number or that is infinite.
-
-    Raises
-    ------
-    ValueError
-        For a value that is not a number, or infinite.
-    """
+    """Refuse a time that is not a number or that is infinite."""
     if math.isnan(known_after_min) or known_after_min == math.inf:
         raise Refusal(
             f"meals that are known after {known_after_min:g} min are not possible; give a finite number of minutes"
@@ -205,13 +193,7 @@ def check_known_after(known_after_min: float) -> None:
 
 
 def check_samples(horizon_min: float, sample_time_min: float) -> None:
-    """Refuse a run that is too long for one plan.
-
-    Raises
-    ------
-    ValueError
-        For more than `MOST_SAMPLES` samples.
-    """
+    """Refuse a run that is too long for one plan."""
     if horizon_min / sample_time_min > MOST_SAMPLES:
         raise Refusal(
             f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "
@@ -250,14 +232,10 @@ class DosePlan:
     """(samples, members) position of each dose in the vector; circumstances share doses until they are told apart."""
 
     @classmethod
-    def of_one(cls, course: RunModel, limits: DoseLimits, first: int) -> DosePlan:
-        """A plan whose doses before a sample are fixed."""
-        return cls.of_several(course, limits, first, course.samples)
-
-    @classmethod
-    def of_several(cls, course: RunModel, limits: DoseLimits, first: int, apart: int) -> DosePlan:
-        """Plan for several circumstances: doses before `first` are fixed, and doses before `apart` are shared."""
+    def of_course(cls, course: RunModel, limits: DoseLimits, first: int, apart: int | None = None) -> DosePlan:
+        """Plan whose doses before `first` are fixed; several circumstances share those before `apart`."""
         n, members = course.samples, course.members
+        apart = n if apart is None else apart
         place = np.arange(n * members).reshape(n, members)
         place[:apart] = place[:apart, :1]
         place = np.unique(place, return_inverse=True)[1].reshape(n, members)
@@ -388,4 +366,65 @@ def told(
         converged=minimum.optimality <= stationary,
         iterations=iterations,
         optimality=minimum.optimality,
+    )
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The largest deviation of a run, and the part of it that no controller could have avoided."""
+
+    deviation_mg_dl: float
+    """Largest deviation of the run from its setpoint, to either side."""
+    bound_mg_dl: float
+    distance_mg_dl: float
+    """Part of the deviation that is above the bound."""
+
+
+def distance_to_bound(glucose_mg_dl: ArrayLike, bound: OptimalDoses) -> Distance:
+    """Distance of one person's run to the bound of the same situation.
+
+    Parameters
+    ----------
+    glucose_mg_dl : (points,) array
+        Glucose free of noise, on the grid of one minute.
+    bound : OptimalDoses
+        Bound for the objective ``deviation``.
+
+    Raises
+    ------
+    ValueError
+        For a bound of something else, or a run of another length.
+    """
+    glucose = np.asarray(glucose_mg_dl, float)
+    if bound.objective != "deviation":
+        raise Refusal(f"the bound is of the objective {bound.objective!r}; work it out for 'deviation'")
+    if glucose.shape != bound.glucose_mg_dl.shape:
+        raise Refusal(
+            f"the run has glucose of shape {glucose.shape}, the bound {bound.glucose_mg_dl.shape}; "
+            "give one person's run of the same situation"
+        )
+    deviation = float(np.abs(glucose - bound.setpoint_mg_dl).max())
+    return Distance(deviation_mg_dl=deviation, bound_mg_dl=bound.bound, distance_mg_dl=deviation - bound.bound)
+
+
+def bound_of_situation(
+    patient: SemilinearPatient,
+    scenario: Scenario,
+    pump_limits: DoseLimits,
+    *,
+    dead_time_min: float = 0.0,
+    sample_time_min: float = 5.0,
+) -> OptimalDoses:
+    """The bound that holds for every controller of a situation, however it learns of meals.
+
+    Announced meals are known at the sample before they begin. Other meals are known a dead time after their start, at
+    the first reading that they change; with sensor noise no controller knows of them so early. Other arguments are
+    those of `optimal_doses`.
+    """
+    known_after_min = dead_time_min
+    if scenario.announced and scenario.meals:
+        samples = [math.floor(meal.t_min / sample_time_min) * sample_time_min - meal.t_min for meal in scenario.meals]
+        known_after_min = min(samples)
+    return optimal_doses(
+        patient, scenario, pump_limits, known_after_min=known_after_min, sample_time_min=sample_time_min
     )

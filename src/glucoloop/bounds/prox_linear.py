@@ -123,20 +123,10 @@ def minimise(
     tolerance: float,
     most_iterations: int = 60,
 ) -> Minimum:
-    """Find a local minimum of a measure within linear limits.
+    """Find a local minimum of a measure within linear limits, from a plan ``(n,)`` that keeps them.
 
-    Parameters
-    ----------
-    deviation, jacobian : callable
-        g ``(points,)`` and its derivative ``(points, n)`` of a plan ``(n,)``.
-    measure : Measure
-    limits : Limits
-    start : (n,) array
-        A plan within the limits.
-    tolerance : float
-        The search ends when a step predicts a smaller decrease of F.
-    most_iterations : int
-        Largest number of steps that are tried.
+    `deviation` and `jacobian` give g ``(points,)`` and its derivative ``(points, n)``. The search ends when a step
+    predicts a decrease of F below the tolerance.
     """
 
     def evaluate(v: Values) -> tuple[Values, float]:

@@ -19,8 +19,7 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.meals import Eaten, eaten
-from glucoloop.meals.counting import counted_g
-from glucoloop.meals.plan import draw_meals
+from glucoloop.meals.plan import counted_g, draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal

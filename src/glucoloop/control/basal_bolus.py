@@ -27,9 +27,8 @@ from glucoloop.control.decision import decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import BasalBolusSettings
-from glucoloop.control.tuning import check_sample_time
-from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
@@ -220,13 +219,7 @@ def design_basal_bolus(
     (25.8, 93)
     """
     check_sample_time(sample_time_min)
-    if not is_traced(basal_mU_min, limits) and not (
-        math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min
-    ):
-        raise Refusal(
-            f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
-            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
-        )
+    check_rate("basal", basal_mU_min, limits)
     for name, value, unit in (
         ("carb ratio", carb_ratio_g_U, "g/U"),
         ("correction factor", correction_mg_dl_U, "mg/dl/U"),

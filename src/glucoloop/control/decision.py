@@ -46,20 +46,7 @@ def decide(
     known: jax.Array,
     converged: jax.Array | bool = True,
 ) -> Decision:
-    """Clip a wanted rate to the limits and set the status of the decision.
-
-    Parameters
-    ----------
-    wanted_mU_min : (...) array
-        Wanted rate; any number or NaN.
-    delivered_mU_min : (...) array
-        Rate in force, which is kept if the wanted rate is not finite.
-    limits : DoseLimits
-    known : (...) array
-        Whether there was a reading.
-    converged : (...) array
-        Whether an optimisation, if any, succeeded.
-    """
+    """Clip a wanted rate to the limits, or keep the delivered rate where that is not finite, and set the status."""
     finite = jnp.isfinite(wanted_mU_min)
     insulin = limits.clip(jnp.where(finite, wanted_mU_min, delivered_mU_min), delivered_mU_min)
     saturated = ~limits.allow(wanted_mU_min, delivered_mU_min, _SATURATED_MU_MIN)

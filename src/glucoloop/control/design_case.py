@@ -11,8 +11,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps.bolus import BolusLimits
-from glucoloop.pumps.limits import DoseLimits
+from glucoloop.pumps.limits import BolusLimits, DoseLimits
 
 
 class DesignCase(Protocol):

@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
+from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
+from glucoloop.control.tuning import check_rate
 from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0
@@ -160,7 +161,7 @@ class Guard:
         status = decision.status
         for holds, of in (
             (~keeps, Status.SATURATED),
-            (_told(observation) & ~believed, Status.READING_REJECTED),
+            (is_known(observation) & ~believed, Status.READING_REJECTED),
             (limited, Status.DOSE_LIMITED),
             (unseen, Status.FALLBACK_BASAL),
             (long_unseen, Status.FALLBACK_REDUCED),
@@ -233,10 +234,6 @@ class Guard:
         return (
             (change <= limits.max_change_mU_min + rounding) & (dose >= limits.min_mU_min) & (dose <= limits.max_mU_min)
         )
-
-
-def _told(observation: Observation) -> jax.Array:
-    return observation.valid & jnp.isfinite(observation.glucose_mg_dl)
 
 
 def _clean(
@@ -352,15 +349,8 @@ def guarded(
     >>> guard.sample_time_min
     5.0
     """
-    if (
-        basal_mU_min is not None
-        and not is_traced(basal_mU_min, limits)
-        and not (math.isfinite(basal_mU_min) and limits.min_mU_min <= basal_mU_min <= limits.max_mU_min)
-    ):
-        raise Refusal(
-            f"a basal rate of {basal_mU_min:g} mU/min is not possible; "
-            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
-        )
+    if basal_mU_min is not None:
+        check_rate("basal", basal_mU_min, limits)
     return Guard(
         inner=controller,
         limits=limits,

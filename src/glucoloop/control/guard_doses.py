@@ -137,16 +137,7 @@ def heal_given(
 ) -> Given:
     """Replace every impossible number of this state by the one that allows the least insulin.
 
-    Parameters
-    ----------
-    given : Given
-    intact : (...) array
-        Whether the check sum agrees with the record.
-    basal_mU_min : (...) array
-        Basal rate of the guard's construction, or NaN if it was built without one.
-    settings : GuardSettings
-    most_mU_min : float
-        Highest possible rate.
+    `basal_mU_min` is NaN for a guard built without a basal rate, and `most_mU_min` the highest possible rate.
     """
 
     def rate(value: jax.Array) -> jax.Array:
@@ -181,21 +172,9 @@ def take_in(
     settings: GuardSettings,
     sample_time_min: float,
 ) -> Given:
-    """Include the insulin of the last sample, and the jump that is attributed to the sensor.
+    """Include the insulin of the last sample, and the jump of the reading that is attributed to the sensor.
 
-    Parameters
-    ----------
-    given : Given
-    delivered_mU_min : (...) array
-    delivered_bolus_mU : (...) array, optional
-        Bolus of the last sample, or None for a controller without boluses.
-    above_setpoint_mg_dl : (...) array
-        Glucose less the setpoint.
-    jump_mg_dl : (...) array
-        Jump of the reading, 0 without one. Glucose does not jump: the jump is attributed to the sensor, as far as it
-        would call for more insulin, and forgotten gradually.
-    settings : GuardSettings
-    sample_time_min : float
+    Glucose does not jump: a jump is doubted as far as it would call for more insulin, and forgotten gradually.
     """
     kept, boluses = _kept(settings, sample_time_min), given.hour_bolus_mU
     infused = delivered_mU_min
@@ -232,16 +211,6 @@ def most(
     Insulin on board may reach the amount that lowers glucose to the setpoint if the sensor reads too high by its error
     and by the doubted part. A little more than the basal rate is always allowed, as long as insulin on board is no more
     than that.
-
-    Parameters
-    ----------
-    given : Given
-    above_setpoint_mg_dl : (...) array
-        Glucose less the setpoint.
-    settings : GuardSettings
-    max_change_mU_min : float
-        Largest change of the pump's rate from one sample to the next.
-    sample_time_min : float
     """
     kept = _kept(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
@@ -266,16 +235,6 @@ def most_bolus(
 
     Both caps must hold at once and while the rate goes down from the given one to the basal rate, as for a rate alone.
     Readings do not bound a bolus: that of a meal is needed before glucose rises.
-
-    Parameters
-    ----------
-    given : Given
-    rate_mU_min : (...) array
-        Rate beside the bolus.
-    settings : GuardSettings
-    max_change_mU_min : float
-        Largest change of the pump's rate from one sample to the next.
-    sample_time_min : float
     """
     kept, n = _kept(settings, sample_time_min), np.arange(given.hour_mU_min.shape[0])
     counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)

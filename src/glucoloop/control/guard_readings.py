@@ -104,22 +104,9 @@ def see(
 ) -> tuple[Seen, jax.Array, jax.Array]:
     """Include a reading or its absence.
 
-    Parameters
-    ----------
-    seen : Seen
-    glucose_mg_dl, valid : (...) array
-        Reading and validity as the sensor gives them.
-    setpoint_mg_dl : (...) array
-    pushed : (...) array
-        Whether so much or so little insulin is on board that glucose must move.
-    settings : GuardSettings
-    sample_time_min : float
-
-    Returns
-    -------
-    Seen, (...) array, (...) array
-        Knowledge after the sample, whether the reading is believed, and its jump if it is believed only because it
-        stayed at the value that it jumped to.
+    `pushed` says whether so much or so little insulin is on board that glucose must move. The answer is the knowledge
+    after the sample, whether the reading is believed, and its jump if it is believed only because it stayed at the
+    value that it jumped to.
     """
     told = possible(glucose_mg_dl, valid, settings)
     change = glucose_mg_dl - seen.glucose_mg_dl

@@ -64,22 +64,10 @@ def or_suited(tuning: Tuning | None, default: Tuning) -> tuple[Tuning, int]:
 
 
 def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tuning:
-    """A tuning with a horizon that suits the model, if its own is 0, and unchanged otherwise.
+    """A tuning with a horizon that suits the model, but at least `usual`, if its own is 0, and unchanged otherwise.
 
-    Parameters
-    ----------
-    tuning : MPCTuning
-    response : (N,) array
-        Step response S_1 .. S_N.
-    gain : ()
-        Gain of the model.
-    usual : int
-        Shortest horizon that is chosen.
-
-    Raises
-    ------
-    ValueError
-        For a gain that is not below 0, or a response that at the horizon has less than `LEAST_SHARE` of it.
+    A gain that is not below 0, or a response ``(N,)`` that at the horizon has less than `LEAST_SHARE` of it, is
+    refused.
     """
     if is_traced(response, gain):
         return tuning if tuning.prediction_horizon else dataclasses.replace(tuning, prediction_horizon=usual)

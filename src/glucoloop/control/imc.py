@@ -111,28 +111,20 @@ def design_imc(
     ``v_k = f v_(k-1) + (1 - f) e_k``, ``f = exp(-T / lambda)``, on the error ``e = y_model - (y - r)``, the
     controller inverts the model without its dead time: ``u_k = u_0 + (v_k - a v_(k-1)) / b``.
 
-    ============  =============================================  ====
-    variable      meaning                                        size
-    ============  =============================================  ====
-    ``K, tau``    gain and lag of the model                      1
-    ``d``         its dead time in samples                       1
-    ``lambda``    time constant of the filter                    1
-    ============  =============================================  ====
-
     Parameters
     ----------
     gain : float
-        K, mg/dl per mU/min; below 0, since insulin lowers glucose.
+        Gain K of the model, mg/dl per mU/min; below 0, since insulin lowers glucose.
     tau_min : float
-        Time constant tau, above 0.
+        Lag tau of the model, above 0.
     delay_min : float
-        A whole number of samples; the hold itself is not counted.
+        Dead time of the model, a whole number d of samples; the hold itself is not counted.
     limits : DoseLimits
         Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     filter_min : float
-        lambda, above 0.
+        Time constant lambda of the filter, above 0.
     sample_time_min : float
-        T, above 0.
+        Sample time T, above 0.
 
     Raises
     ------

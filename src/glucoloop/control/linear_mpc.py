@@ -220,18 +220,10 @@ def linear_mpc_of_people(
     glucose_floor_mg_dl: float = 0.0,
     floor_weight: float = DEFAULT_FLOOR_WEIGHT,
 ) -> LinearMPC:
-    """Controllers of many people, who trail, each on the person's own step response.
+    """Controllers of many people, who trail, each on the person's own step response ``(M, people)``.
 
+    A realisation after n <= M samples has outputs ``(L, people)``; other arguments are those of `design_linear_mpc`.
     The rate of a person whose response at the horizon has less than `horizon.LEAST_SHARE` of its gain is kept.
-
-    Parameters
-    ----------
-    step_response : (M, people) array
-    realisation : Realisation, optional
-        The responses after n <= M samples, with outputs ``(L, people)``; None for responses that end.
-    tuning, limits, constraints, glucose_floor_mg_dl, floor_weight
-        As for `design_linear_mpc`.
-    sample_time_min : float
     """
     gain = step_response[-1]
     if realisation is not None:

@@ -30,11 +30,10 @@ from glucoloop.estimation.unknown_meal import (
     design_meal_horizon,
     design_meal_kalman,
 )
-from glucoloop.estimation.unknown_meal.daily import earlier
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
-from glucoloop.meals.announced import Announced, announce, serve
-from glucoloop.meals.stomach import Gut, Stomach, digest, gut_of
+from glucoloop.estimation.unknown_meal.habits import earlier
+from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
 from glucoloop.models.individual import IndividualModel, individual_model
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.optimize.moves_qp import limit_moves
@@ -373,27 +372,17 @@ def design_meal_mpc(
     model : FedModel
         Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient, and
         `models.sensor_lag.behind_lag` one of a sensor that lags.
-    tuning : MealTuning, optional
-        Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
-        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
-    limits : DoseLimits
-        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
+    tuning, limits
+        As for `design_mpc_se`, with a `MealTuning`.
     habits : MealHabits, optional
         Prior knowledge of meals.
     estimator : {"moving-horizon", "kalman"}
     meal_horizon : int
         Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
-    fast_horizon : int
-        The same for a meal through a fast gut.
-    disturbance_variance : float
-        Variance of the change of the unexplained appearance per sample, in the moving-horizon estimator, (mg/min)^2.
     measurement_variance : float
         R of a reading, (mg/dl)^2.
-    largest_disturbance_mg_min : float
-        Largest unexplained appearance that the moving-horizon estimator believes, to either side.
-    noise_pace : float
-        Pace at which the moving-horizon estimator learns the size of a correlated error of the sensor, mg/dl per pair
-        of innovations, 0 to 1.
+    fast_horizon, disturbance_variance, largest_disturbance_mg_min, noise_pace
+        As for `design_meal_horizon`, of the moving-horizon estimator.
     ends_unseen, noise_patience, failures_per_h, failure_min, fast_meals : float
         As for `design_meal_horizon`.
     dead_time_samples : int
@@ -403,11 +392,6 @@ def design_meal_mpc(
     ------
     ValueError
         For an unknown estimator, a value outside its bounds, or a dead time that is negative.
-
-    Examples
-    --------
-    >>> MealTuning(move_horizon=3).prediction_horizon
-    12
     """
     habits = MealHabits() if habits is None else habits
     if estimator not in ESTIMATORS:

@@ -361,18 +361,8 @@ def mpc_se_of_people(
 ) -> MPCSE:
     """Controllers of many people, who trail, from their models and Kalman gains.
 
-    The rate of a person whose model at the horizon shows less than `horizon.LEAST_SHARE` of its gain is kept.
-
-    Parameters
-    ----------
-    models : FilteredModels
-    tuning, limits, dead_time_samples, constraints, glucose_floor_mg_dl, floor_weight
-        As for `design_mpc_se`.
-    basal_mU_min, basal_glucose_mg_dl : () or (people,) array
-        The operating point.
-    sample_time_min : float
-    hold_innovation : bool
-        Whether the correction K e is repeated at each sample ahead.
+    Other arguments are those of `design_mpc_se`. The rate of a person whose model at the horizon shows less than
+    `horizon.LEAST_SHARE` of its gain is kept.
     """
     floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
     seen_samples = tuning.prediction_horizon

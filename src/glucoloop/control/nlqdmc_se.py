@@ -218,36 +218,16 @@ def design_nlqdmc_se(
     model : NonlinearModel
         Internal model of the person; `simulation.internal_model.nonlinear_model` makes one from a patient, and
         `models.sensor_lag.behind_lag` one of a sensor that lags.
-    process_noise : (n,) or (n, n) array
-        Q, per sample; a vector is its diagonal.
-    tuning : StateTuning, optional
-        Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
-        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
-    limits : DoseLimits
-        Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
-    measurement_variance : float
-        R, (mg/dl)^2.
-    dead_time_samples : int
-        Dead time that the controller knows of: as many rows of zeros enter A and the horizon grows by as many.
-    glucose_floor_mg_dl : float
-        The constraint (19) with slack. Above 0, ``w^2 |e|^2`` is added to the objective, where ``e_i >= 0`` is what the
-        predicted glucose lacks of the floor at the sample i ahead. 0: no floor.
-    floor_weight : float
-        w.
-    noise_pace : float
+    process_noise, tuning, limits, measurement_variance, dead_time_samples, noise_pace
         As for `design_mpc_se`.
+    glucose_floor_mg_dl, floor_weight : float
+        As for `design_linear_mpc`.
 
     Raises
     ------
     ValueError
         For a pace outside 0 to 1, noise that is not a covariance of the model's size, a dead time that is negative, or
         a floor that is not possible.
-
-    Examples
-    --------
-    >>> from glucoloop.control.settings import StateTuning
-    >>> StateTuning(move_horizon=2, prediction_horizon=5, reference_filter=0.57).prediction_horizon
-    5
     """
     n = model.state.shape[0]
     Q = np.asarray(process_noise, float)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.tuning import check_rate, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -58,21 +55,11 @@ def design_open_loop(
     ------
     ValueError
         For a rate outside the limits, or a sample time that is not possible.
-
-    Examples
-    --------
-    >>> design_open_loop(20.0).sample_time_min
-    5.0
     """
     check_sample_time(sample_time_min)
     if insulin_mU_min is None:
         return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
-    known = not is_traced(insulin_mU_min, limits)
-    if known and not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
-        raise Refusal(
-            f"a constant rate of {insulin_mU_min:g} mU/min cannot be delivered; "
-            f"give {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
-        )
+    check_rate("constant", insulin_mU_min, limits)
     return OpenLoop(insulin_mU_min=jnp.asarray(insulin_mU_min), limits=limits, sample_time_min=sample_time_min)
 
 

@@ -62,13 +62,7 @@ class GlucoseFloor:
 
 
 def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
-    """A floor under predicted glucose, or None at 0 mg/dl.
-
-    Raises
-    ------
-    ValueError
-        For a floor that is negative or not finite, or a weight that is not positive and finite.
-    """
+    """A floor under predicted glucose, or None at 0 mg/dl."""
     if not is_traced(glucose_mg_dl) and not 0.0 <= glucose_mg_dl < math.inf:
         raise Refusal(
             f"a glucose floor of {glucose_mg_dl:g} mg/dl is not possible; give a finite value of 0 or more, 0 for none"
@@ -90,17 +84,8 @@ def minimise_above(
 ) -> tuple[jax.Array, jax.Array]:
     """Minimise as `minimise_within`, with ``w^2 |e|^2 / 2`` added for the violation e of the floor.
 
-    Parameters
-    ----------
-    floor : GlucoseFloor
-    hessian : (m, m) array
-    gradient : (m, ...) array
-    response : (p, m) array
-        Dynamic matrix A, without weight.
-    predicted_mg_dl : (p, ...) array
-        Glucose if the rate stays as it is.
-    delivered_mU_min : (...) array
-    limits : DoseLimits
+    `response` is the dynamic matrix A without weight, and `predicted_mg_dl` the glucose ``(p, ...)`` if the rate stays
+    as it is.
     """
     solution = minimise_moves_above_floor(
         hessian,
@@ -137,14 +122,8 @@ class MovePlan:
     ) -> tuple[jax.Array, jax.Array]:
         """First planned move, and whether it is the minimiser that was asked for.
 
-        Parameters
-        ----------
-        error_mg_dl : (p, ...) array
-            Reference less free response over the horizon.
-        delivered_mU_min : (...) array
-            Rate from which the moves start.
-        predicted_mg_dl : (p, ...) array
-            Free response as glucose itself, for a plan with a floor.
+        The error ``(p, ...)`` is the reference less the free response, which a plan with a floor needs as glucose
+        itself too.
         """
         if self.floor is not None and self.response is not None and predicted_mg_dl is not None:
             gradient = self.gradient @ error_mg_dl
@@ -178,23 +157,9 @@ def plan_moves(
     constraints: str,
     floor: GlucoseFloor | None = None,
 ) -> MovePlan:
-    """Precompute the moves for any error.
+    """Precompute the moves for any error, from a step response of the prediction horizon or longer.
 
-    Parameters
-    ----------
-    step_response : (p or more,) array
-        Coefficients S_1 .. of the model.
-    tuning : MPCTuning
-    limits : DoseLimits
-    constraints : {"clip", "qp"}
-        Treatment of the limits, ignored if there is a floor: the quadratic program is then solved within the limits.
-    floor : GlucoseFloor, optional
-
-    Raises
-    ------
-    ValueError
-        For an unknown way of handling constraints, a response that is not finite, or one that does not determine the
-        moves within the prediction horizon.
+    A response that is not finite, or does not determine the moves within the horizon, is refused.
     """
     if constraints not in CONSTRAINT_HANDLING:
         known = ", ".join(CONSTRAINT_HANDLING)
@@ -223,20 +188,10 @@ def plans_of_people(
     *,
     hidden: ArrayLike = False,
 ) -> MovePlan:
-    """Plans of many people, who trail.
+    """Plans of many people, who trail; arguments are those of `plan_moves`.
 
-    Parameters
-    ----------
-    step_response : (p or more, people) array
-    tuning, limits, constraints, floor
-        As for `plan_moves`.
-    hidden : (people,) array of bool
-        Whether the effect of insulin on a person cannot be seen within the horizon, so that nothing is planned.
-
-    Returns
-    -------
-    MovePlan
-        Plans; that of a person whose response does not determine the moves is not finite, so that the rate is kept.
+    The plan of a person whose response does not determine the moves, or is `hidden`, is not finite, so that the rate is
+    kept.
     """
     # NumPy compiles nothing; what JAX differentiates or maps has to be its own.
     xp: Any = jnp if is_traced(step_response, tuning.output_weight, tuning.move_weight) else np

@@ -352,13 +352,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         return bool(self.meals_by_time)
 
     def habits(self) -> MealHabits:
-        """Prior of meals.
-
-        Raises
-        ------
-        ValueError
-            For meals by the time of day that are no table.
-        """
+        """Prior of meals; meals by the time of day that are no table are refused."""
         from glucoloop.estimation.unknown_meal import MealHabits
 
         return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)

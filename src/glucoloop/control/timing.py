@@ -89,23 +89,10 @@ def received(
 ) -> Arrival:
     """Classify the arrival of an observation; never raises, for any stamp.
 
-    Parameters
-    ----------
-    last : Stamp or None
-        Newest reading that was received before, or None.
-    observation : Observation
-        Observation with its number and its time.
-    now_min : float
-        Time now, on the controller's clock.
-    late_after_min : float
-        Age beyond which a reading is late: one sample is usual.
-    clock_error_min : float
-        Largest time by which a reading may seem to be from the future.
-
-    Returns
-    -------
-    Arrival
-        The first that applies of: missing, untimed, from the future, repeated, out of order, late; else on time.
+    The answer is the first that applies of: missing, untimed, from the future, repeated, out of order, late; else on
+    time. A reading is late beyond an age, of one sample by default, and from the future if it is so by more than the
+    clocks may differ. `last` is the newest reading that was received before, and `now_min` the time on the controller's
+    clock.
     """
     stamp = _stamp(observation)
     if stamp is None:
@@ -155,16 +142,7 @@ def receive(
 
 
 def holding(decision: Decision, now_min: float, *, sample_time_min: float, samples: int = 2) -> Decision:
-    """A decision with the time until which it holds.
-
-    Parameters
-    ----------
-    decision : Decision
-    now_min : float
-        Time of the decision.
-    sample_time_min : float
-    samples : int
-        Number of samples for which it holds; with 2, one lost decision changes nothing.
+    """A decision with the time until which it holds: for some samples, of which one may be lost by default.
 
     Raises
     ------

@@ -10,6 +10,7 @@ from jax.typing import ArrayLike
 
 from glucoloop.arguments import ArgumentTypeError, is_traced
 from glucoloop.control.settings import MPCTuning
+from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 
 
@@ -22,6 +23,17 @@ def check_sample_time(sample_time_min: float) -> None:
         )
     if not 0.0 < sample_time_min < math.inf:
         raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+
+
+def check_rate(called: str, insulin_mU_min: float, limits: DoseLimits) -> None:
+    """Refuse a constant rate that a pump cannot deliver; one that JAX traces passes."""
+    if is_traced(insulin_mU_min, limits):
+        return
+    if not (math.isfinite(insulin_mU_min) and limits.min_mU_min <= insulin_mU_min <= limits.max_mU_min):
+        raise Refusal(
+            f"a {called} rate of {insulin_mU_min:g} mU/min is not possible; "
+            f"give one from {limits.min_mU_min:g} to {limits.max_mU_min:g} mU/min"
+        )
 
 
 def check_gain(gain: ArrayLike) -> None:

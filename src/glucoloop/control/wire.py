@@ -28,36 +28,15 @@ def observation(
     read_t_min: object = None,
     time_of_day_min: object = None,
 ) -> Observation:
-    """Observation of one person from received values of any kind; never raises.
+    """Observation of one person from received values of any kind, as scalars; never raises.
 
     A number is an int, a float, or a scalar or array of shape () of NumPy or JAX, finite in the arithmetic in use. It
     is accepted without a check of plausibility, which is the task of a guard. A truth value is not a number, nor is a
     text of digits, since a sender of these has changed the format.
 
-    Parameters
-    ----------
-    glucose_mg_dl : object
-        The reading [mg/dl].
-    setpoint_mg_dl : object
-        The target [mg/dl].
-    delivered_mU_min : object
-        Rate that the pump reports since the last sample [mU/min].
-    announced_carbs_g : object
-        Carbohydrate of a meal that begins during the coming sample [g].
-    valid : object
-        Whether the sensor declares its reading valid; a value that is neither true nor false counts as false.
-    number : object
-        Number of the reading; see `timing.receive`.
-    read_t_min : object
-        Time at which the reading was taken [min].
-    time_of_day_min : object
-        Minutes after midnight at the reading, for a controller that goes by them.
-
-    Returns
-    -------
-    Observation
-        Observation of scalars. A reading that is not a number is NaN and not valid; such a setpoint or rate is NaN, and
-        such an announcement, or one below 0, is 0 g. Such a number or time, if given, is NaN.
+    A reading that is not a number is NaN and not valid, as is one with a `valid` that is neither true nor false; a
+    setpoint or rate is then NaN, and an announcement, or one below 0, is 0 g. A number or a time, if given, is NaN.
+    What each value means is told by `Observation`.
 
     Examples
     --------

@@ -27,59 +27,38 @@ from glucoloop.refusal import Refusal
 
 @pytree
 class SteadyStateFilter:
-    """Answer of `steady_state_gain`.
-
-    Attributes
-    ----------
-    gain : (n,) or (n, p)
-        Filter-form gain K; a vector where `C` was one.
-    prediction_covariance : (n, n)
-        Covariance of ``x(k) - x(k|k-1)``.
-    filtered_covariance : (n, n)
-        Covariance of ``x(k) - x(k|k)``.
-    innovation_covariance : () or (p, p)
-        Covariance of ``y(k) - C x(k|k-1)``.
-    """
+    """Answer of `steady_state_gain`."""
 
     gain: Array
+    """Filter-form gain K; a vector where `C` was one. Shape ``(n,)`` or ``(n, p)``."""
     prediction_covariance: Array
+    """Covariance of ``x(k) - x(k|k-1)``, ``(n, n)``."""
     filtered_covariance: Array
+    """Covariance of ``x(k) - x(k|k)``, ``(n, n)``."""
     innovation_covariance: Array
+    """Covariance of ``y(k) - C x(k|k-1)``, ``()`` or ``(p, p)``."""
 
 
 @pytree
 class KalmanState:
-    """An estimate and its uncertainty.
-
-    Attributes
-    ----------
-    mean : (n,) or (n, B)
-        Estimated state.
-    covariance : (n, n) or (n, n, B)
-        Covariance of its error.
-    """
+    """An estimate and its uncertainty."""
 
     mean: Array
+    """Estimated state, ``(n,)`` or ``(n, B)``."""
     covariance: Array
+    """Covariance of its error, ``(n, n)`` or ``(n, n, B)``."""
 
 
 @pytree
 class Innovation:
-    """Information that a reading gave the filter.
-
-    Attributes
-    ----------
-    error : () or (B,)
-        Reading less predicted output; zero where the reading was not valid.
-    variance : () or (B,)
-        Variance of the error, ``C P C' + R``.
-    gain : (n,) or (n, B)
-        Filter-form gain that was applied; zero where the reading was not valid.
-    """
+    """Information that a reading gave the filter."""
 
     error: Array
+    """Reading less predicted output; zero where the reading was not valid."""
     variance: Array
+    """Variance of the error, ``C P C' + R``."""
     gain: Array
+    """Filter-form gain that was applied; zero where the reading was not valid. Shape ``(n,)`` or ``(n, B)``."""
 
 
 # Design ---------------------------------------------------------------------------------------------------------------
@@ -102,10 +81,6 @@ def steady_state_gain(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) 
         Covariance of the process noise, symmetric and positive semi-definite.
     R : () or (p, p)
         Covariance of the measurement noise, symmetric and positive definite; a scalar counts for every output.
-
-    Returns
-    -------
-    SteadyStateFilter
 
     Raises
     ------
@@ -227,17 +202,10 @@ def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike
     ----------
     state
         Estimate at sample k.
-    Phi : (n, n) or (n, n, B)
-        Transition matrix.
-    Q : (n, n) or (n, n, B)
-        Covariance of the process noise.
+    Phi, Q : (n, n) or (n, n, B)
+        Transition matrix, and covariance of the process noise.
     forcing : (n,), (n, B) or scalar
         Contribution of the known inputs, ``Gamma u``.
-
-    Returns
-    -------
-    KalmanState
-        Prediction for sample k + 1.
     """
     Phi, Q = jnp.asarray(Phi), jnp.asarray(Q)
     mean = _matvec(Phi, state.mean)
@@ -252,7 +220,7 @@ def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike
 def update(
     state: KalmanState, reading: ArrayLike, C: ArrayLike, R: ArrayLike, valid: ArrayLike = True
 ) -> tuple[KalmanState, Innovation]:
-    """Correct a prediction by a reading.
+    """Correct a prediction by a reading, and tell the innovation.
 
     Parameters
     ----------
@@ -266,13 +234,6 @@ def update(
         Variance of the reading, positive.
     valid : () or (B,) bool
         Whether there is a reading; where there is none, or it is not finite, the prediction stands.
-
-    Returns
-    -------
-    KalmanState
-        The corrected estimate.
-    Innovation
-        The error of the prediction, its variance, and the gain.
     """
     C, R, reading = jnp.asarray(C), jnp.asarray(R), jnp.asarray(reading)
     covariance, gain, variance = _correct(state.covariance, C, R)
@@ -302,45 +263,15 @@ def kalman_step(
 ) -> tuple[KalmanState, Innovation]:
     """One sample of the time-varying filter: `predict` with the input applied since the last reading, then `update`.
 
-    Parameters
-    ----------
-    state
-        Estimate x(k-1|k-1).
-    reading : () or (B,)
-        y(k).
-    Phi, C, Q, R
-        The model between samples k-1 and k, and at k; see `predict` and `update`.
-    forcing : (n,), (n, B) or scalar
-        ``Gamma u(k-1)``.
-    valid : () or (B,) bool
-        Whether there is a reading.
-
-    Returns
-    -------
-    KalmanState
-        Estimate x(k|k).
-    Innovation
-        Innovation of the reading.
+    Its arguments and results are those of the two: the model between samples k-1 and k, and ``Gamma u(k-1)``.
     """
     return update(predict(state, Phi, Q, forcing), reading, C, R, valid)
 
 
 def riccati_step(P: ArrayLike, Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Array:
-    """Prediction covariance one sample on: ``Phi (P - P C' (C P C' + R)^-1 C P) Phi' + Q``.
+    """Prediction covariance one sample on: ``Phi (P - P C' (C P C' + R)^-1 C P) Phi' + Q``, symmetric.
 
-    Parameters
-    ----------
-    P, Phi, Q : (n, n) or (n, n, B)
-        Prediction covariance, transition matrix, covariance of the process noise.
-    C : (n,) or (n, B)
-        Output row.
-    R : () or (B,)
-        Variance of a reading, positive.
-
-    Returns
-    -------
-    (n, n) or (n, n, B)
-        The next prediction covariance, symmetric.
+    The shapes are those of `predict` and `update`.
     """
     filtered, _, _ = _correct(jnp.asarray(P), jnp.asarray(C), jnp.asarray(R))
     return _propagate(jnp.asarray(Phi), filtered, jnp.asarray(Q))
@@ -349,19 +280,7 @@ def riccati_step(P: ArrayLike, Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Ar
 def filter_gain(P: ArrayLike, C: ArrayLike, R: ArrayLike) -> Array:
     """Filter-form gain ``P C' / (C P C' + R)`` that belongs to a prediction covariance.
 
-    Parameters
-    ----------
-    P : (n, n) or (n, n, B)
-        Prediction covariance.
-    C : (n,) or (n, B)
-        Output row.
-    R : () or (B,)
-        Variance of a reading, positive.
-
-    Returns
-    -------
-    (n,) or (n, B)
-        The gain.
+    The shapes are those of `predict` and `update`.
     """
     C = jnp.asarray(C)
     seen = jnp.einsum("ij...,j...->i...", jnp.asarray(P), C)

@@ -81,13 +81,7 @@ def no_error(like: jax.Array) -> SensorError:
 
 
 def check_pace(pace: float) -> None:
-    """Refuse a pace that is not possible.
-
-    Raises
-    ------
-    ValueError
-        For a pace below 0 or above 1.
-    """
+    """Refuse a pace that is not possible."""
     if not 0.0 <= pace <= 1.0:
         raise Refusal(f"a pace of {pace:g} mg/dl per innovation is not possible; give 0 to 1")
 
@@ -166,28 +160,9 @@ def noisy_filters(
     correlation: float = CORRELATION,
     pace: float = 0.2,
 ) -> NoisyFilters:
-    """Design the filters.
+    """Design the filters for a model with process noise Q and white noise of variance R, (mg/dl)^2.
 
-    Parameters
-    ----------
-    Phi : (n, n) array
-        Transition matrix.
-    C : (n,) array
-        Output row.
-    Q : (n, n) array
-        Covariance of the process noise.
-    R : float
-        Variance of the white part of the noise, (mg/dl)^2, above 0.
-    correlation : float
-        c, from 0 to below 1.
-    pace : float
-        Change of s by an innovation that is larger or smaller than expected by its variance, mg/dl; 0: the noise is as
-        designed.
-
-    Raises
-    ------
-    ValueError
-        If there is no stabilising filter, or for a correlation or a pace outside its bounds.
+    The error has the correlation c, and the pace is that of s in mg/dl per innovation; 0: the noise is as designed.
     """
     if not 0.0 <= correlation < 1.0:
         raise Refusal(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")

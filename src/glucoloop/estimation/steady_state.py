@@ -16,8 +16,58 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from glucoloop.estimation.linear_equations import solved
 from glucoloop.refusal import Refusal
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """Solution ``(n, m)`` of ``matrix x = right``, with a matrix ``(n, n)`` of full rank, by elimination.
+
+    It can be differentiated in both directions, and mapped over people: on a processor of one after another. LAPACK's
+    routines for many matrices at once can stop a program for ever: JAX 0.10 shares large batches out among the threads
+    of XLA, and the thread that did so waits for the others. Where as many independent batches begin as there are
+    threads, as in the doublings, all wait and none computes; on two threads this happens with two batches of 100
+    triangular systems of 19 equations and 38 right sides each. A call for a single matrix is never shared out. Other
+    devices solve for all people at once.
+    """
+    solution: Array = jax.lax.custom_linear_solve(
+        lambda x: matrix @ x,
+        right,
+        solve=lambda _, given: _eliminated(matrix, given),
+        transpose_solve=lambda _, given: _eliminated(matrix.T, given),
+    )
+    return solution
+
+
+def _with_rows_exchanged(matrix: Array, right: Array) -> Array:
+    """Solution with the rows exchanged directly: `jnp.linalg.solve` transposes them twice."""
+    factors, _, order = jax.lax.linalg.lu(matrix)
+    below = jax.lax.linalg.triangular_solve(factors, right[order], left_side=True, lower=True, unit_diagonal=True)
+    return jax.lax.linalg.triangular_solve(factors, below, left_side=True)
+
+
+_eliminated = jax.custom_batching.custom_vmap(_with_rows_exchanged)
+
+
+@_eliminated.def_vmap
+def _of_people(size: int, mapped: list[bool], matrix: Array, right: Array) -> tuple[Array, bool]:
+    of_matrix, of_right = mapped
+
+    def one_after_another(matrix: Array, right: Array) -> Array:
+        solutions: Array
+        if not of_right:
+            solutions = jax.lax.map(lambda own: _eliminated(own, right), matrix)
+        elif not of_matrix:
+            solutions = jax.lax.map(lambda own: _eliminated(matrix, own), right)
+        else:
+            solutions = jax.lax.map(lambda own: _eliminated(*own), (matrix, right))
+        return solutions
+
+    def at_once(matrix: Array, right: Array) -> Array:
+        axes = tuple(0 if own else None for own in mapped)
+        solutions: Array = jax.vmap(_with_rows_exchanged, in_axes=axes)(matrix, right)
+        return solutions
+
+    return jax.lax.platform_dependent(matrix, right, cpu=one_after_another, default=at_once), True
 
 
 def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
@@ -60,19 +110,9 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
 
 
 def steady_state_seen(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
-    """Product ``P C'`` of the steady prediction covariance, which is all that a gain needs.
+    """Product ``P C'`` of the steady prediction covariance, ``(n,)`` or ``(n, B)``, which is all that a gain needs.
 
     The parameters are those of `steady_state_covariance`. The filter-form gain is ``P C' / (C P C' + R)``.
-
-    Returns
-    -------
-    (n,) or (n, B)
-        Covariance of the error of each state with that of the predicted output.
-
-    Raises
-    ------
-    ValueError
-        If `doublings` is less than 1.
     """
     return _steady(_last_seen, Phi, C, Q, R, doublings)
 
@@ -147,7 +187,6 @@ def _grown(h: Array, more: Array) -> tuple[Array, Array]:
 
 
 def _last_covariance(doubled: _Doubled, C: Array) -> Array:
-    del C
     a, g, h = doubled
     h = h + a.T @ h @ solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, a)
     return 0.5 * (h + h.T)

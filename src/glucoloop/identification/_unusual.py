@@ -45,17 +45,7 @@ def ask_about_glucose(glucose_mg_dl: Floats) -> None:
 
 
 def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
-    """Ask about rates that look like U/h or mU/h, and about boluses in U.
-
-    Parameters
-    ----------
-    insulin_mU_min : (n,) array
-        The column.
-    mean_mU_min : float
-        Mean of the column over time.
-    step_min : float
-        Usual time from row to row, over which a bolus of a row would have been given as a rate.
-    """
+    """Ask about rates that look like U/h or mU/h, and about boluses in U."""
     given = insulin_mU_min[insulin_mU_min > 0.0]
     if not given.size:
         return

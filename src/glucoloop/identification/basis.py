@@ -67,15 +67,8 @@ def candidates(sample_time_min: float, given: Mapping[str, Any]) -> tuple[Basis,
 def chosen(bases: Iterable[Basis], regression: Callable[[Basis], tuple[Floats, Floats]], samples: int) -> Basis:
     """The basis in which readings left out of the fit are predicted best, or the first if it is about as good.
 
-    Parameters
-    ----------
-    bases : iterable of Basis
-        Candidates; one whose memory is longer than half of the record is left out, but not the
-        first.
-    regression : callable
-        Regressors and readings for a basis; all have the same readings. One that raises ValueError is left out.
-    samples : int
-        Length of the record.
+    One whose memory is longer than half of the record is left out, but not the first, and so is one whose regression
+    raises ValueError. All regressions have the same readings.
     """
     first, *others = bases
     if not others:

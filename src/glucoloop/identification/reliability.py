@@ -93,17 +93,7 @@ def doubts(
 
 
 def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliability:
-    """Fit a regression again without each of ten blocks of readings.
-
-    Parameters
-    ----------
-    columns : (N, K) array
-        Regressors.
-    readings : (N,) array
-        Glucose [mg/dl]; N at least 2.
-    gain_of : (K,) array
-        The gain is this times the coefficients.
-    """
+    """Fit a regression again without each of ten blocks of readings; the gain is `gain_of` times coefficients."""
     errors, gains, spreads = held_out_errors(columns, readings, gain_of)
     freedom = gains.size - 1
     error = np.sqrt(freedom / gains.size * np.sum((gains - gains.mean()) ** 2))
@@ -155,16 +145,8 @@ def margin_of_slower_functions(
 def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = None) -> tuple[Floats, Floats, Floats]:
     """Errors of fits that have not seen one of ten blocks of readings, on that block.
 
-    Parameters
-    ----------
-    columns, readings, gain_of
-        As for `reliability`; without `gain_of` gains are 0.
-
-    Returns
-    -------
-    errors, gains, spreads : (blocks,) array
-        Sum of squared errors on each block, gain of the fit without it, and sum of squares about the mean of
-        the others.
+    They are the sum of squared errors on each block, the gain of the fit without it (0 without `gain_of`), and the sum
+    of squares about the mean of the others.
     """
     blocks = np.array_split(np.arange(readings.size), min(BLOCKS, readings.size))
     errors, gains, spreads = np.zeros((3, len(blocks)))

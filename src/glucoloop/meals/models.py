@@ -23,13 +23,7 @@ MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
 
 
 def meal_model(name: str) -> MealModel:
-    """A meal model by its name, with its published numbers.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    """
+    """A meal model by its name, with its published numbers."""
     if name not in MEAL_MODELS:
         raise Refusal(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
     return MEAL_MODELS[name]()
@@ -60,13 +54,7 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
 
 
 def check_meal_model(model: MealModel) -> None:
-    """Refuse a meal model with a number that is not possible.
-
-    Raises
-    ------
-    ValueError
-        For a number that is not positive and finite. One that JAX traces is not looked at.
-    """
+    """Refuse a meal model with a number that is not positive and finite; one that JAX traces is not looked at."""
     for path, value in jax.tree_util.tree_leaves_with_path(model):
         numbers = np.zeros(0) if is_traced(value) else np.asarray(value, float)
         bad = numbers[~(np.isfinite(numbers) & (numbers > 0.0))]

@@ -1,14 +1,15 @@
-"""Meals of a day, repeated daily, and their variation from person to person and from day to day."""
+"""Meals of a day, repeated daily, their variation between people and days, and errors of counting carbohydrate."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
@@ -169,3 +170,34 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
                 2.0 * uniforms(seed, "meal size", people, index) - 1.0
             )
     return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
+
+
+Array = npt.NDArray[Any]
+
+
+def counted_g(
+    carbs_g: Array, seed: int, person: npt.ArrayLike, *, error_pct: float, bias_pct: float, meals_a_day: int
+) -> Array:
+    """Carbohydrate of meals as people count it, ``(meals, people)``, from what is eaten day by day.
+
+    Each person's error is drawn for each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000
+    g. The count of a meal is the same whoever else is drawn, and however many days follow.
+    """
+    told = np.empty_like(carbs_g, dtype=float)
+    for row, true_g in enumerate(carbs_g):
+        day, which = divmod(row, meals_a_day)
+        z = ndtri(uniforms(seed, "counted carbohydrate", person, day * DAY + which))
+        told[row] = true_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
+    return np.clip(told, 0.0, LARGEST_MEAL_G)
+
+
+def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pct: float) -> tuple[Meal, ...]:
+    """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed."""
+    ordered = in_order(meals)
+    true_g = np.array([meal.carbs_g for meal in ordered])[:, None]
+    told = counted_g(
+        true_g, seed, np.zeros(1, int), error_pct=error_pct, bias_pct=bias_pct, meals_a_day=max(1, len(ordered))
+    )
+    return tuple(
+        dataclasses.replace(meal, announced_g=float(told_g)) for meal, told_g in zip(ordered, told[:, 0], strict=True)
+    )

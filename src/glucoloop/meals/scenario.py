@@ -171,13 +171,7 @@ class Scenario:
 
 
 def check_time_of_day(start_min: float) -> None:
-    """Refuse a number that is not a time of day.
-
-    Raises
-    ------
-    ValueError
-        Unless it is 0 or more and below 1440 min.
-    """
+    """Refuse a number that is not a time of day, from 0 to below 1440 min."""
     if not 0.0 <= start_min < MIN_PER_DAY:
         raise Refusal(
             f"a time of day of {start_min:g} min after midnight is not possible; give 0 to below {MIN_PER_DAY:g} min"
@@ -212,13 +206,7 @@ def eaten(meals: Sequence[Meal]) -> Eaten:
 
 
 def in_order(meals: Iterable[Meal]) -> tuple[Meal, ...]:
-    """Meals sorted by time; in the given order if a time is not known yet.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For what is no meal.
-    """
+    """Meals sorted by time, or in the given order if a time is not known yet; what is no meal is refused."""
     given = tuple(meals)
     for meal in given:
         if not isinstance(meal, Meal):

@@ -84,24 +84,11 @@ def empty_stomach(like: jax.Array, sample_time_min: float) -> Stomach:
 def digest(
     stomach: Stomach, served: jax.Array, sample_time_min: float, gut: Gut | None = None
 ) -> tuple[Stomach, jax.Array]:
-    """Digestion over one sample.
+    """Digestion over one sample: the state at its end, and Legendre moments ``(3, ...)`` of the appearance [mg/min].
 
-    Parameters
-    ----------
-    stomach : Stomach
-    served : (...) array
-        Share of the sample in which a meal is served; more than 1 where meals overlap.
-    sample_time_min : float
-    gut : Gut, optional
-        Gut of Lehmann and Deutsch, of 60 min, by default.
-
-    Returns
-    -------
-    stomach : Stomach
-        State at the end of the sample.
-    appearance_mg_min : (3, ...) array
-        Legendre moments of the rate of appearance, as `appearance_moments` gives them: those of the parabola through
-        its beginning, middle and end.
+    `served` is the share of the sample in which a meal is served, more than 1 where meals overlap. The moments are
+    those of the parabola through beginning, middle and end of the sample. The usual gut is that of Lehmann and Deutsch,
+    of 60 min.
     """
     gut = gut_of(GUT_TIME_CONSTANT_MIN, sample_time_min) if gut is None else gut
     h, T = sample_time_min, gut.time_constant_min
@@ -129,3 +116,35 @@ def steadily(appearance_mg_min: jax.Array) -> jax.Array:
     """Legendre moments ``(3, ...)`` of a rate of appearance that is held."""
     none = jnp.zeros_like(appearance_mg_min)
     return jnp.stack([appearance_mg_min, none, none])
+
+
+MEALS: Final = 4
+"""Largest number of announced meals under way at once; a further one is added to the one that ends first."""
+
+
+@pytree
+class Announced:
+    """Remainder of the announced meals; people trailing."""
+
+    remaining_min: jax.Array
+    """(MEALS, ...) time for which each is still served."""
+
+
+def nothing_announced(like: jax.Array) -> Announced:
+    """State without any announced meal."""
+    return Announced(remaining_min=jnp.zeros((MEALS, *jnp.shape(like))))
+
+
+def announce(announced: Announced, carbs_g: jax.Array) -> Announced:
+    """Begin a meal; an amount that is not positive and finite is ignored."""
+    carbs = jnp.where((carbs_g > 0.0) & jnp.isfinite(carbs_g), carbs_g, 0.0)
+    first = jnp.argmin(announced.remaining_min, axis=0)
+    here = jnp.arange(MEALS).reshape(MEALS, *(1,) * jnp.ndim(first)) == first
+    return Announced(remaining_min=announced.remaining_min + jnp.where(here, carbs / SERVED_G_PER_MIN, 0.0))
+
+
+def serve(announced: Announced, sample_time_min: float) -> tuple[Announced, jax.Array]:
+    """Advance by one sample: the remainder, and the served share of the sample, added over meals."""
+    served_min = jnp.minimum(announced.remaining_min, sample_time_min)
+    remaining = Announced(remaining_min=announced.remaining_min - served_min)
+    return remaining, jnp.sum(served_min, axis=0) / sample_time_min

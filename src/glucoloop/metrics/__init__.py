@@ -3,8 +3,7 @@
 from glucoloop.metrics.clinical import ClinicalSummary, clinical_summary
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
-from glucoloop.metrics.running import RunningMetrics
-from glucoloop.metrics.summary import summarise
+from glucoloop.metrics.running import RunningMetrics, summarise
 
 __all__ = [
     "LOWEST_GLUCOSE_MG_DL",

@@ -117,10 +117,6 @@ def clinical_summary(trace: Trace, metrics: Metrics) -> ClinicalSummary:
     metrics : Metrics
         Metrics of that trace, as `summarise` finds them.
 
-    Returns
-    -------
-    ClinicalSummary
-
     Raises
     ------
     ValueError

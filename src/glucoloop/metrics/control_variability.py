@@ -41,24 +41,10 @@ MAXIMUM_EDGES_MG_DL: Final = _edges(MAXIMUM_LIMITS_MG_DL)
 
 
 def grid_counts(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    """People in each cell of the grid; counts of parts of a population add up to those of the whole.
+    """People in each cell of the grid ``(60, 60)``, by minimum and by maximum, both rising.
 
-    Glucose beyond the grid is counted in the cells of its border. A cell includes its lower edges.
-
-    Parameters
-    ----------
-    minimum_mg_dl, maximum_mg_dl : array_like (n,)
-        Least and greatest glucose of each person. People for whom either is not finite are not counted.
-
-    Returns
-    -------
-    ndarray of int64 (60, 60)
-        Counts by minimum (`MINIMUM_EDGES_MG_DL`) and maximum (`MAXIMUM_EDGES_MG_DL`), both rising.
-
-    Raises
-    ------
-    ValueError
-        If the two differ in shape.
+    Counts of parts of a population add up. Glucose beyond the grid is counted in the cells of its border. A cell
+    includes its lower edges. People for whom either number is not finite are not counted.
     """
     minimum, maximum = np.asarray(minimum_mg_dl, float), np.asarray(maximum_mg_dl, float)
     if minimum.shape != maximum.shape:
@@ -81,17 +67,8 @@ def _cell(edges: Floats, values: Floats) -> npt.NDArray[np.intp]:
 def zones(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDArray[np.str_]:
     """The zone of each person: A accurate, B benign deviations, C overcorrection, D failure to correct, E erroneous.
 
-    A limit between two zones belongs to the side of higher glucose, as a cell of `grid_counts` does.
-
-    Parameters
-    ----------
-    minimum_mg_dl, maximum_mg_dl : array_like (n,)
-        Least and greatest glucose of each person.
-
-    Returns
-    -------
-    ndarray of str (n,)
-        "A" to "E", and "" where either is not finite.
+    A limit between two zones belongs to the side of higher glucose, as a cell of `grid_counts` does. A person for whom
+    either number is not finite has the zone "".
     """
     minimum, maximum = np.broadcast_arrays(np.asarray(minimum_mg_dl, float), np.asarray(maximum_mg_dl, float))
     column = np.searchsorted(MINIMUM_LIMITS_MG_DL[1:-1], minimum, side="right")
@@ -100,36 +77,13 @@ def zones(minimum_mg_dl: npt.ArrayLike, maximum_mg_dl: npt.ArrayLike) -> npt.NDA
 
 
 def zone_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
-    """Percentage of people in each zone.
-
-    Parameters
-    ----------
-    counts : ndarray (60, 60)
-        Counts as `grid_counts` gives them.
-
-    Returns
-    -------
-    dict of str to float
-        Percentages by zone, "A" to "E"; NaN if no person is counted.
-    """
+    """Percentage of people in each zone, "A" to "E", from the counts of `grid_counts`; NaN if nobody is counted."""
     shares = _shares(counts)
     return {zone: float(shares[_ZONES == zone].sum()) for zone in ZONES}
 
 
 def region_pct(counts: npt.NDArray[Any]) -> dict[str, float]:
-    """Percentage of people in each of the nine regions of the grid.
-
-    Parameters
-    ----------
-    counts : ndarray (60, 60)
-        Counts as `grid_counts` gives them.
-
-    Returns
-    -------
-    dict of str to float
-        Percentages by "A", "lower B", "B", "upper B", "lower C", "upper C", "lower D", "upper D" and "E", in the order
-        of columns from the least minimum on; NaN if nobody is counted.
-    """
+    """Percentage of people in each of nine regions, by column from the least minimum on; NaN if nobody is counted."""
     return dict(zip(_REGIONS.ravel().tolist(), _shares(counts).ravel().tolist(), strict=True))
 
 

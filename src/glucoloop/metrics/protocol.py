@@ -88,12 +88,10 @@ class Metric:
 
     def point(self, course: Course, state: Any, glucose_mg_dl: jax.Array, t_min: jax.Array) -> Any:
         """State after a point of the grid of one minute."""
-        del course, glucose_mg_dl, t_min
         return state
 
     def sample(self, course: Course, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
         """State after a sample of the loop, and before the points of the grid that follow it."""
-        del course, happened, t_min
         return state
 
     def finish(self, course: Course, state: Any, ended: Ended) -> dict[str, Any]:
@@ -109,19 +107,7 @@ def count(condition: jax.Array, like: jax.Array) -> jax.Array:
 def of_glucose(
     metric: Metric, t_min: ArrayLike, glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, first_meal_min: float = 0.0
 ) -> dict[str, Any]:
-    """Results of a metric of glucose alone over a course, without the samples of a loop.
-
-    Parameters
-    ----------
-    metric : Metric
-        A metric that counts points of the grid only.
-    t_min : array_like, shape (points,)
-        An even grid of two points or more.
-    glucose_mg_dl : array_like, shape (points, ...)
-    setpoint_mg_dl : array_like, shape () or (...)
-    first_meal_min : float
-        Time at which the first meal begins.
-    """
+    """Results of a metric of glucose alone over a course ``(points, ...)`` on an even grid, without a loop."""
     t, glucose = jnp.asarray(t_min), jnp.asarray(glucose_mg_dl, float)
     course = Course(setpoint_mg_dl=jnp.asarray(setpoint_mg_dl, float), inside_min=(t[1] - t[0],))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import jax
@@ -12,11 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
+from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
 from glucoloop.parts.metrics import metrics_with
+from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.sensors import Reading
+from glucoloop.simulation.closed_loop import Trace
 from glucoloop.simulation.loop import Sampled
 
 _ROUNDING_MU_MIN: Final = {"float64": 1e-9, "float32": 1e-4}
@@ -34,31 +39,17 @@ class Tally:
 
 
 @pytree
-class RunningMetrics:
+class RunningMetrics(Course):
     """Fold of the loop that computes metrics; implements `simulation.cohort.Fold`."""
 
-    setpoint_mg_dl: jax.Array | float
-    limits: DoseLimits = PARKER_1999_LIMITS
-    lowest_glucose_mg_dl: jax.Array | float = LOWEST_GLUCOSE_MG_DL
-    inside_min: tuple[jax.Array | float, ...]
-    """Moments of the fine grid between samples; see `SampleGrid.inside_min`."""
     further: tuple[str, ...] = static(default=())
     """Texts of metrics beside those of this package: name and settings."""
-
-    @property
-    def _course(self) -> Course:
-        return Course(
-            setpoint_mg_dl=self.setpoint_mg_dl,
-            limits=self.limits,
-            lowest_glucose_mg_dl=self.lowest_glucose_mg_dl,
-            inside_min=self.inside_min,
-        )
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
         """States at the start, which is the first point of the grid."""
         zero = jnp.zeros_like(glucose_mg_dl)
         start = Tally(
-            states=tuple(metric.init(self._course, glucose_mg_dl, insulin_mU_min) for metric in self._metrics),
+            states=tuple(metric.init(self, glucose_mg_dl, insulin_mU_min) for metric in self._metrics),
             glucose=zero,
             insulin=zero,
         )
@@ -66,9 +57,9 @@ class RunningMetrics:
 
     def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
         """Include a sample and the grid until the next."""
-        course, pairs = self._course, zip(self._metrics, tally.states, strict=True)
+        pairs = zip(self._metrics, tally.states, strict=True)
         tally = Tally(
-            states=tuple(metric.sample(course, state, happened, t_min) for metric, state in pairs),
+            states=tuple(metric.sample(self, state, happened, t_min) for metric, state in pairs),
             glucose=tally.glucose,
             insulin=tally.insulin + 0.0 * happened.infused_mU_min,
         )
@@ -77,9 +68,9 @@ class RunningMetrics:
         return tally
 
     def _point(self, tally: Tally, glucose: jax.Array, t_min: jax.Array) -> Tally:
-        course, pairs = self._course, zip(self._metrics, tally.states, strict=True)
+        pairs = zip(self._metrics, tally.states, strict=True)
         return Tally(
-            states=tuple(metric.point(course, state, glucose, t_min) for metric, state in pairs),
+            states=tuple(metric.point(self, state, glucose, t_min) for metric, state in pairs),
             glucose=tally.glucose + 0.0 * glucose,
             insulin=tally.insulin,
         )
@@ -93,23 +84,10 @@ class RunningMetrics:
         meal_t_min: npt.NDArray[Any] | float,
         precision: str = "float64",
     ) -> Metrics:
-        """Metrics of a run of a cohort.
+        """Metrics ``(people,)`` of a run of a cohort, as NumPy arrays; NaN for a person whose glucose was not finite.
 
-        Parameters
-        ----------
-        tally : Tally
-            States ``(people,)`` at the end.
-        samples : int
-        sample_time_min : float
-        meal_t_min : () or (people,) array
-            Time of the sample in which the first meal begins; 0 if nothing is eaten.
-        precision : {"float64", "float32"}
-            Precision of the tally: a dose at its limit may seem to exceed it by rounding.
-
-        Returns
-        -------
-        Metrics
-            NumPy arrays ``(people,)``; as `summarise` has them, NaN for a person whose glucose was not finite.
+        `meal_t_min` is the time of the sample in which the first meal begins, 0 if nothing is eaten. With the precision
+        ``"float32"`` a dose at its limit may exceed it by more rounding.
         """
         fold, states = jax.tree.map(lambda a: np.asarray(a, np.float64), (self, tally))
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of people without metrics
@@ -137,7 +115,7 @@ class RunningMetrics:
     def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
         chosen = metrics_with(self.further)
         for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
-            found, names = metric.finish(self._course, state, ended), [result.name for result in choice.results]
+            found, names = metric.finish(self, state, ended), [result.name for result in choice.results]
             if sorted(found) != sorted(names):
                 raise Refusal(
                     f"the metric {choice.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
@@ -154,3 +132,98 @@ class RunningMetrics:
 def _made(further: tuple[str, ...]) -> tuple[Metric, ...]:
     """All metrics of this package, and further ones."""
     return tuple(choice.made() for choice in metrics_with(further))
+
+
+def first_meal_min(trace: Trace) -> jax.Array:
+    """Time of the sample in which the first meal begins [min]; 0 if nothing is eaten.
+
+    A trace knows the sample of a meal, not the moment within it.
+    """
+    eats = trace.carbs_g > 0.0
+    # argmax gives the first sample, which is the start of the run, if nothing is eaten
+    return jnp.asarray(trace.t_min)[eats.argmax(axis=0)]
+
+
+@checked
+def summarise(
+    trace: Trace,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    lowest_glucose_mg_dl: jax.Array | float = LOWEST_GLUCOSE_MG_DL,
+    metrics: Sequence[str] = (),
+) -> Metrics:
+    """Metrics of a run, of one person or of many.
+
+    Parameters
+    ----------
+    trace : Trace
+    limits : DoseLimits
+        Bounds of the constraints (17) and (18), by default those of 1999; give ``gl.usual_limits(patient)`` for another
+        patient.
+    lowest_glucose_mg_dl : array_like
+        Bound of the constraint (19).
+    metrics : sequence of str
+        Metrics of other packages, which are computed beside those of this one: name and settings, see
+        `parts.metrics`.
+
+    Returns
+    -------
+    Metrics
+        Metrics; one that rests on glucose or insulin that is not finite is NaN, not settled and not satisfied.
+
+    Raises
+    ------
+    ValueError
+        For an unknown metric, or one that gives other results than its entry says.
+
+    References
+    ----------
+    Parker, Doyle & Peppas 1999, eq. (17)-(19), Tables I and II; for the rest see the modules of `metrics`.
+    """
+    found: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics))
+    return found
+
+
+@functools.partial(jax.jit, static_argnums=3)
+def _summarised(
+    trace: Trace, limits: DoseLimits, lowest_glucose_mg_dl: jax.Array | float, further: tuple[str, ...]
+) -> Metrics:
+    samples, fine = trace.t_min.shape[0], trace.fine_glucose_mg_dl
+    inside = (fine.shape[0] - 1) // samples
+    fold = RunningMetrics(
+        setpoint_mg_dl=trace.setpoint_mg_dl,
+        limits=limits,
+        lowest_glucose_mg_dl=lowest_glucose_mg_dl,
+        inside_min=tuple(trace.fine_t_min[1 : inside + 1]),
+        further=further,
+    )
+
+    def sample(tally: Tally, entry: tuple[Sampled, jax.Array]) -> tuple[Tally, None]:
+        return fold.step(tally, *entry), None
+
+    start = fold.init(fine[0], jnp.broadcast_to(trace.basal_insulin_mU_min, fine.shape[1:]))
+    sample_time_min = fold.sample_time_min
+    happened = _happened(trace, inside, sample_time_min)
+    tally: Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]
+    return fold.finished(tally, samples=samples, sample_time_min=sample_time_min, first_meal_min=first_meal_min(trace))
+
+
+def _happened(trace: Trace, inside: int, sample_time_min: jax.Array | float) -> Sampled:
+    """Events of all samples of a trace, with time on the leading axis."""
+    fine, shape = trace.fine_glucose_mg_dl, trace.glucose_mg_dl.shape
+    bolus = trace.bolus_mU
+    return Sampled(
+        x=trace.states[:-1],
+        glucose_mg_dl=trace.glucose_mg_dl,
+        reading=Reading(glucose_mg_dl=trace.reading_mg_dl, valid=trace.reading_valid),
+        decision=Decision(insulin_mU_min=trace.command_mU_min, status=trace.status, bolus_mU=trace.command_bolus_mU),
+        delivery=Delivery(
+            insulin_mU_min=trace.insulin_mU_min,
+            reported_mU_min=trace.reported_mU_min,
+            bolus_mU=bolus,
+            reported_bolus_mU=trace.reported_bolus_mU,
+        ),
+        infused_mU_min=trace.insulin_mU_min if bolus is None else trace.insulin_mU_min + bolus / sample_time_min,
+        inside_mg_dl=fine[1:].reshape(shape[0], inside, *shape[1:]),
+        lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, shape),
+    )

@@ -16,14 +16,14 @@ from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import ContinuousModel
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.lag import lagged
+from glucoloop.sensors.delay import lagged
 
 
 @pytree
 class LaggedModel:
     """A nonlinear model and the reading behind a lag, its last state; implements `FedModel`.
 
-    Over a sample glucose is taken to change evenly between its values at both ends, as `sensors.lag` does.
+    Over a sample glucose is taken to change evenly between its values at both ends, as the sensor `lag` does.
     """
 
     inner: FedModel
@@ -72,20 +72,7 @@ class LaggedModel:
 
 
 def behind_lag(model: FedModel, lag_min: float) -> LaggedModel:
-    """A nonlinear model whose sensor lags.
-
-    Parameters
-    ----------
-    model : FedModel
-        Model of a person and of a sensor without a lag.
-    lag_min : float
-        Time constant of the lag, above 0.
-
-    Raises
-    ------
-    ValueError
-        For a lag that is not positive and finite.
-    """
+    """A nonlinear model of a person and of a sensor, whose readings lag by a time constant above 0."""
     _check(lag_min)
     return LaggedModel(inner=model, lag_min=jnp.asarray(lag_min, float))
 

@@ -29,26 +29,9 @@ from glucoloop.refusal import Refusal
 
 @pytree
 class ContinuousModel:
-    """A linear model in continuous time, and the point about which it holds.
+    """A linear model in continuous time, per min, and the point (x0, u0, y0) about which it holds.
 
-    Attributes
-    ----------
-    A : (n, n)
-        State matrix, per min.
-    B : (n,)
-        Input matrix, per min and mU/min.
-    C : (n,)
-        Output row.
-    E : (n,) or None
-        Disturbance matrix.
-    C_reading : (n,) or None
-        Output row of the sensor, or None where it reads glucose.
-    state : (n,)
-        Operating point x0.
-    insulin_mU_min : ()
-        Operating point u0.
-    glucose_mg_dl : ()
-        Operating point y0.
+    Its fields have the shapes of those of `LinearModel`.
     """
 
     A: Array
@@ -63,39 +46,26 @@ class ContinuousModel:
 
 @pytree
 class LinearModel:
-    """A linear model sampled with a zero-order hold, and the point about which it holds.
-
-    Attributes
-    ----------
-    Phi : (n, n)
-        Transition over one sample.
-    Gamma : (n,)
-        Effect of an input held over one sample, per mU/min.
-    C : (n,)
-        Output row.
-    Psi : (n,) or None
-        Effect of a disturbance held over one sample.
-    C_reading : (n,) or None
-        Output row of the sensor, or None where it reads glucose.
-    state : (n,)
-        Operating point x0.
-    insulin_mU_min : ()
-        Operating point u0.
-    glucose_mg_dl : ()
-        Operating point y0.
-    sample_time_min : float
-        Sample time; static.
-    """
+    """A linear model sampled with a zero-order hold, and the point about which it holds."""
 
     Phi: Array
+    """Transition over one sample, ``(n, n)``."""
     Gamma: Array
+    """Effect of an input held over one sample, per mU/min, ``(n,)``."""
     C: Array
+    """Output row, ``(n,)``."""
     Psi: Array | None = None
+    """Effect of a disturbance held over one sample, ``(n,)``."""
     C_reading: Array | None = None
+    """Output row of the sensor, ``(n,)``, or None where it reads glucose."""
     state: Array
+    """Operating point x0, ``(n,)``."""
     insulin_mU_min: Array
+    """Operating point u0."""
     glucose_mg_dl: Array
+    """Operating point y0."""
     sample_time_min: float = static()
+    """Sample time of the model."""
 
     @property
     def reading_row(self) -> Array:
@@ -116,34 +86,10 @@ def linearise(
 
     ``A = df/dx``, ``B = df/du``, ``C = dh/dx``, ``E = df/dd``.
 
-    Parameters
-    ----------
-    derivative
-        ``f(x, u)``, or ``f(x, u, d)`` if a disturbance is given: the time derivative (n,) of the state, per min.
-    output
-        ``h(x)``: the glucose concentration, mg/dl.
-    state : (n,)
-        Point x0. It need not be a steady state; the drift ``f(x0, u0)`` is not part of the model.
-    insulin_mU_min : ()
-        Infusion u0.
-    disturbance : (), optional
-        Disturbance d0.
-    reading
-        ``r(x)``: the reading of the sensor, mg/dl; not given where it reads glucose.
-
-    Returns
-    -------
-    ContinuousModel
-
-    Raises
-    ------
-    ValueError
-        If the state is not a vector, the input or disturbance is not a scalar, or `derivative` or `output` returns
-        another shape.
-
-    Notes
-    -----
-    Traceable by JAX, so that a controller can linearise again at every sample; for a cohort use `jax.vmap`.
+    The derivative is ``f(x, u)`` per min, or ``f(x, u, d)`` if a disturbance is given; the output is the glucose
+    concentration, and `reading` what the sensor reads in its place. The point need not be a steady state; the drift
+    ``f(x0, u0)`` is not part of the model. A controller can linearise again at every sample, since JAX can trace this;
+    for a cohort use `jax.vmap`.
     """
     x, u = jnp.asarray(state, dtype=float), jnp.asarray(insulin_mU_min, dtype=float)
     if x.ndim != 1:
@@ -177,30 +123,9 @@ def linearise(
 
 
 def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple[Array, Array]:
-    """Sample ``dx/dt = A x + B u`` with `u` held over each sample, exactly.
+    """Sample ``dx/dt = A x + B u`` with `u` held over each sample, exactly; B and Gamma are ``(n,)`` or ``(n, q)``.
 
     ``exp([[A, B], [0, 0]] T) = [[Phi, Gamma], [0, I]]``; `A` may be singular.
-
-    Parameters
-    ----------
-    A : (n, n)
-        State matrix, per min.
-    B : (n,) or (n, q)
-        Input matrix.
-    sample_time_min
-        Sample time T.
-
-    Returns
-    -------
-    Phi : (n, n)
-        Transition over one sample.
-    Gamma : (n,) or (n, q)
-        Effect of held inputs, in the shape of `B`.
-
-    Raises
-    ------
-    ValueError
-        If `A` is not square, `B` has another number of rows, or the sample time is not positive and finite.
     """
     A, B = jnp.asarray(A, dtype=float), jnp.asarray(B, dtype=float)
     _check_sample_time(sample_time_min)
@@ -217,24 +142,7 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple
 
 
 def discretise(model: ContinuousModel, sample_time_min: float) -> LinearModel:
-    """Sample a continuous model with input and disturbance held over each sample, exactly.
-
-    Parameters
-    ----------
-    model
-        The continuous model.
-    sample_time_min
-        Sample time.
-
-    Returns
-    -------
-    LinearModel
-
-    Raises
-    ------
-    ValueError
-        If the sample time is not positive and finite.
-    """
+    """Sample a continuous model with input and disturbance held over each sample, exactly."""
     inputs = model.B[:, None] if model.E is None else jnp.stack([model.B, model.E], axis=1)
     Phi, held = zero_order_hold(model.A, inputs, sample_time_min)
     return LinearModel(
@@ -251,25 +159,7 @@ def discretise(model: ContinuousModel, sample_time_min: float) -> LinearModel:
 
 
 def impulse_response(model: LinearModel, samples: int) -> Array:
-    """Response of the output to a unit input held over the first sample: ``h_i = C Phi^(i-1) Gamma``.
-
-    Parameters
-    ----------
-    model
-        The model.
-    samples
-        Number of coefficients, at least 1.
-
-    Returns
-    -------
-    (samples,)
-        h_1, h_2, ... in mg/dl per mU/min; the output `i` samples after the input began.
-
-    Raises
-    ------
-    ValueError
-        If `samples` is less than 1.
-    """
+    """Response ``h_i = C Phi^(i-1) Gamma`` to a unit input held over the first sample [mg/dl per mU/min]."""
     if samples < 1:
         raise Refusal(f"A response needs at least 1 sample, but {samples} were asked for.")
 
@@ -281,23 +171,7 @@ def impulse_response(model: LinearModel, samples: int) -> Array:
 
 
 def step_response(model: LinearModel, samples: int) -> Array:
-    """Response of the output to a unit step of the input: ``S_i = h_1 + ... + h_i``.
-
-    Parameters
-    ----------
-    model, samples
-        As for `impulse_response`.
-
-    Returns
-    -------
-    (samples,)
-        S_1, S_2, ... in mg/dl per mU/min; the output `i` samples after the step.
-
-    Raises
-    ------
-    ValueError
-        If `samples` is less than 1.
-    """
+    """Response ``S_i = h_1 + ... + h_i`` of the output to a unit step of the input [mg/dl per mU/min]."""
     return jnp.cumsum(impulse_response(model, samples))
 
 

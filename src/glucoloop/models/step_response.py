@@ -25,24 +25,16 @@ _ROUNDING: Final = 1e-9
 
 @pytree
 class Realisation:
-    """State-space realisation of an impulse response after n samples: ``h_(n+j) = c' A^(j-1) b`` for j = 1, 2, ...
-
-    Attributes
-    ----------
-    transition : Array, shape (L, L)
-        A, with eigenvalues within the unit circle.
-    start : Array, shape (L,)
-        b, state one sample after a unit impulse that the first n coefficients have answered.
-    output : Array, shape (L,) or (L, people)
-        c [mg/dl per mU/min].
-    after : int
-        n.
-    """
+    """State-space realisation of an impulse response after n samples: ``h_(n+j) = c' A^(j-1) b`` for j = 1, 2, ..."""
 
     transition: Array
+    """Matrix A, with eigenvalues within the unit circle, ``(L, L)``."""
     start: Array
+    """State b one sample after a unit impulse that the first n coefficients have answered, ``(L,)``."""
     output: Array
+    """Output c [mg/dl per mU/min], ``(L,)`` or ``(L, people)``."""
     after: int = static(default=0)
+    """Number n of samples after which it begins."""
 
     @property
     def sum(self) -> Array:
@@ -73,35 +65,20 @@ class StepResponseModel:
 
     where u_k is held from t_k to t_(k+1), so that glucose at t_k depends on insulin up to u_(k-1). Without a
     realisation the response is constant after M samples.
-
-    Attributes
-    ----------
-    step_response : Array, shape (M,)
-        S_1..S_M [mg/dl per mU/min]. Trailing axes, one column per model, are allowed.
-    sample_time_min : float
-        Sample time [min].
-    realisation : Realisation or None
-        Realisation of the response after n <= M samples, for one that outlasts the memory; None for one that ends.
     """
 
     step_response: Array
+    """(M, ...) S_1..S_M [mg/dl per mU/min]; trailing axes, one column per model, are allowed."""
     sample_time_min: float = static()
+    """Sample time of the model."""
     realisation: Realisation | None = None
+    """Realisation of the response after n <= M samples, for one that outlasts the memory; None for one that ends."""
 
     @classmethod
     def from_impulse_response(
         cls, impulse_response: ArrayLike, sample_time_min: float, *, realisation: Realisation | None = None
     ) -> Self:
-        """Model whose step response is the running sum of an impulse response.
-
-        Parameters
-        ----------
-        impulse_response : array_like, shape (M,)
-            h_1..h_M [mg/dl per mU/min].
-        sample_time_min : float
-            Sample time [min].
-        realisation : Realisation, optional
-            Realisation of the response after n <= M samples.
+        """Model whose step response is the running sum of an impulse response h_1..h_M [mg/dl per mU/min].
 
         Raises
         ------
@@ -144,18 +121,7 @@ class StepResponseModel:
         return int(self.step_response.shape[0])
 
     def delayed(self, samples: int) -> Self:
-        """The same patient behind a measurement dead time: leading zeros, same gain.
-
-        Parameters
-        ----------
-        samples : int
-            Dead time in samples, 0 or more; the memory grows by as many.
-
-        Raises
-        ------
-        ValueError
-            If `samples` is negative or not a whole number.
-        """
+        """The same patient behind a measurement dead time: leading zeros, same gain, and a longer memory."""
         if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 0:
             raise Refusal(f"A delay of {samples!r} samples is not a whole number of at least 0.")
         zeros, later = jnp.zeros((int(samples), *self.step_response.shape[1:])), self.realisation
@@ -165,23 +131,7 @@ class StepResponseModel:
         return dataclasses.replace(self, step_response=step_response, realisation=later)
 
     def predict(self, insulin_deviation: ArrayLike) -> Array:
-        """Glucose deviation that answers an insulin sequence, starting from rest.
-
-        Parameters
-        ----------
-        insulin_deviation : array_like, shape (N,)
-            u_0..u_(N-1), each held over one sample [mU/min from the steady rate].
-
-        Returns
-        -------
-        Array, shape (N + 1,)
-            y_0..y_N [mg/dl from the steady glucose]; y_0 is 0.
-
-        Raises
-        ------
-        ValueError
-            If the sequence isn't one-dimensional.
-        """
+        """Glucose deviations y_0..y_N from rest under insulin deviations u_0..u_(N-1), each held over a sample."""
         if self.realisation is None:
             return lagged_inputs(insulin_deviation, self.memory) @ self.impulse_response
         longer = extended(self.step_response, self.realisation, np.shape(insulin_deviation)[0])
@@ -190,16 +140,7 @@ class StepResponseModel:
 
 
 def extended(step_response: Any, realisation: Realisation | None, samples: int) -> Any:
-    """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation.
-
-    Parameters
-    ----------
-    step_response : Array, shape (M, ...)
-    realisation : Realisation or None
-        Realisation of the response after n <= M samples, with outputs ``(L, ...)``.
-    samples : int
-        Least number N of samples; a response of as many or more is unchanged.
-    """
+    """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation."""
     memory = step_response.shape[0]
     missing = max(0, samples - memory)
     xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, Array) else np
@@ -211,19 +152,7 @@ def extended(step_response: Any, realisation: Realisation | None, samples: int) 
 
 
 def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike) -> None:
-    """Refuse a realisation that is not one of this impulse response, or does not decay after it.
-
-    Parameters
-    ----------
-    realisation : Realisation
-    impulse_response : array_like, shape (M,)
-
-    Raises
-    ------
-    ValueError
-        If the realisation begins after M samples, has an eigenvalue whose magnitude is not below 1, or differs from
-        the impulse response between n and M.
-    """
+    """Refuse a realisation that is not one of this impulse response, or does not decay after it."""
     h = np.asarray(impulse_response, dtype=float)
     if realisation.after > h.shape[0]:
         raise Refusal(
@@ -247,25 +176,7 @@ def refuse_other_response(realisation: Realisation, impulse_response: ArrayLike)
 
 
 def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
-    """Past inputs on which each reading depends, one row per reading; the record starts from rest.
-
-    Parameters
-    ----------
-    insulin_deviation : array_like, shape (N,)
-        u_0..u_(N-1) [mU/min from the steady rate].
-    memory : int
-        Number M of past inputs kept.
-
-    Returns
-    -------
-    Array, shape (N + 1, M)
-        Row k is u_(k-1), ..., u_(k-M), with zeros before the record.
-
-    Raises
-    ------
-    ValueError
-        If the sequence isn't one-dimensional.
-    """
+    """Past inputs on which each reading depends: row k is u_(k-1), ..., u_(k-M), with zeros before the record."""
     insulin = jnp.asarray(insulin_deviation, dtype=float)
     if insulin.ndim != 1:
         raise Refusal(

@@ -30,49 +30,32 @@ from glucoloop.refusal import Refusal
 
 @pytree
 class QPSolution:
-    """Answer of `solve_qp`.
-
-    Attributes
-    ----------
-    x : (n,)
-        The minimiser, or the last iterate if the method did not converge.
-    multipliers : (k,)
-        Lagrange multipliers of ``G x <= h``, not negative.
-    converged : () bool
-        Whether `residual` fell below the tolerance.
-    iterations : () int
-        Iterations done.
-    residual : ()
-        Largest violation of the optimality conditions of the equilibrated program, without unit.
-    """
+    """Answer of `solve_qp`."""
 
     x: Array
+    """The minimiser, or the last iterate if the method did not converge, ``(n,)``."""
     multipliers: Array
+    """Lagrange multipliers of ``G x <= h``, not negative, ``(k,)``."""
     converged: Array
+    """Whether `residual` fell below the tolerance."""
     iterations: Array
+    """Number of iterations done."""
     residual: Array
+    """Largest violation of the optimality conditions of the equilibrated program, without unit."""
 
 
 @pytree
 class MovesSolution:
-    """Answer of `minimise_moves`.
-
-    Attributes
-    ----------
-    moves : (m,) or (m, B)
-        Moves within the limits, always finite.
-    converged : () or (B,) bool
-        True if the moves are the minimiser; false if they are merely allowed.
-    iterations : () or (B,) int
-        Iterations of the interior point method; 0 for one and two moves, which are solved in closed form.
-    residual : () or (B,)
-        Largest violation of the optimality conditions of the equilibrated program, without unit.
-    """
+    """Answer of `minimise_moves`."""
 
     moves: Array
+    """Moves within the limits, always finite, ``(m,)`` or ``(m, B)``."""
     converged: Array
+    """Whether the moves are the minimiser, and not merely allowed."""
     iterations: Array
+    """Iterations of the interior point method; 0 for one and two moves, which are solved in closed form."""
     residual: Array
+    """Largest violation of the optimality conditions of the equilibrated program, without unit."""
 
 
 @pytree
@@ -333,21 +316,8 @@ def minimise_moves(
 ) -> MovesSolution:
     """Minimise ``1/2 d' H d + f' d`` over the moves of a predictive controller, by the best way for their number.
 
-    One and two moves are solved exactly in closed form, more by `minimise_many_moves`. People may trail.
-
-    Parameters
-    ----------
-    H : (m, m) or (m, m, B)
-        Hessian, symmetric and positive semi-definite.
-    f : (m,) or (m, B)
-        Gradient at ``d = 0``.
-    u_prev, max_move, u_min, u_max : () or (B,)
-        Input before the moves, largest absolute move per sample, and bounds on the input, all finite and in one unit.
-
-    Returns
-    -------
-    MovesSolution
-        Feasible and finite moves, and whether they are the minimiser.
+    One and two moves are solved exactly in closed form, more by `minimise_many_moves`. The arguments are those of the
+    latter, where people may trail on any of them: ``(m, m, B)``, ``(m, B)``, ``(B,)``.
 
     Raises
     ------

@@ -36,25 +36,10 @@ def _room(u_prev: ArrayLike, max_move: ArrayLike, u_min: ArrayLike, u_max: Array
 def minimise_one_move(
     H: ArrayLike, f: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
 ) -> Array:
-    """Minimise ``1/2 H d^2 + f d`` over one move within the pump's limits.
+    """Minimise ``1/2 H d^2 + f d`` over one move ``(1,)`` or ``(1, B)`` within the pump's limits.
 
-    Parameters
-    ----------
-    H : (1, 1) or (1, 1, B)
-        Curvature, not negative.
-    f : (1,) or (1, B)
-        Slope at ``d = 0``.
-    u_prev : () or (B,)
-        Input before the move, in the unit of the moves; it is clipped into ``[u_min, u_max]``.
-    max_move : () or (B,)
-        Largest absolute move per sample, not negative.
-    u_min, u_max : () or (B,)
-        Bounds on the input.
-
-    Returns
-    -------
-    (1,) or (1, B)
-        The move. With no curvature it is the far end of the slope; a non-finite `H` or `f` gives no move.
+    Arguments are those of `minimise_two_moves`. With no curvature the move is the far end of the slope; a non-finite
+    `H` or `f` gives no move.
     """
     H, f = jnp.asarray(H), jnp.asarray(f)
     r, low, high = _room(u_prev, max_move, u_min, u_max)

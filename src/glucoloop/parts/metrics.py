@@ -80,10 +80,13 @@ class MetricPart(MadePart):
         return self.numbers
 
 
+_MODULES: Final = {"Glycemia": "glycemia", "Regulation": "regulation"}
+
+
 def _metric(name: str, section: str, summary: str, *numbers: Result) -> type[MetricPart]:
-    """A metric of this package; ``low-events`` is the class ``LowEvents`` of `glucoloop.metrics.low_events`."""
+    """A metric of this package; ``low-events`` is the class ``LowEvents`` of the module of its section."""
     fold = name.title().replace("-", "")
-    place = f"glucoloop.metrics.{name.replace('-', '_')}:{fold}"
+    place = f"glucoloop.metrics.{_MODULES.get(section, 'dosing')}:{fold}"
     body = {"__doc__": summary, "__module__": __name__, "make": place, "section": section, "numbers": numbers}
     return types.new_class(f"{fold}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
 

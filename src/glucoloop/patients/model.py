@@ -29,55 +29,37 @@ def _anything(varied: Mapping[str, Distribution]) -> None:
 
 def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Check of a state that only requires it to be finite."""
-    del lowest_mg_dl
     finite = jnp.all(jnp.isfinite(x), axis=0)
     return finite, finite
 
 
 @dataclass(frozen=True, kw_only=True)
 class PatientModel:
-    """Model of a kind of patient, from which people are made.
-
-    Parameters
-    ----------
-    build : callable
-        ``build(values, basal_insulin_mU_min, setpoint_mg_dl)``: the patient, or the people, who have these values and
-        are nominal otherwise. JAX traces it.
-    operating_points : mapping
-        Name -> function that makes the nominal patient there, for each operating point of the entry.
-    nominal : mapping
-        All parameters that can vary, with the nominal patient's value.
-    populations : callable
-        The populations by name, besides the nominal one.
-    refuse : callable
-        Function that raises ValueError for distributions that can make an impossible person.
-    hint : str
-        List of the known parameters, for the error about an unknown one.
-    sound : callable
-        ``sound(x, lowest_mg_dl)``: whether insulin and glucose of states ``(states, ...)`` are possible, if the glucose
-        that is controlled has never been below ``lowest_mg_dl``; checked at every sample of a campaign.
-    """
+    """Model of a kind of patient, from which people are made."""
 
     build: Callable[[Values, Any, Any], SemilinearPatient]
+    """The patient, or the people, of some values, a basal rate and a setpoint, nominal otherwise. JAX traces it."""
     operating_points: Mapping[str, Callable[[], SemilinearPatient]]
+    """Function that makes the nominal patient there, for each operating point of the entry."""
     nominal: Mapping[str, float] = field(default_factory=dict)
+    """All parameters that can vary, with the nominal patient's value."""
     populations: Callable[[], Mapping[str, Any]] = dict
+    """The populations by name, besides the nominal one."""
     refuse: Callable[[Mapping[str, Distribution]], None] = _anything
+    """Function that raises ValueError for distributions that can make an impossible person."""
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Parameters that follow from others, each with these others."""
     meanings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of parameters that can vary, in words."""
     hint: str = ""
+    """List of the known parameters, for the error about an unknown one."""
     sound: Sound = _finite
+    """Whether insulin and glucose of states ``(states, ...)`` are possible, if the glucose that is controlled has never
+    been below the given one; checked at every sample of a campaign.
+    """
 
     def refuse_unknown(self, parameter: str) -> None:
-        """Refuse the name of an unknown parameter.
-
-        Raises
-        ------
-        ValueError
-            For an unknown name, with the most similar known one.
-        """
+        """Refuse the name of an unknown parameter, with the most similar known one."""
         if parameter in self.nominal:
             return
         if parameter in self.follows:
@@ -90,13 +72,7 @@ class PatientModel:
 
 @functools.cache
 def patient_model(name: str) -> PatientModel:
-    """Model of a patient by name.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-    """
+    """Model of a patient by name."""
     model: PatientModel = loaded(patient_entry(name).model)
     return model
 

@@ -67,13 +67,7 @@ class Population:
 
 
 def populations_of(patient: str) -> dict[str, Population]:
-    """Populations by name around a patient: the nominal one first.
-
-    Raises
-    ------
-    ValueError
-        For an unknown patient.
-    """
+    """Populations by name around a patient: the nominal one first."""
     nominal = Population(NOMINAL, (), "the nominal patient, whoever is drawn", patient=patient)
     others = patient_model(patient).populations()
     return {NOMINAL: nominal, **{name: replace(other, patient=patient) for name, other in others.items()}}

@@ -39,13 +39,7 @@ class Rest:
     """Reason why no greater rate has a state at rest, for messages."""
 
     def state(self, p: Constants, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Raises
-        ------
-        ValueError
-            For a rate that is negative or not finite, or under which glucose would not stay above 0 mg/dl.
-        """
+        """State at rest under a constant infusion; refuse a rate under which glucose would not stay above 0 mg/dl."""
         if is_traced(p, insulin_mU_min):
             return self.under(p, jnp.asarray(insulin_mU_min, float))
         with at_once():
@@ -66,13 +60,7 @@ class Rest:
             return x
 
     def insulin(self, p: Constants, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds a glucose.
-
-        Raises
-        ------
-        ValueError
-            If no infusion of 0 or more holds it.
-        """
+        """Infusion that holds a glucose; refuse a glucose that no infusion of 0 or more holds."""
         if is_traced(p, glucose_mg_dl):
             return self.holding(p, jnp.asarray(glucose_mg_dl, float))
         with at_once():
@@ -113,15 +101,7 @@ class RestingPatient(Generic[P]):
     setpoint_mg_dl: jax.Array
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest under a constant infusion.
-
-        Parameters
-        ----------
-        insulin_mU_min : float or (people,) array
-
-        Returns
-        -------
-        (states, ...) array
+        """State at rest ``(states, ...)`` under a constant infusion.
 
         Raises
         ------
@@ -143,3 +123,8 @@ class RestingPatient(Generic[P]):
 
 def _first(values: npt.NDArray[np.float64], which: npt.NDArray[np.bool_]) -> float:
     return float(np.broadcast_to(values, which.shape)[which].flat[0])
+
+
+def shape_of_people(p: Constants, given: ArrayLike) -> tuple[int, ...]:
+    """Shape of the people in the constants that vary, and in a rate or a glucose."""
+    return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))

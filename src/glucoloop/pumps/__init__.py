@@ -1,10 +1,16 @@
 """Insulin pumps: limits of the basal rate and of boluses, delivery resolution, and faults."""
 
-from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits, bolus_limits
 from glucoloop.pumps.expiring import Expiring, expiring, rate_in_force
 from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion, unheard
-from glucoloop.pumps.limited import LimitedPump
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, dose_limits
+from glucoloop.pumps.limits import (
+    PARKER_1999_LIMITS,
+    USUAL_BOLUS_LIMITS,
+    BolusLimits,
+    DoseLimits,
+    LimitedPump,
+    bolus_limits,
+    dose_limits,
+)
 from glucoloop.pumps.protocol import Delivery, Pump
 from glucoloop.pumps.resolution import Resolution, with_resolution
 

@@ -9,25 +9,14 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.parts.pumps import ExpiringSettings
-from glucoloop.pumps.limited import LimitedPump
+from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 
 
 def rate_in_force(
     command_mU_min: jax.Array, holds_until_min: jax.Array, now_min: jax.Array, basal_mU_min: jax.Array
 ) -> jax.Array:
-    """Last commanded rate while it holds, and the basal rate after it.
-
-    Parameters
-    ----------
-    command_mU_min : (...) array
-        Rate of the last decision; NaN never holds.
-    holds_until_min : (...) array
-        Value of `control.Decision.holds_until_min`; NaN counts as expired.
-    now_min : (...) array
-        Present time on the pump's clock.
-    basal_mU_min : (...) array
-    """
+    """Last commanded rate while it holds on the pump's clock, and the basal rate after it; NaN never holds."""
     return jnp.where(jnp.isfinite(command_mU_min) & (now_min < holds_until_min), command_mU_min, basal_mU_min)
 
 

@@ -50,13 +50,7 @@ class Pump(Protocol):
 def deliver(
     pump: Pump, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None
 ) -> tuple[Any, Delivery]:
-    """Pass a basal rate to a pump, and a bolus unless that is None.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For a bolus where the pump can give none.
-    """
+    """Pass a basal rate to a pump, and a bolus unless that is None; refuse a bolus where the pump can give none."""
     if bolus_mU is None:
         return pump.deliver(state, command_mU_min, key)
     if "bolus_mU" not in inspect.signature(pump.deliver).parameters:

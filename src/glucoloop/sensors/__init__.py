@@ -1,7 +1,6 @@
 """Glucose sensors and their faults: small objects that wrap one another."""
 
-from glucoloop.sensors.correlated_noise import CorrelatedNoise, correlated_noise
-from glucoloop.sensors.dead_time import DeadTime, dead_time
+from glucoloop.sensors.delay import DeadTime, Lag, dead_time, lag
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.faults import (
     calibration,
@@ -16,10 +15,8 @@ from glucoloop.sensors.faults import (
     spikes,
     stuck,
 )
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.lag import Lag, lag
-from glucoloop.sensors.protocol import Reading, Sensor
-from glucoloop.sensors.white_noise import WhiteNoise, white_noise
+from glucoloop.sensors.noise import CorrelatedNoise, WhiteNoise, correlated_noise, white_noise
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 __all__ = [
     "CorrelatedNoise",

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
 
 @pytree

@@ -1,12 +1,13 @@
-"""Protocol of a glucose sensor in the loop."""
+"""Protocol of a glucose sensor in the loop, and a sensor without error or delay."""
 
 from __future__ import annotations
 
 from typing import Any, Protocol
 
 import jax
+import jax.numpy as jnp
 
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 
 
 @pytree
@@ -37,3 +38,19 @@ def site_of(sensor: Sensor) -> str | None:
         inner = inner.inner
     site: str | None = getattr(inner, "site", None)
     return site
+
+
+@pytree
+class IdealSensor:
+    """Reads glucose without noise or delay."""
+
+    site: str | None = static(default=None)
+    """Site of the sensor, one of the patient's `capabilities.sites`; None is where glucose is controlled."""
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[()]:
+        """Empty state, since the sensor has no memory."""
+        return ()
+
+    def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
+        """Read the true glucose of this moment."""
+        return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))

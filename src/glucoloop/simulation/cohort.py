@@ -19,9 +19,8 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller
-from glucoloop.meals.absorption import absorb
+from glucoloop.meals.absorption import MOMENTS, absorb, digest, digestion_matrices, jump_table
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.people import MOMENTS, digest, digestion_matrices, jump_table
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl

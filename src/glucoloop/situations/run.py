@@ -149,7 +149,7 @@ class Run(ControlledSituation):
 
     def eaten(self) -> tuple[Meal, ...]:
         """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
-        from glucoloop.meals.counting import counted_meals
+        from glucoloop.meals.plan import counted_meals
         from glucoloop.situations.meal_text import parse_meal
 
         meals = tuple(parse_meal(text) for text in self.meals)

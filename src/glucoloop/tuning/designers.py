@@ -19,13 +19,7 @@ Designer = Callable[[MPCTuning], Controller]
 
 
 def kind_of_tuning(controller: str) -> type[MPCTuning]:
-    """Kind of the tunings of a controller: `StateTuning` if it has a reference filter.
-
-    Raises
-    ------
-    ValueError
-        For a controller that cannot be tuned.
-    """
+    """Kind of the tunings of a controller that can be tuned: `StateTuning` if it has a reference filter."""
     entry = controller_entry(controller)
     if not entry.tunable:
         raise Refusal(f"the controller {controller!r} cannot be tuned; the known ones are: {', '.join(TUNABLE)}")
@@ -42,13 +36,7 @@ def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
 def designer(
     situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
 ) -> Designer:
-    """Make the design of a tuning in a situation; parameters as for `experiments.designs.design_of`.
-
-    Raises
-    ------
-    ValueError
-        For a controller that cannot be tuned, or a design that is not possible.
-    """
+    """Make the design of a tuning in a situation; parameters and errors as for `experiments.designs.design_of`."""
     kind = kind_of_tuning(case.controller.called)
     design = design_of(situation, case, model=model, model_is_late=model_is_late)
 

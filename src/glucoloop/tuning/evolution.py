@@ -34,22 +34,8 @@ _MORE: Final = 1e-3
 class Evolution:
     """Points of the greatest score, asked for a generation at a time.
 
-    Parameters
-    ----------
-    centre : callable
-        Function that draws the point around which a start begins, from -1 to 1 in each coordinate.
-    starts : int
-        Number of searches side by side.
-    population : int
-        Number of points in a generation of each start.
-    seed : int
-    known : (dimension,) array, optional
-        A point that is tried first, and from which the first start continues.
-
-    Raises
-    ------
-    ValueError
-        If the search library is not installed.
+    Each of the searches side by side begins around a point that `centre` draws, from -1 to 1 in each coordinate. A
+    `known` point is tried first, and the first search continues from it.
     """
 
     def __init__(
@@ -125,13 +111,7 @@ class _Start:
 
 
 def library() -> Any:
-    """The library of the search, asked for before a search that would do other things first.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The library of the search, asked for before a search that would do other things first."""
     with needed_for("the search for the worst errors"):
         import cmaes
     return cmaes

@@ -23,24 +23,12 @@ Number = TypeVar("Number", int, float)
 
 
 def parse_integers(text: str, name: str = "the range") -> tuple[int, ...]:
-    """Whole numbers from a text: ``1:4`` with both ends, ``2:16:2`` in steps, ``2|5|8``, or ``1:3|8``.
-
-    Raises
-    ------
-    ValueError
-        For a text that is no such range, or one of too many values.
-    """
+    """Whole numbers from a text: ``1:4`` with both ends, ``2:16:2`` in steps, ``2|5|8``, or ``1:3|8``."""
     return _parse(text, name, int, "1:4, 2:16:2 or 2|5|8")
 
 
 def parse_numbers(text: str, name: str = "the range") -> tuple[float, ...]:
-    """Numbers from a text: ``.3:.8:.05``, with both ends where the steps meet them, or ``0|1|3``.
-
-    Raises
-    ------
-    ValueError
-        For a text that is no such range, or one of too many values.
-    """
+    """Numbers from a text: ``.3:.8:.05``, with both ends where the steps meet them, or ``0|1|3``."""
     return _parse(text, name, float, ".3:.8:.05 or 0|1|3")
 
 
@@ -87,26 +75,8 @@ def tuning_grid(
 ) -> list[MPCTuning]:
     """All combinations, without those whose prediction horizon is shorter than the move horizon.
 
-    Parameters
-    ----------
-    move_horizons, prediction_horizons : sequence of int
-        m and p; pairs with p < m are left out.
-    output_weights, move_weights : sequence of float
-        Gamma_y and Gamma_u. Tunings whose weights have the same ratio are the same controller.
-    reference_filters : sequence of float, optional
-        phi_r; None for controllers without a reference filter.
-    reference_start : int
-        s of controllers with a reference filter.
-
-    Returns
-    -------
-    list of MPCTuning
-        `StateTuning` with reference filters.
-
-    Raises
-    ------
-    ValueError
-        If there is no possible combination or there are too many, or for a value that no tuning can have.
+    They are `StateTuning` where reference filters are given. Tunings whose weights have the same ratio are the same
+    controller.
 
     Examples
     --------

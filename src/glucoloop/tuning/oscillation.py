@@ -47,15 +47,7 @@ class Oscillation:
 
 
 def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float = BAND) -> jax.Array:
-    """Number of times that glucose goes from beyond one side of a band to beyond the other.
-
-    Parameters
-    ----------
-    glucose_mg_dl : (points,) array
-    setpoint_mg_dl : () array
-    band : float
-        Half width, as a share of the setpoint.
-    """
+    """Number of times that glucose crosses a band about the setpoint, whose half width is a share of it."""
     setpoint = jnp.asarray(setpoint_mg_dl)
     away = jnp.asarray(glucose_mg_dl) - setpoint
     sides = jnp.where(jnp.abs(away) > band * setpoint, jnp.sign(away), 0.0)
@@ -68,14 +60,7 @@ def crossings(glucose_mg_dl: ArrayLike, setpoint_mg_dl: ArrayLike, band: float =
 
 
 def turns(values: ArrayLike, least: ArrayLike) -> jax.Array:
-    """Number of times that a series changes its direction by more than `least`; smaller changes do not count.
-
-    Parameters
-    ----------
-    values : (points,) array
-    least : () array
-        Smallest change that counts, above 0.
-    """
+    """Number of times that a series changes its direction by more than `least`; smaller changes do not count."""
     values = jnp.asarray(values, float)
     first = values[0]
 

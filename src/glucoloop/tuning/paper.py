@@ -24,26 +24,14 @@ PREDICTION_HORIZONS: Final = range(1, 15)
 
 
 def usual_tuning(situation: Situation, controller: str) -> MPCTuning:
-    """Tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one.
-
-    Raises
-    ------
-    ValueError
-        For a controller that cannot be tuned.
-    """
+    """Tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one."""
     kind = kind_of_tuning(controller)
     settings: Mapping[str, Any] = usual_case(controller, situation).tuning
     return kind(**{field.name: settings[field.name] for field in dataclasses.fields(kind)})
 
 
 def printed_tuning(operating_point: str, controller: str) -> MPCTuning:
-    """Tuning that the paper prints for one of its controllers, without noise.
-
-    Raises
-    ------
-    ValueError
-        For an unknown controller or operating point.
-    """
+    """Tuning that the paper prints for one of its controllers, without noise."""
     return usual_tuning(_situation(operating_point), controller)
 
 
@@ -58,17 +46,7 @@ def paper_tuning_surface(
     model: StepResponseModel | None = None,
     progress: Progress | None = None,
 ) -> TuningSurface:
-    """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise.
-
-    Parameters
-    ----------
-    operating_point : {"setpoint-81", "nominal-22", "fasting-81"}
-    controller : {"mpc", "mpc-se", "nlqdmc-se"}
-    model : StepResponseModel, optional
-        Model of linear MPC; identified from a noise-free record by default.
-    progress : callable, optional
-        Callback as in `search`.
-    """
+    """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise."""
     situation, printed = _situation(operating_point), printed_tuning(operating_point, controller)
     case = usual_case(controller, situation)
     filters = usual_filters(controller, case.tuning)

@@ -47,23 +47,7 @@ class Sampler(Protocol):
 def make_sampler(
     name: str, space: Sequence[Tuned], seed: int, *, batch: int, start: dict[str, float] | None = None
 ) -> Sampler:
-    """A sampler by name.
-
-    Parameters
-    ----------
-    name : {"tpe", "nsga2", "random"}
-    space : sequence of Tuned
-    seed : int
-    batch : int
-        Number of tunings that are asked for at a time.
-    start : dict, optional
-        A tuning that is tried first.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or Optuna that is not installed.
-    """
+    """A sampler by name, asked for `batch` tunings at a time; the tuning `start` is tried first."""
     if name not in SAMPLERS:
         raise Refusal(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
     if name == "random":
@@ -148,13 +132,7 @@ def _violation(trial: Any) -> Sequence[float]:
 
 
 def library() -> Any:
-    """The library of all samplers but random draws, asked for before a search that would do other things first.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The library of all samplers but random draws, asked for before a search that would do other things first."""
     with needed_for("a sampler other than random"):
         import optuna
     optuna.logging.set_verbosity(optuna.logging.ERROR)

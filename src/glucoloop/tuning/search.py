@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
-from glucoloop._pytree import pytree
 from glucoloop.control import Controller, MPCTuning
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.surroundings import surroundings_of
@@ -25,9 +23,52 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
 from glucoloop.situations.situation import Situation
 from glucoloop.tuning.designers import Designer
-from glucoloop.tuning.oscillation import Oscillation, oscillation
-from glucoloop.tuning.stacking import horizons, move_slots, padded, stack
+from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
+
+C = TypeVar("C", bound=Controller)
+
+_SOLVED_EXACTLY: Final = 2
+
+
+def move_slots(moves: int, most: int) -> int:
+    """Number of moves to which a controller is padded: one and two, solved in closed form, stay apart from more."""
+    return min(_SOLVED_EXACTLY, most) if moves <= _SOLVED_EXACTLY else most
+
+
+def horizons(controller: Controller) -> tuple[int, int]:
+    """Number of planned moves and of predicted samples, as the arrays of a controller have them."""
+    found: tuple[int, int] | None = getattr(controller, "horizons", None)
+    if found is None or not hasattr(controller, "padded"):
+        raise TypeError(
+            f"{type(controller).__name__} has no horizons that can be padded; search MPC, MPC/SE or NLQDMC/SE, or give "
+            "it `horizons` and `padded` as these have them"
+        )
+    return found
+
+
+def padded(controller: C, moves: int, horizon: int) -> C:
+    """The same controller with room for more moves and more samples, none of which has any weight.
+
+    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
+    """
+    own_moves, own_horizon = horizons(controller)
+    if moves < own_moves or horizon < own_horizon:
+        raise Refusal(
+            f"a controller of {own_moves} moves and {own_horizon} samples does not fit into {moves} and {horizon}"
+        )
+    longer: C = controller.padded(moves, horizon)  # type: ignore[attr-defined]
+    return longer
+
+
+def stack(controllers: Sequence[C]) -> C:
+    """Controllers of one kind and shape stacked along a leading axis, for `jax.vmap`."""
+    # on the host, since a hundred small arrays cost more to dispatch than to copy
+    stacked: C = jax.tree.map(
+        lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *controllers
+    )
+    return stacked
+
 
 Progress = Callable[[int, int], None]
 """Callback with the number of finished runs and the number of all runs."""
@@ -40,20 +81,17 @@ _ROUND: Final = 8
 """Divisor of the size of blocks, so that similar grids share a program."""
 
 
-@pytree
-class _Scores:
-    """Scores that are kept of a run."""
-
-    sse: jax.Array
-    undershoot_mg_dl: jax.Array
-    minimum_mg_dl: jax.Array
-    settling_2pct_min: jax.Array
-    settled_2pct: jax.Array
-    settling_5pct_min: jax.Array
-    settled_5pct: jax.Array
-    insulin_total_variation_mU_min: jax.Array
-    kept: jax.Array
-    oscillation: Oscillation
+_NUMBERS: Final = (
+    "sse",
+    "undershoot_mg_dl",
+    "minimum_mg_dl",
+    "settling_2pct_min",
+    "settling_5pct_min",
+    "insulin_total_variation_mU_min",
+)
+_TRUTHS: Final = ("settled_2pct", "settled_5pct")
+_Scores = dict[str, jax.Array]
+"""Scores that are kept of a run, by name."""
 
 
 def search(
@@ -69,37 +107,10 @@ def search(
 ) -> TuningSurface:
     """Simulate the loop with every tuning of a grid, as one batch, and score each.
 
-    With noise around the sensor, oscillation is judged in a loop of its own without that noise; otherwise in the run of
-    the first seed.
-
-    Parameters
-    ----------
-    situation : Situation
-        Patient, sensor, pump and faults.
-    design : callable
-        Function that makes the controller of a tuning, see `designer`.
-    grid : sequence of MPCTuning
-        Tunings, see `tuning_grid`.
-    scenario : Scenario, optional
-        Meals and length; the 50 g oral glucose test by default.
-    seeds : sequence of int
-        Keys of the noise. Every tuning meets the same ones; results are medians over them.
-    integrator : Integrator, optional
-        Argument of `close_loop`.
-    name : str, optional
-        Name of the controller on the surface.
-    progress : callable, optional
-        Called after each block with the number of finished runs and of all runs.
-
-    Returns
-    -------
-    TuningSurface
-
-    Raises
-    ------
-    ValueError
-        For a grid or seeds that are empty or too many, or a grid of which the design refuses
-        every tuning; a single refused tuning is left out and listed in `TuningSurface.refused`.
+    Results are medians over the seeds of noise. With noise around the sensor, oscillation is judged in a loop of its
+    own without that noise; otherwise in the run of the first seed. A tuning that the design refuses is listed in
+    `TuningSurface.refused`; it is an error if all are refused. `progress` is called after each block with the numbers
+    of finished runs and of all runs.
     """
     if not grid:
         raise Refusal("the grid has no tuning; give at least one")
@@ -124,18 +135,8 @@ def search(
         def score(controller: Controller, key: jax.Array) -> _Scores:
             trace = close_loop(situation, controller, meals, around=around, key=key, integrator=integrator)
             metrics = summarise(trace, limits)
-            return _Scores(
-                sse=metrics.sse,
-                undershoot_mg_dl=metrics.undershoot_mg_dl,
-                minimum_mg_dl=metrics.minimum_mg_dl,
-                settling_2pct_min=metrics.settling_2pct_min,
-                settled_2pct=metrics.settled_2pct,
-                settling_5pct_min=metrics.settling_5pct_min,
-                settled_5pct=metrics.settled_5pct,
-                insulin_total_variation_mU_min=metrics.insulin_total_variation_mU_min,
-                kept=metrics.constraints_satisfied,
-                oscillation=oscillation(trace),
-            )
+            scores = {name: getattr(metrics, name) for name in (*_NUMBERS, *_TRUTHS, "constraints_satisfied")}
+            return {**scores, **vars(oscillation(trace))}
 
         return _in_blocks(score, controllers, seeds, most_moves, horizon, progress, done, total)
 
@@ -149,18 +150,12 @@ def search(
         tunings=tuple(grid),
         refused=refused,
         seeds=len(seeds),
-        sse=_median(scores.sse),
-        undershoot_mg_dl=_median(scores.undershoot_mg_dl),
-        minimum_mg_dl=_median(scores.minimum_mg_dl),
-        settling_2pct_min=_median(scores.settling_2pct_min),
-        settled_2pct=np.mean(scores.settled_2pct, axis=1) > 0.5,
-        settling_5pct_min=_median(scores.settling_5pct_min),
-        settled_5pct=np.mean(scores.settled_5pct, axis=1) > 0.5,
-        insulin_total_variation_mU_min=_median(scores.insulin_total_variation_mU_min),
-        kept_share=np.mean(scores.kept, axis=1),
-        crossings=np.asarray(quiet.oscillation.crossings, np.int64)[:, 0],
-        turns=np.asarray(quiet.oscillation.turns, np.int64)[:, 0],
-        oscillates=np.asarray(quiet.oscillation.oscillates, bool)[:, 0],
+        **{name: np.median(np.asarray(scores[name], float), axis=1) for name in _NUMBERS},
+        **{name: np.mean(scores[name], axis=1) > 0.5 for name in _TRUTHS},
+        kept_share=np.mean(scores["constraints_satisfied"], axis=1),
+        crossings=np.asarray(quiet["crossings"], np.int64)[:, 0],
+        turns=np.asarray(quiet["turns"], np.int64)[:, 0],
+        oscillates=np.asarray(quiet["oscillates"], bool)[:, 0],
     )
 
 
@@ -179,10 +174,6 @@ def _designed(
         reason = next(iter(refused.values()))
         raise Refusal(f"no controller can be designed for any tuning of the grid: {reason}")
     return designed, tuple(refused.items())
-
-
-def _median(values: jax.Array) -> npt.NDArray[np.float64]:
-    return np.asarray(np.median(np.asarray(values, float), axis=1), np.float64)
 
 
 def _block(runs: int) -> int:

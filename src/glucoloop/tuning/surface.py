@@ -79,13 +79,7 @@ class TuningSurface:
         return np.lexsort((sse, ~self.acceptable))
 
     def best_index(self) -> int:
-        """The acceptable point with the least sum of squared errors.
-
-        Raises
-        ------
-        ValueError
-            If no point is acceptable.
-        """
+        """The acceptable point with the least sum of squared errors; refused if no point is acceptable."""
         first = int(self.order()[0])
         if not self.acceptable[first]:
             raise Refusal(
@@ -99,31 +93,13 @@ class TuningSurface:
         return self.tunings[self.best_index()]
 
     def index(self, tuning: MPCTuning) -> int:
-        """Index of a tuning in the arrays.
-
-        Raises
-        ------
-        ValueError
-            If it is not a point of the grid.
-        """
+        """Index of a tuning of the grid in the arrays."""
         if tuning not in self.tunings:
             raise Refusal(f"the tuning {tuning_text(tuning)} is not a point of the grid; add it to the search")
         return self.tunings.index(tuning)
 
     def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:
-        """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank.
-
-        Parameters
-        ----------
-        tuning : MPCTuning
-        called : str
-            Kind of tuning, for messages about the rank.
-
-        Raises
-        ------
-        ValueError
-            If it is not a point of the grid.
-        """
+        """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank."""
         here, acceptable = self.index(tuning), self.acceptable
         better = acceptable & (self.sse < self.sse[here])
         best = self.best_index() if acceptable.any() else None
@@ -140,17 +116,16 @@ class TuningSurface:
     def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:
         """The same results for some of the tunings, in the order of the surface."""
         kept = np.array([tuning in tunings for tuning in self.tunings], bool)
-        arrays = {
-            field.name: value[kept]
-            for field in dataclasses.fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
         return dataclasses.replace(
             self,
             tunings=tuple(tuning for tuning in self.tunings if tuning in tunings),
             refused=tuple(one for one in self.refused if one[0] in tunings),
-            **arrays,
+            **{name: value[kept] for name, value in self._results().items()},
         )
+
+    def _results(self) -> dict[str, npt.NDArray[Any]]:
+        """Arrays of the surface by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def columns(self) -> dict[str, npt.NDArray[Any]]:
         """The surface as a table: one column for each parameter and each result."""
@@ -158,12 +133,7 @@ class TuningSurface:
         if all(isinstance(tuning, StateTuning) for tuning in self.tunings):
             names.append("reference_filter")
         parameters = {name: np.array([getattr(tuning, name) for tuning in self.tunings]) for name in names}
-        results = {
-            field.name: np.asarray(value)
-            for field in dataclasses.fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
-        return {**parameters, **results, "feasible": self.feasible, "acceptable": self.acceptable}
+        return {**parameters, **self._results(), "feasible": self.feasible, "acceptable": self.acceptable}
 
 
 def tuning_text(tuning: MPCTuning) -> str:

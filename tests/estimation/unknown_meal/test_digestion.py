@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 from glucoloop.meals import Eaten, LehmannDeutsch, absorb, appearance_mg_min, appearance_moments
-from glucoloop.meals.announced import MEALS, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import PLATEAU_MG_MIN
-from glucoloop.meals.stomach import FAST_GUT_MIN, SERVED_G_PER_MIN, digest, empty_stomach, gut_of
+from glucoloop.meals.stomach import (
+    FAST_GUT_MIN,
+    MEALS,
+    SERVED_G_PER_MIN,
+    announce,
+    digest,
+    empty_stomach,
+    gut_of,
+    nothing_announced,
+    serve,
+)
 
 H = 5.0
 

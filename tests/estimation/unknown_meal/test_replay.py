@@ -12,7 +12,7 @@ from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.models.sensor_lag import behind_lag
-from glucoloop.sensors.lag import lagged
+from glucoloop.sensors.delay import lagged
 
 N = 30
 

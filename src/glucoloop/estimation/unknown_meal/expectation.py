@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, shares
-from glucoloop.estimation.unknown_meal.daily import DailyRates
+from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
 from glucoloop.meals.stomach import Stomach
 from glucoloop.models.nonlinear import FedModel

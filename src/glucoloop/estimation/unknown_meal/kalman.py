@@ -24,7 +24,6 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
-from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -32,11 +31,20 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     linearised,
     waking,
 )
-from glucoloop.estimation.unknown_meal.habits import MealHabits
+from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
-from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN, PLATEAU_MG_MIN
-from glucoloop.meals.stomach import SERVED_G_PER_MIN, Stomach, digest, empty_stomach, ramp_samples
+from glucoloop.meals.stomach import (
+    SERVED_G_PER_MIN,
+    Announced,
+    Stomach,
+    announce,
+    digest,
+    empty_stomach,
+    nothing_announced,
+    ramp_samples,
+    serve,
+)
 from glucoloop.models.nonlinear import FedModel, reading_of
 from glucoloop.units import MG_PER_G
 
@@ -85,7 +93,6 @@ class MealKalman:
 
     def at_noise(self, deviation_mg_dl: float) -> MealKalman:
         """The same filter: it takes all noise for white."""
-        del deviation_mg_dl
         return self
 
     def init(self, model: FedModel, sensed: Sensed) -> MealKalmanState:

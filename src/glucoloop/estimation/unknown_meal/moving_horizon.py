@@ -45,7 +45,6 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.estimation.noise_level import HASTE_LEFT, LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
-from glucoloop.estimation.unknown_meal.daily import DailyRates
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -54,11 +53,21 @@ from glucoloop.estimation.unknown_meal.disturbed import (
     linearised,
     waking,
 )
-from glucoloop.estimation.unknown_meal.habits import MealHabits
+from glucoloop.estimation.unknown_meal.habits import DailyRates, MealHabits
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, Sensed
-from glucoloop.meals.announced import Announced, announce, nothing_announced, serve
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
-from glucoloop.meals.stomach import FAST_GUT_MIN, SERVED_G_PER_MIN, Stomach, digest, empty_stomach, gut_of
+from glucoloop.meals.stomach import (
+    FAST_GUT_MIN,
+    SERVED_G_PER_MIN,
+    Announced,
+    Stomach,
+    announce,
+    digest,
+    empty_stomach,
+    gut_of,
+    nothing_announced,
+    serve,
+)
 from glucoloop.models.nonlinear import FedModel, reading_of
 from glucoloop.refusal import Refusal
 

@@ -7,9 +7,8 @@ from typing import Any, Protocol
 import jax
 
 from glucoloop._pytree import pytree
-from glucoloop.estimation.unknown_meal.daily import DailyRates
-from glucoloop.meals.announced import Announced
-from glucoloop.meals.stomach import Stomach
+from glucoloop.estimation.unknown_meal.habits import DailyRates
+from glucoloop.meals.stomach import Announced, Stomach
 from glucoloop.models.nonlinear import FedModel
 
 

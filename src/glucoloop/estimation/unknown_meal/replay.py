@@ -54,26 +54,7 @@ def replay(
     dead_time_samples: int = 0,
     start_min: jax.Array | float | None = None,
 ) -> MealEstimates:
-    """Estimates along a record; JAX can trace this function and map it over people.
-
-    Parameters
-    ----------
-    model : FedModel
-    estimator : MealEstimator
-    t_min : (samples,) array
-    readings_mg_dl : (samples,) array
-        Readings; values that are not finite are missing.
-    insulin_mU_min : (samples,) array
-        Rate that was delivered from each sample to the next; the last ones, which no reading follows, do not count.
-    announced_g : (samples,) array
-        Carbohydrate of announced meals that begin between each sample and the next.
-    initial_insulin_mU_min : () array
-        Rate under which the person rested before.
-    dead_time_samples : int
-        Delay of the readings. Each estimate is of the moment at which its reading was taken.
-    start_min : () array, optional
-        Time of day at which the times are 0, in minutes after midnight; None if it is not known.
-    """
+    """Estimates along a record, as `estimate_meals` gives them; JAX can trace this function and map it over people."""
     late, samples = dead_time_samples, t_min.shape[0]
     initial = jnp.asarray(initial_insulin_mU_min, float)
     since = jnp.concatenate([jnp.broadcast_to(initial, (1 + late,)), insulin_mU_min])[:samples]
@@ -153,10 +134,6 @@ def estimate_meals(
     start_min : float, optional
         Time of day at which `t_min` is 0, in minutes after midnight, for habits that depend on it; not known by
         default.
-
-    Returns
-    -------
-    MealEstimates
 
     Raises
     ------

@@ -29,7 +29,7 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
 from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.tuning.paper import paper_tuning_surface
-from glucoloop.tuning.stacking import stack
+from glucoloop.tuning.search import stack
 from glucoloop.tuning.surface import TuningSurface
 
 Progress = Callable[[str], None]

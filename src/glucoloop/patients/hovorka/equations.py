@@ -59,49 +59,31 @@ class HovorkaConstants:
 
     Volumes, production and uptake are per kg of body weight, as the papers give them. The two constants of the gut,
     `A_G` and `t_maxG`, are among a person's constants but enter the person's meal model, not the balances.
-    `glucoloop.patients.hovorka.parameters` holds published sets with the provenance of every value.
+    `glucoloop.patients.hovorka.parameters` holds published sets with the unit, meaning and provenance of every value.
     """
 
     weight_kg: jax.Array | float
     # insulin
     t_maxI: jax.Array | float
-    """Time to the maximum of insulin absorption, min."""
     k_e: jax.Array | float
-    """Elimination from plasma, 1/min."""
     V_I: jax.Array | float
-    """Distribution volume of insulin, l/kg."""
     k_a1: jax.Array | float
-    """Rate of the effect on transport, 1/min."""
     k_a2: jax.Array | float
-    """Rate of the effect on disposal, 1/min."""
     k_a3: jax.Array | float
-    """Rate of the effect on production, 1/min."""
     S_IT: jax.Array | float
-    """Sensitivity of transport to insulin, 1/min per mU/l."""
     S_ID: jax.Array | float
-    """Sensitivity of disposal to insulin, 1/min per mU/l."""
     S_IE: jax.Array | float
-    """Sensitivity of production to insulin, l/mU."""
     # glucose
     V_G: jax.Array | float
-    """Volume of the accessible compartment, l/kg."""
     k_12: jax.Array | float
-    """Transfer from the non-accessible to the accessible compartment, 1/min."""
     EGP_0: jax.Array | float
-    """Production by the liver, extrapolated to no insulin, mmol/kg/min."""
     F_01: jax.Array | float
-    """Uptake that does not depend on insulin, mmol/kg/min."""
     renal_threshold: jax.Array | float
-    """Glucose above which the kidney excretes, mmol/l."""
     renal_clearance: jax.Array | float
-    """Excreted fraction of what exceeds the threshold, 1/min."""
     t_IG: jax.Array | float
-    """Delay of the interstitial space behind plasma, min."""
     # gut
     A_G: jax.Array | float
-    """Fraction of eaten carbohydrate that appears as glucose."""
     t_maxG: jax.Array | float
-    """Time to the maximum of the appearance of glucose after a meal, min."""
 
     @property
     def glucose_volume_l(self) -> jax.Array | float:
@@ -192,21 +174,7 @@ def renal_excretion(p: HovorkaConstants, G: jax.Array) -> jax.Array:
 
 
 def insulin_balances(p: HovorkaConstants, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-    """Insulin and its effects: linear, and closed in themselves.
-
-    Parameters
-    ----------
-    p : HovorkaConstants
-    z : (6, ...) array
-        S1, S2, I, x1, x2, x3.
-    insulin_mU_min : (...) array
-        Infusion; it enters the first depot.
-
-    Returns
-    -------
-    (6, ...) array
-        Rates of change per minute.
-    """
+    """Rates of change per minute of S1, S2, I, x1, x2, x3: linear, closed in themselves; S1 takes the insulin."""
     S1, S2, I, x1, x2, x3 = z
     return jnp.stack(
         [
@@ -221,41 +189,16 @@ def insulin_balances(p: HovorkaConstants, z: jax.Array, insulin_mU_min: jax.Arra
 
 
 def glucose_transport(p: HovorkaConstants, y: jax.Array) -> jax.Array:
-    """Glucose that moves between compartments without insulin: linear in y.
-
-    Parameters
-    ----------
-    p : HovorkaConstants
-    y : (3, ...) array
-        Q1, Q2, IG.
-
-    Returns
-    -------
-    (3, ...) array
-        Rates of change per minute.
-    """
+    """Rates of change per minute of Q1, Q2, IG by glucose that moves without insulin: linear in y."""
     Q1, Q2, IG = y
     back = p.k_12 * Q2
     return jnp.stack([back, -back, (Q1 / p.glucose_volume_l - IG) / p.t_IG])
 
 
 def glucose_kinetics(p: HovorkaConstants, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-    """Production, uptake, excretion and intake of glucose, and transport that depends on insulin.
+    """Production, uptake, excretion and intake of glucose, and transport by insulin: the rest of the balances.
 
-    Parameters
-    ----------
-    p : HovorkaConstants
-    y : (3, ...) array
-        Q1, Q2, IG.
-    effects : (3, ...) array
-        x1, x2, x3.
-    meal_mg_min : (...) array
-        Glucose that appears in plasma.
-
-    Returns
-    -------
-    (3, ...) array
-        Rates of change per minute; with those of `glucose_transport` they make the balances.
+    The effects are x1, x2, x3. Meals appear in plasma.
     """
     Q1, Q2, _ = y
     x1, x2, x3 = effects
@@ -277,21 +220,7 @@ def interstitial_glucose_mg_dl(x: jax.Array) -> jax.Array:
 
 
 def derivative(p: HovorkaConstants, x: jax.Array, inputs: Inputs) -> jax.Array:
-    """Right-hand side of the model.
-
-    Parameters
-    ----------
-    p : HovorkaConstants
-    x : (9, ...) array
-        State in the order of `STATE_NAMES`.
-    inputs : Inputs
-        Insulin infusion mU/min and glucose from meals mg/min, each `(...)`.
-
-    Returns
-    -------
-    (9, ...) array
-        Rates of change per minute.
-    """
+    """Right-hand side of the model, per minute, for a state ``(9, ...)`` in the order of `STATE_NAMES`."""
     y, z = x[GLUCOSE], x[INSULIN]
     glucose = glucose_transport(p, y) + glucose_kinetics(p, y, z[3:], inputs.meal_mg_min)
     return jnp.concatenate([glucose, insulin_balances(p, z, inputs.insulin_mU_min)])

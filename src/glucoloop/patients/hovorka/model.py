@@ -3,20 +3,75 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, STATE_NAMES, HovorkaConstants
-from glucoloop.patients.hovorka.parameters import hovorka2004, wilinska2010
+from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, wilinska2010
 from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004
 from glucoloop.patients.hovorka.parameters.wilinska2010 import WILINSKA_2010
 from glucoloop.patients.hovorka.patient import HovorkaPatient, at_setpoint
-from glucoloop.patients.hovorka.varying import meanings, nominal_values, refuse_impossible, with_values
+from glucoloop.patients.hovorka.varying import (
+    LEAST_OF_MEAN,
+    Lognormal,
+    Normal,
+    Uniform,
+    meanings,
+    nominal_values,
+    refuse_impossible,
+    with_values,
+)
 from glucoloop.patients.model import PatientModel, Values
+from glucoloop.patients.population import Population
 from glucoloop.patients.provenance import Constant
+from glucoloop.patients.variation import TRUNCATION_SD, Variation
+
+
+def _variation(of: Normal | Uniform | Lognormal, within_sd: float) -> Variation:
+    if isinstance(of, Uniform):
+        half = (of.most - of.least) / 2.0
+        return Variation(parameter=of.parameter, distribution="uniform", centre=of.least + half, spread=half)
+    if isinstance(of, Normal):
+        reach = within_sd * of.sd
+        return Variation(
+            parameter=of.parameter,
+            distribution="normal",
+            centre=of.mean,
+            spread=of.sd,
+            lower=of.mean - reach if reach < of.mean else LEAST_OF_MEAN * of.mean,
+            upper=of.mean + reach,
+        )
+    return Variation(
+        parameter=of.parameter,
+        distribution="lognormal",
+        centre=of.median,
+        spread_pct=100.0 * math.sqrt(math.expm1(of.sd_of_logarithm**2)),
+        lower=of.median * math.exp(-within_sd * of.sd_of_logarithm),
+        upper=of.median * math.exp(within_sd * of.sd_of_logarithm),
+    )
+
+
+def _population(
+    name: str, patient: str, distributions: Iterable[Normal | Uniform | Lognormal], within_sd: float
+) -> dict[str, Population]:
+    variations = tuple(_variation(of, within_sd) for of in distributions)
+    return {name: Population(name, variations, PATIENTS[patient].populations[name], patient=patient)}
+
+
+def _of_hovorka_2004() -> dict[str, Population]:
+    """Populations around the patient of 2004 by name."""
+    return _population("boiroux2017", "hovorka-2004", boiroux2017.DISTRIBUTIONS, 1.0)
+
+
+def _of_wilinska_2010() -> dict[str, Population]:
+    """Populations around the patient of 2010 by name."""
+    return _population("wilinska2010", "wilinska-2010", wilinska2010.DISTRIBUTIONS, TRUNCATION_SD)
+
 
 _ROUNDING: Final = 1e-9
 _INTEGRATION_MG_DL: Final = 0.1
@@ -25,32 +80,14 @@ _INTERSTITIAL: Final = STATE_NAMES.index("IG")
 
 
 def sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Whether insulin and glucose of states are physically possible, ``(...)`` each.
+    """Whether insulin and glucose of states ``(9, ...)`` are physically possible, ``(...)`` each.
 
     No depot, amount, concentration or effect is ever below zero. Interstitial glucose follows plasma glucose, so that
     it has never been below the lowest of that.
-
-    Parameters
-    ----------
-    x : (9, ...) array
-    lowest_mg_dl : (...) array
-        Least plasma glucose so far.
     """
     insulin = jnp.all(x[INSULIN] >= -_ROUNDING, axis=0)
     follows = x[_INTERSTITIAL] * MG_DL_PER_MMOL_L >= lowest_mg_dl - _INTEGRATION_MG_DL
     return insulin, jnp.all(x[GLUCOSE] >= -_ROUNDING, axis=0) & follows
-
-
-def _populations_2004() -> Mapping[str, Any]:
-    from glucoloop.patients.hovorka.populations import of_hovorka_2004
-
-    return of_hovorka_2004()
-
-
-def _populations_2010() -> Mapping[str, Any]:
-    from glucoloop.patients.hovorka.populations import of_wilinska_2010
-
-    return of_wilinska_2010()
 
 
 def _model(
@@ -76,5 +113,5 @@ def _model(
     )
 
 
-HOVORKA_2004_MODEL: Final = _model(HOVORKA_2004, hovorka2004.CONSTANTS, _populations_2004)
-WILINSKA_2010_MODEL: Final = _model(WILINSKA_2010, wilinska2010.CONSTANTS, _populations_2010)
+HOVORKA_2004_MODEL: Final = _model(HOVORKA_2004, hovorka2004.CONSTANTS, _of_hovorka_2004)
+WILINSKA_2010_MODEL: Final = _model(WILINSKA_2010, wilinska2010.CONSTANTS, _of_wilinska_2010)

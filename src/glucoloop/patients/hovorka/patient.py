@@ -15,12 +15,7 @@ from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
-from glucoloop.patients.hovorka.rest import (
-    glucose_without_insulin_mg_dl,
-    infusion_for,
-    rest_at,
-    rest_under,
-)
+from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.refusal import Refusal
@@ -68,7 +63,6 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""
-        del t_min
         return equations.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
@@ -92,17 +86,10 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
     def process_noise(self, glucose: float, other: float, glucagon: float = 0.0) -> npt.NDArray[np.float64]:
         """Diagonal of the process noise covariance `(9,)` that a Kalman filter of this patient takes.
 
-        Parameters
-        ----------
-        glucose : float
-            Variance of glucose in mg/dl squared; the two amounts of glucose vary as the concentration they stand for.
-        other : float
-            Variance of plasma insulin in (mU/l) squared; depots and effects vary as they would at rest under the
-            infusion that makes up such an insulin.
-        glucagon : float
-            Ignored, since the model has no glucagon.
+        The variances are those of glucose in (mg/dl)^2, as which both amounts of glucose vary, and of plasma insulin in
+        (mU/l)^2; depots and effects vary as they would at rest under the infusion that makes up such an insulin. The
+        model has no glucagon.
         """
-        del glucagon
         p = jax.tree.map(float, self.parameters)
         amount = p.V_G * p.weight_kg / MG_DL_PER_MMOL_L
         depot = p.k_e * p.V_I * p.weight_kg * p.t_maxI

@@ -17,14 +17,10 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.patients.hovorka.equations import MG_DL_PER_MMOL_L, HovorkaConstants, renal_excretion
+from glucoloop.patients.resting import shape_of_people
 
 _ROUNDING: Final = 1e-12
 """Fraction of production by which it may seem to fall short of the loss where a person rests without insulin."""
-
-
-def _people(p: HovorkaConstants, given: jax.Array | float) -> tuple[int, ...]:
-    """Shape of the people: whatever constants vary among them."""
-    return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))
 
 
 def insulin_at_rest(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
@@ -43,7 +39,7 @@ def _state(p: HovorkaConstants, Q1: jax.Array, insulin: jax.Array) -> jax.Array:
 @jax.jit
 def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
     """State at rest `(9, ...)` under a constant infusion `(...)` of 0 or more."""
-    u = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), _people(p, insulin_mU_min))
+    u = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape_of_people(p, insulin_mU_min))
     insulin = insulin_at_rest(p, u)
     x1, x2, x3 = insulin[3:]
     return _state(p, p.glucose_at_rest(p.hepatic_production(x3), x1 * x2 / (p.k_12 + x2)), insulin)
@@ -52,7 +48,7 @@ def rest_under(p: HovorkaConstants, insulin_mU_min: jax.Array) -> jax.Array:
 @jax.jit
 def infusion_for(p: HovorkaConstants, glucose_mg_dl: jax.Array) -> jax.Array:
     """Constant infusion `(...)` in mU/min under which plasma glucose rests at the given value, or NaN."""
-    shape = _people(p, glucose_mg_dl)
+    shape = shape_of_people(p, glucose_mg_dl)
     G = jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), shape) / MG_DL_PER_MMOL_L
     E, loss = p.production_without_insulin, p.uptake_without_insulin(G) + renal_excretion(p, G)
     possible = (G > 0.0) & (E - loss >= -_ROUNDING * E)

@@ -1,4 +1,4 @@
-"""Constants that can vary from person to person, their bounds, and the parameters that result.
+"""Constants that can vary from person to person, how they do, their bounds, and the parameters that result.
 
 Varied are the constants of the patient by name, body weight among them. Absorption of insulin can be varied by its rate
 as well, ``absorption_rate = 1 / t_maxI``, since that is the quantity whose distribution is published.
@@ -8,12 +8,43 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from glucoloop.patients.hovorka.equations import HovorkaConstants
 from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
+
+LEAST_OF_MEAN: Final = 0.1
+"""Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
+
+
+class Normal(NamedTuple):
+    """A normally distributed parameter."""
+
+    parameter: str
+    mean: float
+    sd: float
+    source: str
+
+
+class Uniform(NamedTuple):
+    """A parameter with a uniform distribution between two values."""
+
+    parameter: str
+    least: float
+    most: float
+    source: str
+
+
+class Lognormal(NamedTuple):
+    """A parameter whose logarithm is normally distributed."""
+
+    parameter: str
+    median: float
+    sd_of_logarithm: float
+    source: str
+
 
 Constants = TypeVar("Constants", bound=HovorkaConstants)
 
@@ -38,11 +69,8 @@ def meanings(constants: Iterable[Constant]) -> dict[str, str]:
 def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distribution]) -> None:
     """Refuse distributions around a nominal person that can make an impossible one.
 
-    Raises
-    ------
-    ValueError
-        If a constant can be 0 or less, the kidney could excrete glucose while the uptake without insulin is
-        reduced for lack of it, or absorption of insulin is given both by its time and by its rate.
+    A constant must stay above 0, the kidney must not excrete glucose while the uptake is reduced for lack of it, and
+    absorption is varied by its time or by its rate.
     """
     for name, distribution in varied.items():
         if not distribution.lower > 0.0:
@@ -66,19 +94,7 @@ def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distributio
 
 
 def with_values(person: Constants, values: Mapping[str, Any]) -> Constants:
-    """Constants of the person or people with these values, and those of the nominal person otherwise.
-
-    Parameters
-    ----------
-    person : HovorkaConstants
-    values : mapping
-        Values by the names of `nominal_values`: floats or arrays ``(people,)``.
-
-    Returns
-    -------
-    HovorkaConstants
-        Constants, an array for each one that varies.
-    """
+    """Constants of the person or people ``(people,)`` with these values, and those of the nominal person otherwise."""
     constants = dict(values)
     if ABSORPTION_RATE in constants:
         constants[ABSORPTION_TIME] = 1.0 / constants.pop(ABSORPTION_RATE)

@@ -177,21 +177,7 @@ def hepatic_balance(
 
 
 def insulin_balances(p: SorensenParameters, insulin: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-    """Insulin equations: linear, and closed in themselves.
-
-    Parameters
-    ----------
-    p : SorensenParameters
-    insulin : (7, ...) array
-        I_B .. I_PI, mU/l.
-    insulin_mU_min : (...) array
-        Infusion; it enters heart and lungs.
-
-    Returns
-    -------
-    (7, ...) array
-        Rates of change, mU/l/min.
-    """
+    """Rates of change [mU/l/min] of I_B .. I_PI: linear, and closed in themselves; insulin enters heart and lungs."""
     I_B, I_H, I_G, I_L, I_K, I_PV, I_PI = insulin
     u = insulin_mU_min
     PIC = I_PI * p.peripheral_clearance
@@ -209,13 +195,7 @@ def insulin_balances(p: SorensenParameters, insulin: jax.Array, insulin_mU_min: 
 
 
 def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
-    """Effects of insulin on glucose and glucagon.
-
-    Returns
-    -------
-    (4, ...) array
-        Effects on hepatic production, hepatic uptake, peripheral uptake and glucagon release.
-    """
+    """Effects ``(4, ...)`` of insulin on hepatic production, hepatic uptake, peripheral uptake and glucagon release."""
     _, I_H, _, I_L, _, _, I_PI = insulin
     return jnp.stack(
         [
@@ -228,18 +208,9 @@ def insulin_effects(p: SorensenParameters, insulin: jax.Array) -> jax.Array:
 
 
 def glucose_transport(p: SorensenParameters, y: jax.Array) -> jax.Array:
-    """Transport of glucose by blood and across capillaries, and decay of its regulation: linear in y.
+    """Transport by blood and across capillaries, and decay of the regulation: rates per minute, linear in y.
 
-    Parameters
-    ----------
-    p : SorensenParameters
-    y : (12, ...) array
-        G_BV .. G_PI, A_IHGP, A_IHGU, N, A_NHGP.
-
-    Returns
-    -------
-    (12, ...) array
-        Rates of change per minute.
+    The slow block ``(12, ...)`` is G_BV .. G_PI, A_IHGP, A_IHGU, N, A_NHGP.
     """
     G_BV, G_BI, G_H, G_G, G_L, G_K, G_PV, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
     return jnp.stack(
@@ -261,22 +232,9 @@ def glucose_transport(p: SorensenParameters, y: jax.Array) -> jax.Array:
 
 
 def glucose_kinetics(p: SorensenParameters, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-    """Production, uptake and intake of glucose, and the drives of its regulation.
+    """Production, uptake and intake of glucose, and the drives of its regulation: the rest of the balances, per minute.
 
-    Parameters
-    ----------
-    p : SorensenParameters
-    y : (12, ...) array
-        Slow block, as for `glucose_transport`.
-    effects : (4, ...) array
-        Effects as `insulin_effects` gives them.
-    meal_mg_min : (...) array
-        Glucose that appears in the gut.
-
-    Returns
-    -------
-    (12, ...) array
-        Rates of change per minute; with those of `glucose_transport` they make the balances.
+    The effects ``(4, ...)`` are those of `insulin_effects`. Meals appear in the gut.
     """
     _, _, G_H, _, G_L, G_K, _, G_PI, A_IHGP, A_IHGU, N, A_NHGP = y
     on_production, on_uptake, on_periphery, on_glucagon = effects
@@ -315,21 +273,7 @@ def join(y: jax.Array, insulin: jax.Array) -> jax.Array:
 
 
 def derivative(p: SorensenParameters, x: jax.Array, inputs: Inputs) -> jax.Array:
-    """Right-hand side of the model.
-
-    Parameters
-    ----------
-    p : SorensenParameters
-    x : (19, ...) array
-        State in the order of `STATE_NAMES`.
-    inputs : Inputs
-        Insulin infusion mU/min and glucose from meals mg/min, each `(...)`.
-
-    Returns
-    -------
-    (19, ...) array
-        Rates of change per minute.
-    """
+    """Right-hand side of the model, per minute, for a state ``(19, ...)`` in the order of `STATE_NAMES`."""
     y, insulin = split(x)
     return join(
         glucose_balances(p, y, insulin_effects(p, insulin), inputs.meal_mg_min),

@@ -15,10 +15,10 @@ from glucoloop.arguments import checked
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
 from glucoloop.patients.sorensen import equations as sorensen
-from glucoloop.patients.sorensen.basal_state import with_fasting_glucose
 from glucoloop.patients.sorensen.equations import SorensenParameters
 from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
 from glucoloop.patients.sorensen.rest import infusion_for, insulin_at_rest, rest_at, rest_under
+from glucoloop.patients.sorensen.varying import with_fasting_glucose
 
 _WORKING_INSULIN: Final = 1.35
 """Insulin of the working state in basal rates, between rest and the delivery while a meal is absorbed."""
@@ -54,7 +54,6 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""
-        del t_min
         return sorensen.derivative(self.parameters, x, inputs)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:

@@ -13,12 +13,8 @@ from typing import Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.patients.sorensen.equations import (
-    SorensenParameters,
-    hepatic_balance,
-    insulin_effects,
-    renal_excretion,
-)
+from glucoloop.patients.resting import shape_of_people
+from glucoloop.patients.sorensen.equations import SorensenParameters, hepatic_balance, insulin_effects, renal_excretion
 
 _HALVINGS: Final = 45
 _NEWTON_STEPS: Final = 3
@@ -80,15 +76,10 @@ def _state(p: SorensenParameters, G_K: jax.Array, insulin_mU_min: jax.Array) -> 
     return jnp.concatenate([glucose, insulin, jnp.stack([A_IHGP, A_IHGU, N, A_NHGP])]), balance
 
 
-def _people(p: SorensenParameters, given: jax.Array) -> tuple[int, ...]:
-    """Shape of the people in the constants that vary."""
-    return jnp.broadcast_shapes(jnp.shape(given), *(jnp.shape(constant) for constant in jax.tree.leaves(p)))
-
-
 @jax.jit
 def rest_under(p: SorensenParameters, insulin_mU_min: jax.Array) -> jax.Array:
     """State at rest `(19, ...)` under a constant infusion `(...)`; glucose may come out below zero."""
-    shape = _people(p, insulin_mU_min)
+    shape = shape_of_people(p, insulin_mU_min)
     insulin_mU_min = jnp.broadcast_to(jnp.asarray(insulin_mU_min, float), shape)
     low, high = (jnp.full(shape, bound) for bound in _KIDNEY_GLUCOSE_MG_DL)
     G_K = _root(lambda G_K: _state(p, G_K, insulin_mU_min)[1], low, high)
@@ -108,7 +99,7 @@ def rest_at(p: SorensenParameters, glucose_mg_dl: jax.Array) -> tuple[jax.Array,
 
     Both are NaN where no infusion from 0 to 1000 mU/min does; some glucose of the state may come out below zero.
     """
-    shape = _people(p, glucose_mg_dl)
+    shape = shape_of_people(p, glucose_mg_dl)
     G_H = jnp.broadcast_to(jnp.asarray(glucose_mg_dl, float), shape)
     low, high = (jnp.full(shape, bound) for bound in _KIDNEY_GLUCOSE_MG_DL)
     G_K = _root(lambda G_K: G_H - G_K - renal_excretion(p, G_K) / p.q_K, low, high)

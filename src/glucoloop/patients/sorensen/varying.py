@@ -2,6 +2,32 @@
 
 Varied are the constants of the patient by name; the strength of an effect, the factor on the whole of it; and body
 weight. Blood is conserved: the flow through the liver is what its artery and the gut bring, so it follows from them.
+
+A person of another weight has more or less blood and tissue and proportionally more or less flow, so the times in which
+blood goes round stay the same. Insulin leaves in proportion to flow: the same infusion per kilogram gives the same
+insulin concentrations, exactly. Rates of metabolism (production and uptake of glucose, its excretion) are not scaled,
+so glucose differs a little less from organ to organ in a heavier person, and the basal rate is nearly in proportion to
+weight: per kilogram it is 1.5 % below that at 70 kg for 50 kg, and 1.1 % above it for 100 kg.
+
+The effects are normalised by a healthy basal state, which can be that of another fasting glucose. Sorensen (1985) finds
+the basal state of a healthy person organ by organ. At rest after a night's fast every effect is 1, so that every rate
+has its basal value, and each glucose balance gives one concentration from those upstream:
+
+    G_BV = G_H - r_BGU / q_B          brain
+    G_G  = G_H - r_GGU / q_G          gut
+    G_K  = G_H                        kidney, which excretes nothing
+    G_PV = G_H - r_PGU / q_P          periphery, vascular
+    G_PI = G_PV - T_P r_PGU / v_PI    periphery, interstitial
+    G_L  = G_H + (r_BGU + r_RBCU + r_PGU) / q_L    liver, from the balance of heart and lungs
+
+The balance of the liver is then satisfied, because basal production less basal uptake by the liver, 155 - 20 mg/min, is
+what the other organs take up, 70 + 10 + 20 + 35 mg/min. So arterial glucose is the only free concentration, and all
+others move with it by the same amount. No split of the shift between organs is left open.
+
+References
+----------
+J. T. Sorensen, "A physiologic model of glucose metabolism in man and its use to design and assess improved insulin
+therapies for diabetes", Sc.D. thesis, MIT, 1985: a man of 70 kg.
 """
 
 from __future__ import annotations
@@ -11,11 +37,56 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from glucoloop.patients.sorensen.body_weight import REFERENCE_WEIGHT_KG, scaled_to_weight
+import jax
+
 from glucoloop.patients.sorensen.equations import Sigmoid, SorensenParameters
 from glucoloop.patients.sorensen.parameters.parker1999 import CONSTANTS, PARKER_1999
 from glucoloop.patients.variation import Distribution, Variation
 from glucoloop.refusal import Refusal
+
+
+def basal_glucose(p: SorensenParameters, arterial_mg_dl: jax.Array | float) -> tuple[jax.Array | float, ...]:
+    """Healthy basal `G_H`, `G_L` and `G_PI` in mg/dl from the balances, for a fasting arterial glucose."""
+    liver = arterial_mg_dl + (p.brain_uptake + p.red_cell_uptake + p.basal_peripheral_uptake) / p.q_L
+    vascular = arterial_mg_dl - p.basal_peripheral_uptake / p.q_P
+    return arterial_mg_dl, liver, vascular - p.basal_peripheral_uptake * p.T_P / p.v_PI
+
+
+def with_fasting_glucose(p: SorensenParameters, arterial_mg_dl: float) -> SorensenParameters:
+    """Constants of a person whose healthy basal state has another fasting arterial glucose.
+
+    The three references of the glucose effects move by as much as fasting glucose does, which is what the balances ask
+    for (see above). The printed references are kept as the starting point: they differ from the balances by rounding,
+    and in the periphery by .17 mg/dl.
+    """
+    lower = p.ref_G_H - arterial_mg_dl
+    shifted = {name: getattr(p, name) - lower for name in ("ref_G_H", "ref_G_L", "ref_G_PI")}
+    if not min(shifted.values()) > 0.0:
+        raise Refusal(
+            f"a fasting arterial glucose of {arterial_mg_dl:g} mg/dl leaves the peripheral tissue none; "
+            f"give more than {p.ref_G_H - p.ref_G_PI:.3g} mg/dl"
+        )
+    return dataclasses.replace(p, **shifted)
+
+
+REFERENCE_WEIGHT_KG: Final = 70.0
+"""Weight of the man whose volumes and flows are printed."""
+
+VOLUMES: Final = (
+    *("v_BV", "v_BI", "v_H", "v_G", "v_L", "v_K", "v_PV", "v_PI"),
+    *("V_B", "V_H", "V_G", "V_L", "V_K", "V_PV", "V_PI"),
+)
+FLOWS: Final = (
+    *("q_B", "q_A", "q_G", "q_L", "q_K", "q_P"),
+    *("Q_B", "Q_A", "Q_G", "Q_L", "Q_K", "Q_P"),
+)
+
+
+def scaled_to_weight(p: SorensenParameters, weight_kg: jax.Array | float) -> SorensenParameters:
+    """Constants with every volume and flow times ``weight_kg / 70``, from those at 70 kg."""
+    factor = weight_kg / REFERENCE_WEIGHT_KG
+    return dataclasses.replace(p, **{name: getattr(p, name) * factor for name in (*VOLUMES, *FLOWS)})
+
 
 WEIGHT: Final = "weight_kg"
 ADULTS: Final = Variation(parameter=WEIGHT, distribution="lognormal", spread_pct=15.0)
@@ -48,14 +119,7 @@ MEANINGS: Final[dict[str, str]] = {
 
 
 def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
-    """Refuse distributions that can make an impossible person.
-
-    Raises
-    ------
-    ValueError
-        If a fraction can leave 0 to 1, a quantity that must be positive can be 0 or less, insulin can be cleared
-        from the periphery faster than it comes there, or an effect can change its sign.
-    """
+    """Refuse distributions that can make an impossible person, by a bound, a clearance or the sign of an effect."""
     for name, distribution in varied.items():
         lowest, highest = _possible(name)
         if not (lowest < distribution.lower and distribution.upper < highest):
@@ -111,18 +175,7 @@ def _refuse_change_of_sign(effect: str, varied: Mapping[str, Distribution]) -> N
 
 
 def with_values(values: Mapping[str, Any]) -> SorensenParameters:
-    """Constants of the person or people with these values, and nominal ones otherwise.
-
-    Parameters
-    ----------
-    values : mapping
-        Values by names in `NOMINAL`: floats or arrays ``(people,)``. Volumes and flows are those at 70 kg.
-
-    Returns
-    -------
-    SorensenParameters
-        Constants, an array for each one that varies.
-    """
+    """Constants of people with these values, volumes and flows as at 70 kg, and nominal ones otherwise."""
     constants: dict[str, Any] = {}
     for name, value in values.items():
         field, dot, part = name.partition(".")

@@ -1,16 +1,31 @@
 """Faults of a sensor: small objects that wrap any sensor, and one another."""
 
-from glucoloop.sensors.faults.calibration import Calibration, calibration
+from glucoloop.sensors.faults.altered import (
+    Calibration,
+    Drift,
+    Missing,
+    Nonsense,
+    Saturation,
+    Spikes,
+    calibration,
+    drift,
+    missing,
+    nonsense,
+    saturation,
+    spikes,
+)
 from glucoloop.sensors.faults.compression import Compression, compression
-from glucoloop.sensors.faults.drift import Drift, drift
-from glucoloop.sensors.faults.late import Late, late, late_by
-from glucoloop.sensors.faults.missing import Missing, missing
-from glucoloop.sensors.faults.nonsense import Nonsense, nonsense
-from glucoloop.sensors.faults.out_of_order import OutOfOrder, out_of_order
-from glucoloop.sensors.faults.repeated import Repeated, repeated
-from glucoloop.sensors.faults.saturation import Saturation, saturation
-from glucoloop.sensors.faults.spikes import Spikes, spikes
-from glucoloop.sensors.faults.stuck import Stuck, stuck
+from glucoloop.sensors.faults.earlier import (
+    Late,
+    OutOfOrder,
+    Repeated,
+    Stuck,
+    late,
+    late_by,
+    out_of_order,
+    repeated,
+    stuck,
+)
 
 __all__ = [
     "Calibration",

@@ -19,10 +19,9 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
-from glucoloop.episodes import Episodes
+from glucoloop.episodes import Episodes, Within
 from glucoloop.parts.faults import CompressionSettings
-from glucoloop.sensors.faults.sample_time import checked_sample_time
-from glucoloop.sensors.faults.wrapping import Within, begin, or_ideal, read_within
+from glucoloop.sensors.faults.wrapping import FaultySensor, checked_sample_time, or_ideal, read_within
 from glucoloop.sensors.protocol import Reading, Sensor
 
 _NOTHING: Final = 1e-4  # of a reading: far below what a sensor resolves
@@ -36,14 +35,12 @@ class _State:
 
 
 @pytree
-class Compression:
+class Compression(FaultySensor):
     """Gives ``(1 - fall) * reading``; the fall goes to its depth and back as a first-order system.
 
     A fall that has gone back to a ten-thousandth of the reading is over.
     """
 
-    inner: Sensor
-    episodes: Episodes
     depth: jax.Array | float
     """Fraction of the reading that is lost in the end."""
     left: jax.Array | float
@@ -56,7 +53,7 @@ class Compression:
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State without compression."""
-        return _State(within=begin(self, glucose_mg_dl, key), fall=jnp.zeros_like(glucose_mg_dl))
+        return _State(within=super().init(glucose_mg_dl, key), fall=jnp.zeros_like(glucose_mg_dl))
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
         """Read the inner sensor, and give the part of the reading that is not lost."""

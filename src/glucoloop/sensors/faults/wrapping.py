@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.episodes import Episodes, Faulty, Within, begin
-from glucoloop.sensors.ideal import IdealSensor
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.episodes import Episodes, Within, begin
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
 
-__all__ = ["AlteredReadings", "Within", "begin", "or_ideal", "read_within"]
+
+@pytree
+class FaultySensor:
+    """A sensor with a fault around another one."""
+
+    inner: Sensor
+    episodes: Episodes
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
+        """State of the inner sensor and of the fault before the first reading."""
+        return begin(self.inner, self.episodes, glucose_mg_dl, key)
 
 
 def read_within(
-    fault: Faulty, state: Within, glucose_mg_dl: jax.Array, key: jax.Array
+    fault: FaultySensor, state: Within, glucose_mg_dl: jax.Array, key: jax.Array
 ) -> tuple[Within, jax.Array, Reading]:
     """Read the inner sensor; the age of the fault comes with the reading, -1 while the fault is absent."""
     inner, reading = fault.inner.read(state.inner, glucose_mg_dl, key)
@@ -25,19 +36,12 @@ def read_within(
 
 
 @pytree
-class AlteredReadings:
+class AlteredReadings(FaultySensor):
     """A fault that changes single readings; a subclass has its numbers as fields, and the method `altered`."""
-
-    inner: Sensor
-    episodes: Episodes
 
     def altered(self, reading: Reading, age: jax.Array) -> Reading:
         """Reading that is given in place of the inner sensor's; `age` counts the samples since the fault began."""
         raise NotImplementedError
-
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Within:
-        """State of the inner sensor and of the fault before the first reading."""
-        return begin(self, glucose_mg_dl, key)
 
     def read(self, state: Within, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Within, Reading]:
         """Read the inner sensor, and give the altered reading while the fault is present."""
@@ -54,3 +58,10 @@ class AlteredReadings:
 def or_ideal(inner: Sensor | None) -> Sensor:
     """The given sensor, or the ideal one for None."""
     return IdealSensor() if inner is None else inner
+
+
+def checked_sample_time(sample_time_min: float) -> float:
+    """A sample time, refused unless it is positive and finite."""
+    if not 0.0 < sample_time_min < math.inf:
+        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+    return float(sample_time_min)

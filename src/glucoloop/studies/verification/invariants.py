@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Status
 from glucoloop.patients.model import Sound
-from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS, BolusLimits
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.simulation.loop import Sampled
 from glucoloop.studies.verification.caps import Caps, Counted
 from glucoloop.studies.verification.watched import WatchedDecision, WatchedDelivery, WatchedReading

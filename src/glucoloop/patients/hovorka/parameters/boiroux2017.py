@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from glucoloop.patients.hovorka.parameters.distributions import Lognormal, Normal, Uniform
+from glucoloop.patients.hovorka.varying import Lognormal, Normal, Uniform
 
 PERSONS: Final = 6
 SOURCE: Final = "Boiroux et al. 2017, Control Eng. Pract. 58"

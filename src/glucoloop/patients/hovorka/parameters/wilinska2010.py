@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from glucoloop.patients.hovorka.parameters.distributions import Lognormal, Normal, Uniform
+from glucoloop.patients.hovorka.varying import Lognormal, Normal, Uniform
 from glucoloop.patients.hovorka.wilinska import WilinskaParameters
 from glucoloop.patients.provenance import Constant
 

@@ -1,0 +1,157 @@
+"""Insulin that was delivered, the constraints on it, and what the controller or its guard met with."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.protocol import Status
+from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.simulation.loop import Sampled
+
+_STATUS: Final = {
+    "saturated": (Status.SATURATED,),
+    "not_converged": (Status.NOT_CONVERGED,),
+    "non_finite": (Status.NON_FINITE, Status.RESTARTED, Status.NO_FINITE_DOSE),
+    "rejected": (Status.READING_REJECTED,),
+    "fallback": (Status.FALLBACK_BASAL, Status.FALLBACK_REDUCED),
+    "suspended": (Status.SUSPENDED,),
+    "dose_limited": (Status.DOSE_LIMITED,),
+}
+"""Statuses that are counted together, by the end of the name of the result."""
+
+
+@pytree
+class _Doses:
+    total: jax.Array
+    """Sum over the samples of the delivered insulin, boluses included; the others are of the basal rate alone."""
+    variation: jax.Array
+    largest_change: jax.Array
+    previous_mU_min: jax.Array
+    off: jax.Array
+    """Number of samples without any insulin."""
+    off_in_a_row: jax.Array
+    """Number of them up to this sample, without one with insulin between them."""
+    most_off_in_a_row: jax.Array
+
+
+class Insulin(Metric):
+    """Total insulin, boluses included, the time without any, and the changes of the rate, the first from rest."""
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Doses:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Doses(
+            total=zero,
+            variation=zero,
+            largest_change=zero,
+            previous_mU_min=insulin_mU_min,
+            off=zero,
+            off_in_a_row=zero,
+            most_off_in_a_row=zero,
+        )
+
+    def sample(self, course: Course, state: _Doses, happened: Sampled, t_min: jax.Array) -> _Doses:
+        rate = happened.delivery.insulin_mU_min
+        change = jnp.abs(rate - state.previous_mU_min)
+        off = count(happened.infused_mU_min <= 0.0, state.off)
+        in_a_row = off * (state.off_in_a_row + 1.0)
+        return _Doses(
+            total=state.total + happened.infused_mU_min,
+            variation=state.variation + change,
+            largest_change=jnp.maximum(state.largest_change, change),
+            previous_mU_min=rate,
+            off=state.off + off,
+            off_in_a_row=in_a_row,
+            most_off_in_a_row=jnp.maximum(state.most_off_in_a_row, in_a_row),
+        )
+
+    def finish(self, course: Course, state: _Doses, ended: Ended) -> dict[str, Any]:
+        return {
+            "insulin_total_mU": ended.of_insulin(state.total * ended.sample_time_min),
+            "insulin_off_min": ended.of_insulin(state.off * ended.sample_time_min),
+            "longest_insulin_off_min": ended.of_insulin(state.most_off_in_a_row * ended.sample_time_min),
+            "insulin_total_variation_mU_min": ended.of_insulin(state.variation),
+            "largest_change_mU_min": ended.of_insulin(state.largest_change),
+        }
+
+
+@pytree
+class _Extremes:
+    """Extremes of what the constraints bound."""
+
+    largest_change: jax.Array
+    previous_mU_min: jax.Array
+    lowest_mU_min: jax.Array
+    highest_mU_min: jax.Array
+    minimum_mg_dl: jax.Array
+
+
+class Constraints(Metric):
+    """Constraints (17) to (19) of Parker, Doyle & Peppas 1999, on the rate, its changes, and glucose.
+
+    Values that are not finite violate every constraint. The first change is that from the rate at rest.
+    """
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Extremes(
+            largest_change=zero,
+            previous_mU_min=insulin_mU_min,
+            lowest_mU_min=zero + jnp.inf,
+            highest_mU_min=zero - jnp.inf,
+            minimum_mg_dl=glucose_mg_dl,
+        )
+
+    def point(self, course: Course, state: _Extremes, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Extremes:
+        return dataclasses.replace(state, minimum_mg_dl=jnp.minimum(state.minimum_mg_dl, glucose_mg_dl))
+
+    def sample(self, course: Course, state: _Extremes, happened: Sampled, t_min: jax.Array) -> _Extremes:
+        rate = happened.delivery.insulin_mU_min
+        return dataclasses.replace(
+            state,
+            largest_change=jnp.maximum(state.largest_change, jnp.abs(rate - state.previous_mU_min)),
+            previous_mU_min=rate,
+            lowest_mU_min=jnp.minimum(state.lowest_mU_min, rate),
+            highest_mU_min=jnp.maximum(state.highest_mU_min, rate),
+        )
+
+    def finish(self, course: Course, state: _Extremes, ended: Ended) -> dict[str, Any]:
+        slack, limits = ended.rounding_mU_min, course.limits
+        rate = ended.finite_insulin & (state.largest_change <= limits.max_change_mU_min + slack)
+        magnitude = (
+            ended.finite_insulin
+            & (state.lowest_mU_min >= limits.min_mU_min - slack)
+            & (state.highest_mU_min <= limits.max_mU_min + slack)
+        )
+        glucose = ended.finite_glucose & (state.minimum_mg_dl >= course.lowest_glucose_mg_dl)
+        return {
+            "rate_satisfied": rate,
+            "magnitude_satisfied": magnitude,
+            "glucose_satisfied": glucose,
+            "constraints_satisfied": rate & magnitude & glucose,
+        }
+
+
+class Samples(Metric):
+    """Numbers of samples at which controller or guard met a difficulty, by status, and of those without a reading."""
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
+        return {name: jnp.zeros_like(glucose_mg_dl) for name in (*_STATUS, "missing")}
+
+    def sample(
+        self, course: Course, state: dict[str, jax.Array], happened: Sampled, t_min: jax.Array
+    ) -> dict[str, jax.Array]:
+        status, reading = happened.decision.status, happened.reading
+        there = {name: jnp.zeros_like(reading.valid) for name in _STATUS}
+        for name, of in _STATUS.items():
+            for one in of:
+                there[name] = there[name] | (status == one)
+        there["missing"] = ~(reading.valid & jnp.isfinite(reading.glucose_mg_dl))
+        return {name: number + count(there[name], number) for name, number in state.items()}
+
+    def finish(self, course: Course, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
+        return {f"samples_{name}": number.astype(int) for name, number in state.items()}

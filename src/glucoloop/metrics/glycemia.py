@@ -1,0 +1,215 @@
+"""Glycemia as diabetes care reports it: times in ranges, mean and variation, indices of risk, and low events."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.arguments import is_traced
+from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.simulation.loop import Sampled
+
+LOW_BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
+"""Bound of the events of each level, by the name of its result."""
+_LASTING_MIN: Final = 15.0
+_ROUNDING: Final = 1e-4
+"""Part of a sample by which rounding of its time, in float32 too, may make more samples of the same minutes."""
+
+
+@pytree
+class _Points:
+    """Numbers of points of the grid."""
+
+    below_54: jax.Array
+    below_60: jax.Array
+    below_70: jax.Array
+    below_validity: jax.Array
+    above_180: jax.Array
+    above_250: jax.Array
+
+
+class TimeInRanges(Metric):
+    """Times in ranges, and the glycemia risk index ``min(100, 3 VLow + 2.4 Low + 1.6 VHigh + .8 High)``.
+
+    A time is the percentage of the points of the grid of one minute, both ends included. VLow, Low, High, VHigh are the
+    percentages of points below 54, from 54 to below 70, above 180 to 250, and above
+    250 mg/dl.
+
+    References
+    ----------
+    T. Battelino et al., "Clinical targets for continuous glucose monitoring data interpretation: recommendations from
+    the international consensus on time in range", Diabetes Care 42(8), 1593-1603, 2019.
+    D. C. Klonoff et al., "A glycemia risk index (GRI) of hypoglycemia and hyperglycemia for continuous glucose
+    monitoring validated by clinician ratings", J. Diabetes Sci. Technol. 17(5), 1226-1242, 2023.
+    """
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
+        return _Points(**{field.name: jnp.zeros_like(glucose_mg_dl) for field in dataclasses.fields(_Points)})
+
+    def point(self, course: Course, state: _Points, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Points:
+        g = glucose_mg_dl
+        return dataclasses.replace(
+            state,
+            below_54=state.below_54 + count(g < 54.0, g),
+            below_60=state.below_60 + count(g < 60.0, g),
+            below_70=state.below_70 + count(g < 70.0, g),
+            above_180=state.above_180 + count(g > 180.0, g),
+            above_250=state.above_250 + count(g > 250.0, g),
+        )
+
+    def sample(self, course: Course, state: _Points, happened: Sampled, t_min: jax.Array) -> _Points:
+        g, lowest = happened.glucose_mg_dl, happened.lowest_valid_mg_dl
+        # The first point of the grid is the first sample; the others lie after a sample.
+        below = count((t_min <= 0.0) & (g < lowest), g)
+        for place in range(len(course.inside_min)):
+            below = below + count(happened.inside_mg_dl[place] < lowest, g)
+        return dataclasses.replace(state, below_validity=state.below_validity + below)
+
+    def finish(self, course: Course, state: _Points, ended: Ended) -> dict[str, Any]:
+        very_low, very_high = ended.pct(state.below_54), ended.pct(state.above_250)
+        below, above = ended.pct(state.below_70), ended.pct(state.above_180)
+        risk = 3.0 * very_low + 2.4 * (below - very_low) + 1.6 * very_high + 0.8 * (above - very_high)
+        return {
+            "time_below_54_pct": very_low,
+            "time_below_60_pct": ended.pct(state.below_60),
+            "time_below_70_pct": below,
+            "time_below_validity_pct": ended.pct(state.below_validity),
+            "time_70_180_pct": ended.pct(ended.points - state.below_70 - state.above_180),
+            "time_above_180_pct": above,
+            "time_above_250_pct": very_high,
+            "gri": ended.xp.minimum(risk, 100.0),
+        }
+
+
+@pytree
+class _Sums:
+    """Sums over the grid of glucose less the setpoint, so that little is lost to rounding."""
+
+    deviation: jax.Array
+    squared: jax.Array
+
+
+class MeanAndVariation(Metric):
+    """Mean, coefficient of variation with ``n - 1`` as its denominator, and ``GMI = 3.31 + 0.02392 mean``.
+
+    References
+    ----------
+    R. M. Bergenstal et al., "Glucose management indicator (GMI): a new term for estimating A1C from continuous glucose
+    monitoring", Diabetes Care 41(11), 2275-2280, 2018.
+    """
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Sums(deviation=zero, squared=zero)
+
+    def point(self, course: Course, state: _Sums, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Sums:
+        deviation = glucose_mg_dl - course.setpoint_mg_dl
+        return _Sums(deviation=state.deviation + deviation, squared=state.squared + deviation * deviation)
+
+    def finish(self, course: Course, state: _Sums, ended: Ended) -> dict[str, Any]:
+        mean = ended.of_glucose(course.setpoint_mg_dl + state.deviation / ended.points)
+        variance = (state.squared - state.deviation**2 / ended.points) / (ended.points - 1)
+        deviation = ended.xp.sqrt(ended.xp.maximum(ended.of_glucose(variance), 0.0))
+        return {"mean_mg_dl": mean, "cv_pct": 100.0 * deviation / mean, "gmi_pct": 3.31 + 0.02392 * mean}
+
+
+@pytree
+class _Risks:
+    """Sums over the grid."""
+
+    low: jax.Array
+    high: jax.Array
+
+
+class RiskIndices(Metric):
+    """Means over the grid of the risk to be low and of the risk to be high.
+
+    ::
+
+        f = 1.509 (ln(glucose)^1.084 - 5.381),    LBGI = mean(10 min(f, 0)^2),    HBGI = mean(10 max(f, 0)^2)
+
+    The scale is made for 20 to 600 mg/dl, on which the risk ``10 f^2`` falls from 100 to 0 at 112.5 mg/dl and rises to
+    100 again. Glucose beyond is taken at the nearer end, since the logarithm fails below 1 mg/dl.
+
+    References
+    ----------
+    B. P. Kovatchev, D. J. Cox, L. A. Gonder-Frederick, W. Clarke, "Symmetrization of the blood glucose measurement
+    scale and its applications", Diabetes Care 20(11), 1655-1658, 1997.
+    B. P. Kovatchev, M. Straume, D. J. Cox, L. S. Farhy, "Risk analysis of blood glucose data: a quantitative approach
+    to optimizing the control of insulin dependent diabetes", J. Theor. Med. 3, 1-10, 2000.
+    """
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Risks:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Risks(low=zero, high=zero)
+
+    def point(self, course: Course, state: _Risks, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Risks:
+        f = 1.509 * (jnp.log(jnp.clip(glucose_mg_dl, 20.0, 600.0)) ** 1.084 - 5.381)
+        return _Risks(
+            low=state.low + 10.0 * jnp.minimum(f, 0.0) ** 2, high=state.high + 10.0 * jnp.maximum(f, 0.0) ** 2
+        )
+
+    def finish(self, course: Course, state: _Risks, ended: Ended) -> dict[str, Any]:
+        return {
+            "lbgi": ended.of_glucose(state.low / ended.points),
+            "hbgi": ended.of_glucose(state.high / ended.points),
+        }
+
+
+@pytree
+class _Events:
+    """Events counted so far; all arrays have the shape of the people."""
+
+    events: jax.Array
+    going: jax.Array
+    """Indicator, 1 within an event, else 0."""
+    lasting: jax.Array
+    """Samples in a row on the side of the bound on which the event, or its absence, would end."""
+
+    def with_sample(self, low: jax.Array, in_a_row: jax.Array | float) -> _Events:
+        going = self.going > 0.5
+        lasting = jnp.where(low != going, self.lasting + 1.0, 0.0)
+        turned = lasting >= in_a_row
+        return _Events(
+            events=self.events + count(turned & ~going, self.events),
+            going=jnp.where(turned, 1.0 - self.going, self.going),
+            lasting=jnp.where(turned, 0.0, lasting),
+        )
+
+
+class LowEvents(Metric):
+    """Events of low glucose of both levels, counted as for a continuous sensor.
+
+    An event begins when glucose has been below a bound for 15 min, and ends when it has not been for 15 min.
+
+    References
+    ----------
+    T. Battelino et al., "Continuous glucose monitoring and metrics for clinical trials: an international consensus
+    statement", Lancet Diabetes Endocrinol. 11(1), 2023: level 1 is below 70 mg/dl, level 2 below 54 mg/dl.
+    """
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return {name: _Events(events=zero, going=zero, lasting=zero) for name in LOW_BOUNDS_MG_DL}
+
+    def sample(
+        self, course: Course, state: dict[str, _Events], happened: Sampled, t_min: jax.Array
+    ) -> dict[str, _Events]:
+        in_a_row = samples_in_a_row(course.sample_time_min)
+        low = {name: happened.glucose_mg_dl < bound for name, bound in LOW_BOUNDS_MG_DL.items()}
+        return {name: events.with_sample(low[name], in_a_row) for name, events in state.items()}
+
+    def finish(self, course: Course, state: dict[str, _Events], ended: Ended) -> dict[str, Any]:
+        return {name: ended.of_glucose(events.events) for name, events in state.items()}
+
+
+def samples_in_a_row(sample_time_min: jax.Array | float) -> jax.Array | float:
+    """Least number of samples that take 15 min or longer."""
+    if is_traced(sample_time_min):
+        return jnp.ceil(_LASTING_MIN / sample_time_min - _ROUNDING)
+    return float(math.ceil(_LASTING_MIN / float(sample_time_min) - _ROUNDING))  # native code does not round
