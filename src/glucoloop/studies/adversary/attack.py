@@ -18,6 +18,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop._pytree import pytree, static
+from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.engine import announced_to
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
@@ -214,14 +215,14 @@ class Attack:
 
         The last set of lanes is filled up.
         """
-        n, one = errors.shape[1], who.draw.person.size == 1
-        none = np.zeros(0)
-        parts = [Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)]
-        for start in range(0, n, self.lanes):
-            place = np.arange(start, min(start + self.lanes, n))
-            lanes = np.resize(place, self.lanes)
-            parts.append(_first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), place.size))
-        harm: Harm = jax.tree.map(lambda *of_parts: np.concatenate(of_parts), *parts)
+        one, none = who.draw.person.size == 1, np.zeros(0)
+
+        def run(lanes: Array, n: int) -> Harm:
+            return _first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), n)
+
+        nobody = Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)
+        parts = in_blocks(run, np.arange(errors.shape[1]), self.lanes, threads=1)  # each set has all threads
+        harm: Harm = jax.tree.map(lambda *of_parts: np.concatenate(of_parts), nobody, *parts)
         return harm
 
     def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, Harm]:

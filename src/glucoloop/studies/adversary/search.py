@@ -37,7 +37,8 @@ class Worst:
     harm: Harm
     loop: pl.DataFrame
     """Course of the loop, see `Attack.trace`."""
-    tried: int
+    sequences: int
+    """Number of sequences that were tried."""
 
 
 def generations(

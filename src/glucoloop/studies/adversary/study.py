@@ -180,7 +180,7 @@ def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeop
         "lowest_mg_dl": worst.harm.lowest_mg_dl.item(),
         "peak_mg_dl": worst.harm.peak_mg_dl.item(),
         "stuck_from_min": (worst.stuck_from * trial.sample_time_min).tolist(),
-        "sequences_tried": worst.tried,
+        "sequences_tried": worst.sequences,
         "random_people": people,
         "random_ever_below_54_pct": 100.0 * float((random.below_54_min > 0.0).mean()) if people else None,
         "random_lowest_mg_dl": float(random.lowest_mg_dl.min()) if people else None,

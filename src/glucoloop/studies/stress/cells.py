@@ -44,10 +44,10 @@ def cells_of(asked: StressTest) -> dict[StressCell, Case]:
     cells = {}
     for case in asked.cases:
         for guarded in WITH_GUARD[asked.guards]:
-            tried = asked.with_guard(case, guarded)
+            in_cell = asked.with_guard(case, guarded)
             for text, fault in faults.items():
                 cell = StressCell(case.label, guarded, text)
-                cells[cell] = dataclasses.replace(tried, label=cell.label, faults=fault)
+                cells[cell] = dataclasses.replace(in_cell, label=cell.label, faults=fault)
     return cells
 
 
@@ -64,9 +64,9 @@ def cell_table(cells: Iterable[StressCell], people: pl.DataFrame, samples: int) 
     labels = pl.DataFrame([{"label": cell.label, **dataclasses.asdict(cell)} for cell in cells])
     known = people.join(labels, on="label", maintain_order="left")
     known = known.filter("feasible", pl.col("mean_mg_dl").is_finite())
-    tried = ["controller", "guarded", "person"]
-    without = known.filter(fault=NO_FAULT).select(*tried, without_pct="time_below_60_pct")
-    known = known.join(without, on=tried, how="inner", maintain_order="left")
+    same = ["controller", "guarded", "person"]
+    without = known.filter(fault=NO_FAULT).select(*same, without_pct="time_below_60_pct")
+    known = known.join(without, on=same, how="inner", maintain_order="left")
     known = known.with_columns(more_pct=pl.col("time_below_60_pct") - pl.col("without_pct"), samples=samples)
     return measured(known, labels.drop("label"), COLUMNS)
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["drawn", "found", "notes", "sentences", "tables", "trial_of"]
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
+_ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
+"""What a guard does about a reading or a dose."""
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
 
@@ -207,7 +209,9 @@ def _without_a_fault(grid: Grid) -> Iterator[str]:
         if pair:
             below = _change([percent(row["below_60_worst_pct"]) for row in pair])
             texts.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
-            acts += [f"{percent(_acted_pct(row))} with {controller}" for row in pair if row["guarded"]]
+            # each sample has one status
+            acted = [sum(float(row[f"{act}_pct"]) for act in _ACTS) for row in pair if row["guarded"]]
+            acts += [f"{percent(share)} with {controller}" for share in acted]
     if texts:
         how = " (without → with the guard)" if len(grid.guards) > 1 else ""
         yield (
@@ -227,11 +231,6 @@ def _beyond_the_model(grid: Grid) -> Iterator[str]:
             f"model, for at most {row['people_below_validity']} of {how_many(row['people'], 'person', 'people')} "
             f"({cell.label}). Read it as severe hypoglycemia; its depth means nothing."
         )
-
-
-def _acted_pct(row: Row) -> float:
-    """Percentage of samples at which the guard acted on the reading or the dose; each sample has one status."""
-    return sum(float(row[f"{act}_pct"]) for act in ("rejected", "fallback", "suspended", "dose_limited"))
 
 
 def _change(texts: Sequence[str]) -> str:

@@ -68,13 +68,16 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.n
     each = [virtual_people(population, seed, number) for population in populations_in_turn(patient)]
     turn = number % len(each)
 
-    def own(*of_each: Any) -> Any:
+    def in_turn(*of_each: Any) -> Any:
         return np.choose(turn, of_each) if any(map(np.ndim, of_each)) else of_each[0]
 
     return dataclasses.replace(
         each[-1],
-        patient=jax.tree.map(own, *(one.patient for one in each)),
-        **{name: own(*(getattr(one, name) for one in each)) for name in ("basal_insulin_mU_min", "rest", "feasible")},
+        patient=jax.tree.map(in_turn, *(one.patient for one in each)),
+        **{
+            name: in_turn(*(getattr(one, name) for one in each))
+            for name in ("basal_insulin_mU_min", "rest", "feasible")
+        },
     )
 
 
@@ -162,10 +165,10 @@ class RandomFaults:
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        own = usual.numbers(values, SAMPLE_MIN) if hasattr(usual, "numbers") else values
+        numbers = usual.numbers(values, SAMPLE_MIN) if hasattr(usual, "numbers") else values
         if hasattr(usual, "episodes"):
-            own = {**own, "episodes": episodes}
-        return dataclasses.replace(usual, **own)
+            numbers = {**numbers, "episodes": episodes}
+        return dataclasses.replace(usual, **numbers)
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
@@ -197,13 +200,19 @@ def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) 
     def drawn(name: str, index: int = 0) -> Floats:
         return uniforms(seed, f"fault {name}", people, index)
 
+    def settings(kind: str) -> dict[str, Floats]:
+        def even(low: float, high: float, index: int = 0) -> Floats:
+            return low + (high - low) * drawn(f"size {kind}", index)
+
+        return {name: np.asarray(values) for name, values in _entry(kind).draw(even).items()}
+
     many = np.floor((MOST_AT_ONCE + 1) * drawn("how many"))
     rank = np.argsort(np.argsort([drawn(f"which {kind}") for kind in KINDS], axis=0), axis=0)
     there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
     return RandomFaults(
         order=order,
         there=there,
-        settings={kind: _settings(kind, drawn) for kind in KINDS},
+        settings={kind: settings(kind) for kind in KINDS},
         episodes={kind: _episodes(kind, there[kind], samples, drawn) for kind in KINDS},
         noise_variance=np.where(drawn("noise") < 0.3, 0.0, 25.0 * drawn("noise variance") ** 2),
         noise_bound_mg_dl=3.0 + 27.0 * drawn("noise bound"),
@@ -234,15 +243,6 @@ def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, drawn: Call
         random=True,
         key=KINDS.index(kind) + 1,  # so that the random draws of each kind differ
     )
-
-
-def _settings(kind: str, drawn: Callable[..., Floats]) -> dict[str, Floats]:
-    """Settings of a fault that are drawn for each person."""
-
-    def even(low: float, high: float, index: int = 0) -> Floats:
-        return low + (high - low) * drawn(f"size {kind}", index)
-
-    return {name: np.asarray(values) for name, values in _entry(kind).draw(even).items()}
 
 
 def _entry(kind: str) -> type[FaultPart]:

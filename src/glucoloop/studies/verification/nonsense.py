@@ -19,8 +19,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.control import Controller, Decision, Observation, guarded
-from glucoloop.control.protocol import gives_boluses
+from glucoloop.control import Decision, Observation, guarded
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.situations.situation import usual_situation
@@ -30,6 +29,7 @@ from glucoloop.studies.verification.caps import Caps, Counted
 from glucoloop.studies.verification.drawn import Floats, Numbers
 from glucoloop.studies.verification.promises import (
     OF_CONTROLLER,
+    ControllerAround,
     WatchedController,
     breaches,
     held_by_controller,
@@ -47,27 +47,15 @@ _READINGS: Final = np.array([np.nan, np.inf, -np.inf, 0.0, 19.9, 20.0, 31.0, 64.
 
 
 @pytree
-class _Wilful:
+class _Wilful(ControllerAround):
     """A controller that asks for an arbitrary rate at times, and an arbitrary bolus if it gives boluses."""
 
-    inner: Controller
     asks: jax.Array
     wilful: jax.Array
 
     @property
-    def gives_boluses(self) -> bool:
-        return gives_boluses(self.inner)
-
-    @property
-    def sample_time_min(self) -> float:
-        return self.inner.sample_time_min
-
-    @property
     def heals(self) -> bool:
         return bool(getattr(self.inner, "heals", False))
-
-    def init(self, observation: Observation) -> Any:
-        return self.inner.init(observation)
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
         state, decision = self.inner.step(state, observation)

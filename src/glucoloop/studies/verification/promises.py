@@ -75,8 +75,8 @@ class WatchedDelivery(Delivery):
 
 
 @pytree
-class WatchedController:
-    """Wrapper of a controller of one person."""
+class ControllerAround:
+    """What stands around a controller of one person, and starts as it does."""
 
     inner: Controller
 
@@ -93,6 +93,11 @@ class WatchedController:
     def init(self, observation: Observation) -> Any:
         """State of the inner controller."""
         return self.inner.init(observation)
+
+
+@pytree
+class WatchedController(ControllerAround):
+    """Wrapper of a controller of one person."""
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, WatchedDecision]:
         """Decide as the inner controller does."""
@@ -175,7 +180,7 @@ def _all(holds: Iterable[jax.Array]) -> jax.Array:
 
 
 @pytree
-class Kept:
+class Tally:
     """Observations of a loop so far."""
 
     lowest_mg_dl: jax.Array
@@ -200,10 +205,10 @@ class Promises:
     caps: Caps | None = None
     """Caps of the guard; None without one, for which that promise counts as kept."""
 
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Kept:
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
         """State with no promise broken."""
         none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
-        return Kept(
+        return Tally(
             lowest_mg_dl=glucose_mg_dl,
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
@@ -211,21 +216,21 @@ class Promises:
             counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
-    def step(self, kept: Kept, happened: Sampled, t_min: jax.Array) -> Kept:
+    def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
         """Check a sample, and include the time until the next."""
-        counted, within_caps = kept.counted, jnp.ones_like(kept.below_60, bool)
+        counted, within_caps = tally.counted, jnp.ones_like(tally.below_60, bool)
         if self.caps is not None and counted is not None:
             dose = cast(WatchedDecision, happened.decision)
             counted, within_caps = self.caps.step(
                 counted, dose.reported_mU_min, dose.insulin_mU_min, dose.reported_bolus_mU, dose.bolus_mU
             )
-        broken = breaches(self.held(happened, kept.lowest_mg_dl, within_caps))
+        broken = breaches(self.held(happened, tally.lowest_mg_dl, within_caps))
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
-        return Kept(
-            lowest_mg_dl=jnp.minimum(kept.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
-            below_60=kept.below_60 + jnp.sum(below, axis=0),
-            broken=kept.broken + broken,
-            first_min=jnp.where((broken > 0.0) & (kept.broken == 0.0), t_min, kept.first_min),
+        return Tally(
+            lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
+            below_60=tally.below_60 + jnp.sum(below, axis=0),
+            broken=tally.broken + broken,
+            first_min=jnp.where((broken > 0.0) & (tally.broken == 0.0), t_min, tally.first_min),
             counted=counted,
         )
 

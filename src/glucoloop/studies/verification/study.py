@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
@@ -74,20 +75,16 @@ def found(asked: Verification, progress: Callable[[int], None]) -> Findings:
     return Findings(plain)
 
 
+_effect = functools.partial(Column, only=lambda row: "better" in row)
 _ARM_COLUMNS: Final = (
     Column(name="engine", short="Engine", text=str, left=True),
     Column(name="loops", short="Loops", text=whole),
     Column(name="samples", short="Samples", text=whole),
     Column(name="all_broken", short="Broken", text=whole),
     Column(name="below_60_pct", short="Below 60, %", text=decimals(2), only=lambda row: "below_60_pct" in row),
-    *(
-        Column(name=name, short=short, text=text, only=lambda row: "better" in row)
-        for name, short, text in (
-            ("better", "Better", whole),
-            ("worse", "Worse", whole),
-            ("worst_pct", "Most, %", "{:+.1f}".format),
-        )
-    ),
+    _effect(name="better", short="Better", text=whole),
+    _effect(name="worse", short="Worse", text=whole),
+    _effect(name="worst_pct", short="Most, %", text="{:+.1f}".format),
     Column(name="worst_person", short="Person", text=whole, only=lambda row: row.get("worst_pct", 0.0) > 0.0),
 )
 
@@ -135,9 +132,8 @@ def sentences(asked: Verification, found: Findings) -> Iterator[str]:
         yield f"{how_many(plain['loops'], 'loop')}, {plain['samples']} samples, {seconds}{more}."
         yield (
             "Below 60: mean time below 60 mg/dl in percent of the run. Better, worse: number of people who spend less "
-            "or more time below 60 mg/dl with the guard than without it, by over "
-            f"{MARGIN_PCT:g} % of the run. Most, person: the largest such increase, and the number of that "
-            "person."
+            f"or more time below 60 mg/dl with the guard than without it, by over {MARGIN_PCT:g} % of the run. Most, "
+            "person: the largest such increase, and the number of that person."
         )
         yield from engine_notes({_called(arm): arm for arm in plain["arms"]})
     broken = [promise for promise, count in plain["violations"].items() if count]
