@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import typing
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import pytest
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Guard, Observation, Status
-from glucoloop.episodes import Episode, never
+from glucoloop.episodes import Episode
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.parts.faults import FAULTS
@@ -19,9 +18,9 @@ from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.soundness import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
-from glucoloop.pumps.faults import occlusion
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
-from glucoloop.simulation.loop import Sampled
+from glucoloop.simulation.cohort import SampledInside
+from glucoloop.simulation.loop import LoopState
 from glucoloop.studies.verification import Verification, campaign, drawn, promises, study
 from glucoloop.studies.verification.campaign import circumstances_of
 from glucoloop.studies.verification.drawn import (
@@ -33,21 +32,16 @@ from glucoloop.studies.verification.drawn import (
     random_faults,
     random_order,
 )
-from glucoloop.studies.verification.promises import (
-    PROMISES,
-    Promises,
-    WatchedDecision,
-    WatchedDelivery,
-    WatchedPump,
-    WatchedReading,
-    WatchedSensor,
-    all_finite,
-)
+from glucoloop.studies.verification.promises import PROMISES, Promises, all_finite
 from glucoloop.studies.verification.study import SAME_BITS
 
 PERSON = patient()
 REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)
 GLUCOSE = float(PERSON.glucose_mg_dl(REST))
+
+
+def clock(until, age):
+    return Episode(until=jnp.asarray(until), age=jnp.asarray(age))
 
 
 def happened(**others):
@@ -59,37 +53,30 @@ def happened(**others):
         "command": 20.0,
         "word": 20.0,
         "status": int(Status.OK),
-        "controller": True,
-        "pump": True,
-        "of_pump": True,
-        "of_sensor": True,
+        "in_controller": (jnp.asarray([3.0, 0.0]), jnp.asarray(3)),
+        "in_pump": {"rate": 3.0, "episode": clock(math.inf, -1.0)},
+        "in_sensor": (math.nan, clock(3.0, 0.0)),  # a sensor may keep any reading
         "inside": jnp.full(5, GLUCOSE),
         **others,
     }
-    decision = WatchedDecision(
-        insulin_mU_min=jnp.asarray(told["command"]),
-        status=jnp.asarray(told["status"]),
+    state = LoopState(
+        x=told["x"],
         reported_mU_min=jnp.asarray(told["word"]),
-        sound=jnp.asarray(told["controller"]),
+        in_sensor=told["in_sensor"],
+        in_controller=told["in_controller"],
+        in_pump=told["in_pump"],
     )
-    delivery = WatchedDelivery(
-        insulin_mU_min=jnp.asarray(told["dose"]),
-        reported_mU_min=jnp.asarray(told["word"]),
-        sound=jnp.asarray(told["pump"]),
-        clocks=jnp.asarray(told["of_pump"]),
-    )
-    reading = WatchedReading(
-        glucose_mg_dl=jnp.asarray(told["reading"]), valid=jnp.asarray(True), clocks=jnp.asarray(told["of_sensor"])
-    )
-    return Sampled(
+    return SampledInside(
         x=told["x"],
         glucose_mg_dl=jnp.asarray(GLUCOSE),
-        reading=reading,
-        decision=decision,
-        delivery=delivery,
+        reading=Reading(glucose_mg_dl=jnp.asarray(told["reading"]), valid=jnp.asarray(True)),
+        decision=Decision(insulin_mU_min=jnp.asarray(told["command"]), status=jnp.asarray(told["status"])),
+        delivery=Delivery(insulin_mU_min=jnp.asarray(told["dose"]), reported_mU_min=jnp.asarray(told["word"])),
         infused_mU_min=jnp.asarray(told["dose"]),
         inside_mg_dl=told["inside"],
         lowest_valid_mg_dl=jnp.asarray(0.0),
+        before=state,
+        after=state,
     )
 
 
@@ -114,10 +101,13 @@ def with_state(**values):
         ({"command": 36.71, "word": 20.0}, promises.RATE),
         ({"command": 3.29, "word": 20.0}, promises.RATE),
         *(({"status": value}, promises.STATUS) for value in (-1, len(Status), 0.5)),
-        ({"controller": False}, promises.CONTROLLER),
-        ({"pump": False}, promises.PUMP),
-        ({"of_pump": False}, promises.FAULTS),
-        ({"of_sensor": False}, promises.FAULTS),
+        ({"in_controller": (jnp.asarray([3.0, math.nan]), jnp.asarray(3))}, promises.CONTROLLER),
+        ({"in_pump": {"rate": math.inf, "episode": clock(3.0, 0.0)}}, promises.PUMP),
+        *(
+            ({"in_pump": {"rate": 3.0, "episode": clock(until, 0.0)}}, promises.FAULTS)
+            for until in (math.nan, -math.inf)
+        ),
+        *(({"in_sensor": clock(0.0, age)}, promises.FAULTS) for age in (math.nan, math.inf, 0.5, -2.0)),
         *(({"x": with_state(**{name: -1e-6})}, promises.INSULIN_THERE) for name in ("I_B", "I_PI", "N")),
         *(({"x": with_state(**{name: GLUCOSE - 20.0})}, promises.GLUCOSE_THERE) for name in ("G_BV", "G_G")),
         ({"x": with_state(G_BI=GLUCOSE - 75.0)}, promises.GLUCOSE_THERE),  # 70 for the lightest person
@@ -160,56 +150,6 @@ def test_one_number_that_is_not_finite_is_seen_wherever_it_is(value):
     assert bool(all_finite(sound))
     assert not bool(all_finite({**sound, "a": sound["a"].at[2].set(value)}))
     assert not bool(all_finite({**sound, "b": value}))
-
-
-@pytree
-class Told:
-    """A pump and a sensor whose state is what they were made with."""
-
-    state: typing.Any
-
-    def init(self, value, key):
-        del value, key
-        return self.state
-
-    def deliver(self, state, command, key):
-        del key
-        return state, Delivery(insulin_mU_min=command, reported_mU_min=command)
-
-    def read(self, state, glucose, key):
-        del key
-        return state, Reading(glucose_mg_dl=glucose, valid=jnp.asarray(True))
-
-
-def clock(until, age):
-    return Episode(until=jnp.asarray(until), age=jnp.asarray(age))
-
-
-@pytest.mark.parametrize(
-    ("state", "sound", "clocks"),
-    [
-        ({"rate": 3.0, "episode": clock(math.inf, -1.0)}, True, True),
-        ({"rate": math.inf, "episode": clock(3.0, 0.0)}, False, True),
-        ({"rate": 3.0, "episode": clock(math.nan, 0.0)}, True, False),
-        ({"rate": 3.0, "episode": clock(-math.inf, 0.0)}, True, False),
-        *(({"rate": 3.0, "episode": clock(0.0, age)}, True, False) for age in (math.nan, math.inf, 0.5, -2.0)),
-    ],
-)
-def test_watched_parts_tell_what_is_wrong_with_them(state, sound, clocks):
-    key = jax.random.key(0)
-    _, delivery = WatchedPump(inner=Told(state=state)).deliver(state, jnp.asarray(5.0), key)
-    assert (bool(delivery.sound), bool(delivery.clocks)) == (sound, clocks)
-    _, reading = WatchedSensor(inner=Told(state=state)).read(state, jnp.asarray(90.0), key)
-    assert bool(reading.clocks) == clocks
-
-
-def test_a_watched_pump_does_as_the_one_inside():
-    key, inner = jax.random.key(3), occlusion(never(), LimitedPump())
-    state, watched = inner.init(jnp.asarray(20.0), key), WatchedPump(inner=inner)
-    (one, bare), (other, told) = inner.deliver(state, jnp.asarray(50.0), key), watched.deliver(state, 50.0, key)
-    jax.tree.map(np.testing.assert_array_equal, one, other)
-    assert (bare.insulin_mU_min, bare.reported_mU_min) == (told.insulin_mU_min, told.reported_mU_min)
-    assert bool(told.sound & told.clocks)
 
 
 # people, meals and faults

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["drawn", "found", "notes", "sentences", "tables", "trial_of"]
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
 _ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
-"""What a guard does about a reading or a dose."""
+"""Acts of a guard on a reading or a dose, by the names of their columns."""
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
 

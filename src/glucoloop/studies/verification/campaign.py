@@ -19,8 +19,8 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
-from glucoloop.experiments.assemble import PeopleLoop
-from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
+from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.parts.guard import guard_of
@@ -46,13 +46,7 @@ from glucoloop.studies.verification.drawn import (
     random_faults,
     random_order,
 )
-from glucoloop.studies.verification.promises import (
-    PROMISES,
-    Promises,
-    WatchedController,
-    WatchedPump,
-    WatchedSensor,
-)
+from glucoloop.studies.verification.promises import PROMISES, Promises
 
 HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
@@ -130,7 +124,7 @@ class WatchedLoops:
         faults = random_faults(order, seed, np.arange(2), self._grid.samples)
         self.loop = PeopleLoop(
             situation,
-            WatchedController(inner=controller),
+            controller,
             example,
             self._grid,
             Promises(
@@ -139,7 +133,7 @@ class WatchedLoops:
                 caps=None if guard is None else Caps(settings=guard, limits=limits),
             ),
             meals=None,
-            own=lambda people: WatchedController(inner=with_individual_basal(controller, people.basal_insulin_mU_min)),
+            own=with_basal_of_each(controller),
             around=self._around(faults, 0),
             varied=self._around(faults),
         )
@@ -151,8 +145,7 @@ class WatchedLoops:
 
     def _around(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
         return Surroundings(
-            sensor=WatchedSensor(inner=faults.sensor(person=person)),
-            pump=WatchedPump(inner=faults.pump(self._situation.limits, person=person)),
+            sensor=faults.sensor(person=person), pump=faults.pump(self._situation.limits, person=person)
         )
 
     def close(self, person: Numbers, progress: Progress = lambda loops: None) -> Closed:

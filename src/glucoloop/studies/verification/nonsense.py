@@ -19,7 +19,8 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.control import Decision, Observation, guarded
+from glucoloop.control import Controller, Decision, Observation, guarded
+from glucoloop.control.protocol import gives_boluses
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.situations.situation import usual_situation
@@ -27,13 +28,7 @@ from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification
 from glucoloop.studies.verification.campaign import LISTED, Progress, catalogue_controller
 from glucoloop.studies.verification.caps import Caps, Counted
 from glucoloop.studies.verification.drawn import Floats, Numbers
-from glucoloop.studies.verification.promises import (
-    OF_CONTROLLER,
-    ControllerAround,
-    WatchedController,
-    breaches,
-    held_by_controller,
-)
+from glucoloop.studies.verification.promises import OF_CONTROLLER, breaches, held_by_controller
 from glucoloop.threefry import uniforms
 
 _BOLUS_OF_RATE_MIN: Final = 60.0
@@ -47,15 +42,27 @@ _READINGS: Final = np.array([np.nan, np.inf, -np.inf, 0.0, 19.9, 20.0, 31.0, 64.
 
 
 @pytree
-class _Wilful(ControllerAround):
+class _Wilful:
     """A controller that asks for an arbitrary rate at times, and an arbitrary bolus if it gives boluses."""
 
+    inner: Controller
     asks: jax.Array
     wilful: jax.Array
 
     @property
+    def gives_boluses(self) -> bool:
+        return gives_boluses(self.inner)
+
+    @property
+    def sample_time_min(self) -> float:
+        return self.inner.sample_time_min
+
+    @property
     def heals(self) -> bool:
         return bool(getattr(self.inner, "heals", False))
+
+    def init(self, observation: Observation) -> Any:
+        return self.inner.init(observation)
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
         state, decision = self.inner.step(state, observation)
@@ -143,13 +150,13 @@ class _Loops:
             announced_carbs_g=inputs["carbs"],
             delivered_bolus_mU=bolus,
         )
-        state, decision = WatchedController(inner=dataclasses.replace(guard, inner=wilful)).step(
-            _overwritten(carry.guard, inputs["word"], inputs["value"]), observation
-        )
+        memory = _overwritten(carry.guard, inputs["word"], inputs["value"])
+        state, decision = dataclasses.replace(guard, inner=wilful).step(memory, observation)
         asked, asked_bolus = decision.insulin_mU_min, decision.bolus_mU
         counted, within_caps = self._caps.step(carry.counted, rate, asked, bolus, asked_bolus)
         whole = jnp.where(inputs["word"] >= 0.0, 0.0, carry.whole)
-        held = held_by_controller(PARKER_1999_LIMITS, _ANY_BOLUS_MU, decision, within_caps | (whole < 0.5))
+        within_caps = within_caps | (whole < 0.5)
+        held = held_by_controller(PARKER_1999_LIMITS, _ANY_BOLUS_MU, decision, rate, state, within_caps)
         return _Carry(
             guard=state,
             counted=counted,

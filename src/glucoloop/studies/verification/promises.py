@@ -1,29 +1,22 @@
-"""Promises that every loop keeps at every sample, whatever fails in it, and the count of broken ones.
-
-A loop passes on the answers of controller, sensor and pump but not their states. So each is wrapped: the wrapper
-changes no bit, and reports with each answer whether the state inside is sound.
-"""
+"""Promises that every loop keeps at every sample, whatever fails in it, and the count of broken ones."""
 
 from __future__ import annotations
 
 import functools
 import operator
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Decision, Status
 from glucoloop.episodes import Episode
 from glucoloop.patients.model import Sound
-from glucoloop.pumps import Delivery, Pump
 from glucoloop.pumps.bolus import USUAL_BOLUS_LIMITS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
-from glucoloop.pumps.protocol import deliver
-from glucoloop.sensors import Reading, Sensor
-from glucoloop.simulation.loop import Sampled
+from glucoloop.simulation.cohort import SampledInside
 from glucoloop.studies.verification.caps import Caps, Counted
 
 DOSE: Final = "dose delivered, rate and bolus: finite, and within the pump's range"
@@ -43,116 +36,6 @@ PROMISES: Final = (DOSE, *OF_CONTROLLER, PUMP, FAULTS, PATIENT, INSULIN_THERE, G
 
 LOW_MG_DL: Final = 60.0
 _ROUNDING_MU_MIN: Final = 1e-9
-
-
-@pytree
-class WatchedDecision(Decision):
-    """A decision, with its inputs and the soundness of the controller."""
-
-    reported_mU_min: jax.Array
-    """Rate that the pump reported."""
-    sound: jax.Array
-    """Whether the whole state of the controller is finite."""
-    reported_bolus_mU: jax.Array | None = None
-    """Bolus that the pump reported; None for a controller without boluses."""
-
-
-@pytree
-class WatchedReading(Reading):
-    """A reading, with the soundness of the sensor."""
-
-    clocks: jax.Array
-    """Whether the clock of every fault is valid."""
-
-
-@pytree
-class WatchedDelivery(Delivery):
-    """A delivery, with the soundness of the pump."""
-
-    sound: jax.Array
-    """Whether the pump's state is finite, apart from the time of a fault that never comes."""
-    clocks: jax.Array
-
-
-@pytree
-class ControllerAround:
-    """What stands around a controller of one person, and starts as it does."""
-
-    inner: Controller
-
-    @property
-    def sample_time_min(self) -> float:
-        """Sample time of the inner controller."""
-        return self.inner.sample_time_min
-
-    @property
-    def gives_boluses(self) -> bool:
-        """Whether the inner controller gives boluses."""
-        return gives_boluses(self.inner)
-
-    def init(self, observation: Observation) -> Any:
-        """State of the inner controller."""
-        return self.inner.init(observation)
-
-
-@pytree
-class WatchedController(ControllerAround):
-    """Wrapper of a controller of one person."""
-
-    def step(self, state: Any, observation: Observation) -> tuple[Any, WatchedDecision]:
-        """Decide as the inner controller does."""
-        state, decision = self.inner.step(state, observation)
-        return state, WatchedDecision(
-            insulin_mU_min=decision.insulin_mU_min,
-            status=decision.status,
-            bolus_mU=decision.bolus_mU,
-            reported_mU_min=observation.delivered_mU_min,
-            sound=all_finite(state),
-            reported_bolus_mU=observation.delivered_bolus_mU,
-        )
-
-
-@pytree
-class WatchedSensor:
-    """Wrapper of a sensor of one person, whose buffered readings may be any number: some faults give such readings."""
-
-    inner: Sensor
-
-    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
-        """State of the inner sensor."""
-        return self.inner.init(glucose_mg_dl, key)
-
-    def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, WatchedReading]:
-        """Read as the inner sensor does."""
-        state, reading = self.inner.read(state, glucose_mg_dl, key)
-        clocks, _ = _clocks_and_others(state)
-        return state, WatchedReading(glucose_mg_dl=reading.glucose_mg_dl, valid=reading.valid, clocks=clocks)
-
-
-@pytree
-class WatchedPump:
-    """Wrapper of a pump of one person."""
-
-    inner: Pump
-
-    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
-        """State of the inner pump."""
-        return self.inner.init(insulin_mU_min, key)
-
-    def deliver(
-        self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
-    ) -> tuple[Any, WatchedDelivery]:
-        """Deliver as the inner pump does."""
-        state, delivery = deliver(self.inner, state, command_mU_min, key, bolus_mU)
-        clocks, others = _clocks_and_others(state)
-        return state, WatchedDelivery(
-            insulin_mU_min=delivery.insulin_mU_min,
-            reported_mU_min=delivery.reported_mU_min,
-            bolus_mU=delivery.bolus_mU,
-            reported_bolus_mU=delivery.reported_bolus_mU,
-            sound=all_finite(others),
-            clocks=clocks,
-        )
 
 
 def all_finite(tree: Any) -> jax.Array:
@@ -180,7 +63,7 @@ def _all(holds: Iterable[jax.Array]) -> jax.Array:
 
 
 @pytree
-class Tally:
+class PromiseTally:
     """Observations of a loop so far."""
 
     lowest_mg_dl: jax.Array
@@ -197,7 +80,7 @@ class Tally:
 
 @pytree
 class Promises:
-    """Checks every promise at every sample; implements `simulation.cohort.Fold` for watched parts."""
+    """Checks every promise at every sample; implements `simulation.cohort.Fold`."""
 
     limits: DoseLimits = PARKER_1999_LIMITS
     sound: Sound = static()
@@ -205,10 +88,10 @@ class Promises:
     caps: Caps | None = None
     """Caps of the guard; None without one, for which that promise counts as kept."""
 
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Tally:
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> PromiseTally:
         """State with no promise broken."""
         none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
-        return Tally(
+        return PromiseTally(
             lowest_mg_dl=glucose_mg_dl,
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
@@ -216,17 +99,21 @@ class Promises:
             counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
-    def step(self, tally: Tally, happened: Sampled, t_min: jax.Array) -> Tally:
+    def step(self, tally: PromiseTally, happened: SampledInside, t_min: jax.Array) -> PromiseTally:
         """Check a sample, and include the time until the next."""
         counted, within_caps = tally.counted, jnp.ones_like(tally.below_60, bool)
         if self.caps is not None and counted is not None:
-            dose = cast(WatchedDecision, happened.decision)
+            reported, decision = happened.before, happened.decision
             counted, within_caps = self.caps.step(
-                counted, dose.reported_mU_min, dose.insulin_mU_min, dose.reported_bolus_mU, dose.bolus_mU
+                counted,
+                reported.reported_mU_min,
+                decision.insulin_mU_min,
+                reported.reported_bolus_mU,
+                decision.bolus_mU,
             )
         broken = breaches(self.held(happened, tally.lowest_mg_dl, within_caps))
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
-        return Tally(
+        return PromiseTally(
             lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
             below_60=tally.below_60 + jnp.sum(below, axis=0),
             broken=tally.broken + broken,
@@ -235,17 +122,26 @@ class Promises:
         )
 
     def held(
-        self, happened: Sampled, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
+        self, happened: SampledInside, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
     ) -> dict[str, jax.Array]:
         """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none."""
-        delivery, reading = cast(WatchedDelivery, happened.delivery), cast(WatchedReading, happened.reading)
-        most_mU = USUAL_BOLUS_LIMITS.max_mU
+        delivery, after, most_mU = happened.delivery, happened.after, USUAL_BOLUS_LIMITS.max_mU
+        # readings that a sensor keeps may be any number, since some faults give such readings
+        clocks_of_sensor, _ = _clocks_and_others(after.in_sensor)
+        clocks_of_pump, others_of_pump = _clocks_and_others(after.in_pump)
         insulin_there, glucose_there = self.sound(happened.x, lowest_mg_dl)
         return {
             DOSE: _in_range(self.limits, most_mU, delivery.insulin_mU_min, delivery.bolus_mU),
-            **held_by_controller(self.limits, most_mU, cast(WatchedDecision, happened.decision), within_caps),
-            PUMP: delivery.sound,
-            FAULTS: delivery.clocks & reading.clocks,
+            **held_by_controller(
+                self.limits,
+                most_mU,
+                happened.decision,
+                happened.before.reported_mU_min,
+                after.in_controller,
+                within_caps,
+            ),
+            PUMP: all_finite(others_of_pump),
+            FAULTS: clocks_of_pump & clocks_of_sensor,
             PATIENT: jnp.all(jnp.isfinite(happened.x), axis=0),
             INSULIN_THERE: insulin_there,
             GLUCOSE_THERE: glucose_there,
@@ -253,19 +149,24 @@ class Promises:
 
 
 def held_by_controller(
-    limits: DoseLimits, most_mU: Any, decision: WatchedDecision, within_caps: jax.Array | bool
+    limits: DoseLimits,
+    most_mU: Any,
+    decision: Decision,
+    reported_mU_min: jax.Array,
+    state: Any,
+    within_caps: jax.Array | bool,
 ) -> dict[str, jax.Array]:
     """Whether each promise of a controller is kept by a decision, whose bolus may be so large at most."""
-    command, reported = decision.insulin_mU_min, decision.reported_mU_min
+    command = decision.insulin_mU_min
     # a report that no pump can mean is no rate from which a change could be too large
-    meant = (reported >= limits.min_mU_min) & (reported <= limits.max_mU_min)
-    slow = jnp.abs(command - reported) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
+    meant = (reported_mU_min >= limits.min_mU_min) & (reported_mU_min <= limits.max_mU_min)
+    slow = jnp.abs(command - reported_mU_min) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
     return {
         COMMAND: _in_range(limits, most_mU, command, decision.bolus_mU),
         RATE: slow | ~meant,
         CAPS: jnp.asarray(within_caps),
         STATUS: functools.reduce(operator.or_, [decision.status == int(known) for known in Status]),
-        CONTROLLER: decision.sound,
+        CONTROLLER: all_finite(state),
     }
 
 
