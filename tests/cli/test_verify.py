@@ -1,46 +1,46 @@
 """``glucoloop verify``."""
 
-import dataclasses
-
 import pytest
 
-from glucoloop.studies.verification import campaign, nonsense
-from glucoloop.studies.verification.invariants import CAPS, DOSE, PROMISES
-from glucoloop.studies.verification.nonsense import NonsenseArm, NonsenseResult
-from glucoloop.studies.verification.result import SAME_BITS, Arm, Broken, CampaignResult, Guarding
+from glucoloop.studies.verification import NONSENSE_SAMPLES, study
+from glucoloop.studies.verification.campaign import circumstances_of
+from glucoloop.studies.verification.promises import CAPS, DOSE, OF_CONTROLLER, PROMISES
+from glucoloop.studies.verification.study import SAME_BITS
 
-KEPT = Arm(
-    controller="pid",
-    guarded=False,
-    engine="native",
-    not_native=None,
-    loops=50,
-    samples=14400,
-    broken=dict.fromkeys(PROMISES, 0),
-    repeated=7,
-    not_repeated=(),
-    told=(),
-)
-FIGURE = Guarding(
-    controller="pid", pairs=50, bare_pct=4.0, guarded_pct=0.5, better=20, worse=1, worst_pct=1.7, worst_person=31
-)
-HOLDS = CampaignResult(
-    patient=campaign.Campaign().patient,
-    seed=3,
-    arms=(KEPT, dataclasses.replace(KEPT, guarded=True)),
-    guarding=(FIGURE,),
-)
-BREACH = Broken(
-    promise=DOSE, person=17, samples=4, first_min=35.0, faults=("nonsense, key=11, start_min=30, value=nan",)
-)
-BREAKS = dataclasses.replace(
-    HOLDS,
-    arms=(
-        KEPT,
-        dataclasses.replace(KEPT, guarded=True, broken={**KEPT.broken, DOSE: 1}, told=(BREACH,), not_repeated=(8, 9)),
-    ),
-)
+KEPT = {
+    "controller": "pid",
+    "guarded": False,
+    "engine": "native",
+    "not_native": None,
+    "loops": 50,
+    "samples": 14400,
+    "broken": dict.fromkeys(PROMISES, 0),
+    "repeated": 7,
+    "not_repeated": [],
+    "told": [],
+}
+EFFECT = {
+    "controller": "pid",
+    "pairs": 50,
+    "bare_pct": 4.0,
+    "guarded_pct": 0.5,
+    "better": 20,
+    "worse": 1,
+    "worst_pct": 1.7,
+    "worst_person": 31,
+}
+HOLDS = [{"arm": KEPT}, {"arm": {**KEPT, "guarded": True}, "guarding": EFFECT}]
 AGAIN = "glucoloop verify --seed 3 --controller pid --person 17"
+BREACH = {
+    "promise": DOSE,
+    "person": 17,
+    "samples": 4,
+    "first_min": 35.0,
+    "faults": ["nonsense, key=11, start_min=30, value=nan"],
+    "repeat": AGAIN,
+}
+BROKEN = {"broken": {**KEPT["broken"], DOSE: 1}, "told": [BREACH], "not_repeated": [8, 9]}
+BREAKS = [{"arm": KEPT}, {"arm": {**KEPT, "guarded": True, **BROKEN}, "guarding": EFFECT}]
 ASKED = ("verify", "--seed", 3, "--controller", "pid", "--loops", 100)
 
 
@@ -49,13 +49,16 @@ def finds(monkeypatch):
     """Let the campaign find something; hands back what it was asked for."""
     asked = []
 
-    def find(result):
+    def find(parts, *, interrupted=False):
         def run(given, progress):
             asked.append(given)
-            progress(result.loops)
-            return result
+            for part in parts:
+                progress(part["arm"]["loops"])
+                yield part
+            if interrupted:
+                raise KeyboardInterrupt
 
-        monkeypatch.setattr(campaign, "run_campaign", run)
+        monkeypatch.setattr(study, "run_campaign", run)
         return asked
 
     return find
@@ -65,7 +68,7 @@ def test_kept_promises_leave_with_0(glucoloop, finds):
     asked = finds(HOLDS)
     answer = glucoloop(*ASKED)
     assert answer.code == 0
-    assert asked == [campaign.Campaign(loops=100, seed=3, controllers=("pid",))]
+    assert [(given.loops, given.seed, given.controllers) for given in asked] == [(100, 3, ("pid",))]
     for promise in (*PROMISES, SAME_BITS):
         line = next(line for line in answer.out.splitlines() if promise in line)
         assert line.split()[-1] == "0"
@@ -95,12 +98,12 @@ def test_json_is_the_same(glucoloop, finds):
     assert (found["loops"], found["samples"], found["seed"], found["interrupted"]) == (100, 28800, 3, False)
     assert {promise: count for promise, count in found["violations"].items() if count} == {DOSE: 1, SAME_BITS: 2}
     told = found["arms"][1]["told"][0]
-    assert (told["person"], told["faults"], told["repeat"]) == (17, list(BREACH.faults), AGAIN)
+    assert (told["person"], told["faults"], told["repeat"]) == (17, BREACH["faults"], AGAIN)
     assert found["guarding"][0]["worse"] == 1
 
 
 def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
-    finds(dataclasses.replace(HOLDS, arms=(KEPT,), guarding=(), interrupted=True))
+    finds(HOLDS[:1], interrupted=True)
     answer = glucoloop(*ASKED)
     assert answer.code == 130
     assert "50 loops, 14400 samples" in answer.out
@@ -110,7 +113,7 @@ def test_an_interrupt_tells_what_was_done_and_leaves_with_130(glucoloop, finds):
 
 
 def test_loops_that_native_code_cannot_take_are_told(glucoloop, finds):
-    finds(dataclasses.replace(HOLDS, arms=(dataclasses.replace(KEPT, engine="xla", not_native="a sort"),), guarding=()))
+    finds([{"arm": {**KEPT, "engine": "xla", "not_native": "a sort"}}])
     out = " ".join(glucoloop(*ASKED).out.split())
     assert "pid: native code cannot take this loop, which has a sort; JAX ran it" in out
 
@@ -118,10 +121,10 @@ def test_loops_that_native_code_cannot_take_are_told(glucoloop, finds):
 def test_one_person_is_told_with_what_he_meets(glucoloop, finds):
     finds(HOLDS)
     answer = glucoloop("verify", "--seed", 3, "--controller", "pid", "--person", 17)
-    met = campaign.met("pid", 3, 17)
+    person = circumstances_of("pid", 3, 17)
     first = next(line for line in answer.out.splitlines() if line.startswith("pid: lognormal, basal rate "))
-    assert all(f"--fault {fault!r}" in first for fault in met.faults)
-    assert all(f"{carbs:.1f}g@{t:.1f}min" in first for t, carbs in met.meals)
+    assert all(f"--fault {fault!r}" in first for fault in person["faults"])
+    assert all(f"{carbs:.1f}g@{t:.1f}min" in first for t, carbs in person["meals"])
 
 
 @pytest.mark.long
@@ -134,14 +137,10 @@ def test_a_campaign_runs(glucoloop, monkeypatch):
 
 @pytest.mark.parametrize("broken", [{}, {CAPS: (7, 9)}])
 def test_nonsense_is_told_with_the_command_that_repeats_it(glucoloop, monkeypatch, broken):
-    arm = NonsenseArm(
-        controller="pid",
-        loops=50,
-        broken={promise: len(broken.get(promise, ())) for promise in nonsense.PROMISES},
-        told={promise: broken.get(promise, ()) for promise in nonsense.PROMISES},
-    )
-    result = NonsenseResult(seed=3, arms=(arm,))
-    monkeypatch.setattr(nonsense, "run_nonsense", lambda given, progress: result)
+    told = {promise: broken.get(promise, ()) for promise in OF_CONTROLLER}
+    arm = {"controller": "pid", "loops": 50, "samples": 50 * NONSENSE_SAMPLES, "told": told}
+    arm["broken"] = {promise: len(loops) for promise, loops in told.items()}
+    monkeypatch.setattr(study, "run_nonsense", lambda given, progress: iter([{"arm": arm}]))
     asked = ("verify", "--nonsense", 4800, "--seed", 3, "--controller", "pid")
     answer = glucoloop(*asked)
     assert answer.code == (1 if broken else 0)

@@ -7,9 +7,8 @@ import pytest
 
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import Harm
+from glucoloop.studies.adversary.attack import ErrorSpace, Harm
 from glucoloop.studies.adversary.search import generations
-from glucoloop.studies.adversary.space import ErrorSpace
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
 

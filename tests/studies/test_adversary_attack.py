@@ -14,9 +14,8 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import Attack
+from glucoloop.studies.adversary.attack import Attack, ErrorSpace
 from glucoloop.studies.adversary.search import random_errors, worst_errors
-from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.studies.adversary.study import searches_of
 
 ASKED = configured(
@@ -89,7 +88,7 @@ def test_a_sequence_does_the_same_whichever_others_are_tried_beside_it(attack, s
 def test_the_worst_found_is_as_harmful_as_the_search_was_told(attack, space):
     worst = worst_errors(attack, attack.person(3), space, ASKED)
     assert np.abs(worst.errors).max() <= 0.3
-    assert worst.tried == 32
+    assert worst.sequences == 32
     fresh = attack.harm(attack.person(3), worst.errors[:, None], worst.stuck_from[:, None])
     assert fresh.lowest_mg_dl[0] == worst.harm.lowest_mg_dl[0]
     assert worst.loop["glucose_mg_dl"].min() >= worst.harm.lowest_mg_dl[0]

@@ -4,13 +4,12 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from glucoloop.control import GuardSettings
+from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, study
 from glucoloop.studies.verification import nonsense as module
 from glucoloop.studies.verification.caps import Caps
-from glucoloop.studies.verification.invariants import CAPS
-from glucoloop.studies.verification.nonsense import PROMISES, SAMPLES, NonsenseCheck, run_nonsense
+from glucoloop.studies.verification.promises import CAPS, OF_CONTROLLER
 
 SETTINGS = GuardSettings(max_hour=2.0, max_on_board=0.8, on_board_tau_min=90.0)
 BASAL = 20.0
@@ -56,39 +55,27 @@ def test_after_a_pump_that_gave_more_than_asked_the_caps_bind_again_at_the_basal
     assert not kept([60.0] * 14, [np.nan] * 14).all()
 
 
+def found(progress=lambda loops: None, **given):
+    """What a nonsense test found, as it is read back."""
+    return study.found(Verification(**given), progress).plain
+
+
 def test_nothing_is_broken_by_nonsense():
-    result = run_nonsense(NonsenseCheck(samples=50_000, controllers=("imc",)))
-    assert result.holds
-    assert result.samples >= 50_000
-    assert result.violations == dict.fromkeys(PROMISES, 0)
+    result = found(nonsense=50_000, controllers=("imc",))
+    assert result["holds"]
+    assert result["samples"] >= 50_000
+    assert result["violations"] == dict.fromkeys(OF_CONTROLLER, 0)
 
 
 def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
     monkeypatch.setattr(module, "Caps", lambda settings, **others: Caps(settings=GuardSettings(max_hour=1.2), **others))
     told = []
-    result = run_nonsense(NonsenseCheck(samples=20_000, controllers=("basal",)), told.append)
-    [arm] = result.arms
-    assert {promise for promise, count in result.violations.items() if count} == {CAPS}
-    assert not result.holds
-    assert sum(told) == arm.loops == -(-20_000 // SAMPLES)
+    result = found(told.append, nonsense=20_000, controllers=("basal",))
+    [arm] = result["arms"]
+    assert {promise for promise, count in result["violations"].items() if count} == {CAPS}
+    assert not result["holds"]
+    assert sum(told) == arm["loops"] == -(-20_000 // NONSENSE_SAMPLES)
     # the same loop alone breaks the same promise
-    [first, *_] = arm.told[CAPS]
-    alone = run_nonsense(NonsenseCheck(samples=1, controllers=("basal",), loop=first))
-    assert (alone.samples, alone.violations[CAPS]) == (SAMPLES, 1)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"samples": 0}, "samples is 0; give a whole number from 1"),
-        ({"samples": 2.5}, "samples is 2.5"),
-        ({"seed": -1}, "seed is -1"),
-        ({"loop": 2**32}, "loop is 4294967296"),
-        ({"controllers": ()}, "no controller to try"),
-        ({"controllers": ("mcp",)}, "unknown controller 'mcp'"),
-        ({"controllers": ("nlqdmc-se",)}, "nlqdmc-se takes too long for nonsense in masses; give some of"),
-    ],
-)
-def test_what_cannot_be_tried_is_refused(given, told):
-    with pytest.raises(ValueError, match=told):
-        NonsenseCheck(**given)
+    [first, *_] = arm["told"][CAPS]
+    alone = found(nonsense=1, controllers=("basal",), person=first)
+    assert (alone["samples"], alone["violations"][CAPS]) == (NONSENSE_SAMPLES, 1)

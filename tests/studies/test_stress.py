@@ -62,7 +62,7 @@ def test_a_cell_is_the_trial_of_its_fault_alone(asked, results, fault):
 
 @pytest.mark.long
 def test_faults_are_met_by_the_same_people_and_noise(asked, results):
-    without = results[cells_of(asked)[0].label]
+    without = results[next(iter(cells_of(asked))).label]
     for result in results.values():
         np.testing.assert_array_equal(result.basal_insulin_mU_min, without.basal_insulin_mU_min)
     # a fault that begins at 60 min changes nothing before: the least glucose of a run at rest is the same
@@ -71,7 +71,7 @@ def test_faults_are_met_by_the_same_people_and_noise(asked, results):
 
 @pytest.mark.long
 def test_the_worst_person_is_simulated_again(asked, prepared, results):
-    cell = cells_of(asked)[1]
+    _, cell, *_ = cells_of(asked)
     minimum = results[cell.label].metrics["minimum_mg_dl"]
     person = int(np.argmin(minimum))
     reason = reason_of(prepared, cell.label, person)
@@ -173,7 +173,7 @@ def test_without_anything_it_is_the_papers_controllers_under_the_usual_faults():
 def test_a_controller_has_its_own_guard_or_that_of_all():
     own, other = "pid, guard=(usual, max_hour=2)", "imc"
     asked = configured(StressTest, controller=[own, other], guard="max_hour=3", faults=["stuck"], people=2)
-    guards = {cell.label: case.guard for cell, case in zip(cells_of(asked), trial_of(asked).cases, strict=True)}
+    guards = {cell.label: case.guard for cell, case in cells_of(asked).items()}
     assert {case.guard for case in asked.base.cases} == {None}
     assert [None if of is None else of.max_hour for of in guards.values()] == [*[None] * 2, 2, 2, *[None] * 2, 3, 3]
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import typing
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import pytest
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Guard, Observation, Status
-from glucoloop.episodes import Episode, never
+from glucoloop.episodes import Episode
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.parts.faults import FAULTS
@@ -19,29 +18,30 @@ from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.model import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
-from glucoloop.pumps.faults import occlusion
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
-from glucoloop.simulation.loop import Sampled
-from glucoloop.studies.verification import campaign, invariants
-from glucoloop.studies.verification import loops as campaign_loops
-from glucoloop.studies.verification import people as campaign_people
-from glucoloop.studies.verification.campaign import Campaign, met, run_campaign
-from glucoloop.studies.verification.invariants import PROMISES, Promises
-from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people
-from glucoloop.studies.verification.random_faults import KINDS, PUMP_KINDS, random_faults, random_order
-from glucoloop.studies.verification.result import SAME_BITS
-from glucoloop.studies.verification.watched import (
-    WatchedDecision,
-    WatchedDelivery,
-    WatchedPump,
-    WatchedReading,
-    WatchedSensor,
-    all_finite,
+from glucoloop.simulation.cohort import SampledInside
+from glucoloop.simulation.loop import LoopState
+from glucoloop.studies.verification import Verification, campaign, drawn, promises, study
+from glucoloop.studies.verification.campaign import circumstances_of
+from glucoloop.studies.verification.drawn import (
+    KINDS,
+    PUMP_KINDS,
+    draw_people,
+    draw_random_meals,
+    feasible_people,
+    random_faults,
+    random_order,
 )
+from glucoloop.studies.verification.promises import PROMISES, Promises, all_finite
+from glucoloop.studies.verification.study import SAME_BITS
 
 PERSON = patient()
 REST = PERSON.steady_state(PERSON.basal_insulin_mU_min)
 GLUCOSE = float(PERSON.glucose_mg_dl(REST))
+
+
+def clock(until, age):
+    return Episode(until=jnp.asarray(until), age=jnp.asarray(age))
 
 
 def happened(**others):
@@ -53,37 +53,30 @@ def happened(**others):
         "command": 20.0,
         "word": 20.0,
         "status": int(Status.OK),
-        "controller": True,
-        "pump": True,
-        "of_pump": True,
-        "of_sensor": True,
+        "in_controller": (jnp.asarray([3.0, 0.0]), jnp.asarray(3)),
+        "in_pump": {"rate": 3.0, "episode": clock(math.inf, -1.0)},
+        "in_sensor": (math.nan, clock(3.0, 0.0)),  # a sensor may keep any reading
         "inside": jnp.full(5, GLUCOSE),
         **others,
     }
-    decision = WatchedDecision(
-        insulin_mU_min=jnp.asarray(told["command"]),
-        status=jnp.asarray(told["status"]),
-        told_mU_min=jnp.asarray(told["word"]),
-        sound=jnp.asarray(told["controller"]),
-    )
-    delivery = WatchedDelivery(
-        insulin_mU_min=jnp.asarray(told["dose"]),
+    state = LoopState(
+        x=told["x"],
         reported_mU_min=jnp.asarray(told["word"]),
-        sound=jnp.asarray(told["pump"]),
-        clocks=jnp.asarray(told["of_pump"]),
+        in_sensor=told["in_sensor"],
+        in_controller=told["in_controller"],
+        in_pump=told["in_pump"],
     )
-    reading = WatchedReading(
-        glucose_mg_dl=jnp.asarray(told["reading"]), valid=jnp.asarray(True), clocks=jnp.asarray(told["of_sensor"])
-    )
-    return Sampled(
+    return SampledInside(
         x=told["x"],
         glucose_mg_dl=jnp.asarray(GLUCOSE),
-        reading=reading,
-        decision=decision,
-        delivery=delivery,
+        reading=Reading(glucose_mg_dl=jnp.asarray(told["reading"]), valid=jnp.asarray(True)),
+        decision=Decision(insulin_mU_min=jnp.asarray(told["command"]), status=jnp.asarray(told["status"])),
+        delivery=Delivery(insulin_mU_min=jnp.asarray(told["dose"]), reported_mU_min=jnp.asarray(told["word"])),
         infused_mU_min=jnp.asarray(told["dose"]),
         inside_mg_dl=told["inside"],
         lowest_valid_mg_dl=jnp.asarray(0.0),
+        before=state,
+        after=state,
     )
 
 
@@ -103,19 +96,22 @@ def with_state(**values):
 @pytest.mark.parametrize(
     ("told", "promise"),
     [
-        *(({"dose": value}, invariants.DOSE) for value in (math.nan, math.inf, -1e-12, 66.9000001)),
-        *(({"command": value}, invariants.COMMAND) for value in (-1e-9, 66.9000001)),
-        ({"command": 36.71, "word": 20.0}, invariants.RATE),
-        ({"command": 3.29, "word": 20.0}, invariants.RATE),
-        *(({"status": value}, invariants.STATUS) for value in (-1, len(Status), 0.5)),
-        ({"controller": False}, invariants.CONTROLLER),
-        ({"pump": False}, invariants.PUMP),
-        ({"of_pump": False}, invariants.FAULTS),
-        ({"of_sensor": False}, invariants.FAULTS),
-        *(({"x": with_state(**{name: -1e-6})}, invariants.INSULIN_THERE) for name in ("I_B", "I_PI", "N")),
-        *(({"x": with_state(**{name: GLUCOSE - 20.0})}, invariants.GLUCOSE_THERE) for name in ("G_BV", "G_G")),
-        ({"x": with_state(G_BI=GLUCOSE - 75.0)}, invariants.GLUCOSE_THERE),  # 70 for the lightest person
-        *(({"x": with_state(**{name: -0.2})}, invariants.GLUCOSE_THERE) for name in ("G_L", "G_K", "G_PV", "G_PI")),
+        *(({"dose": value}, promises.DOSE) for value in (math.nan, math.inf, -1e-12, 66.9000001)),
+        *(({"command": value}, promises.COMMAND) for value in (-1e-9, 66.9000001)),
+        ({"command": 36.71, "word": 20.0}, promises.RATE),
+        ({"command": 3.29, "word": 20.0}, promises.RATE),
+        *(({"status": value}, promises.STATUS) for value in (-1, len(Status), 0.5)),
+        ({"in_controller": (jnp.asarray([3.0, math.nan]), jnp.asarray(3))}, promises.CONTROLLER),
+        ({"in_pump": {"rate": math.inf, "episode": clock(3.0, 0.0)}}, promises.PUMP),
+        *(
+            ({"in_pump": {"rate": 3.0, "episode": clock(until, 0.0)}}, promises.FAULTS)
+            for until in (math.nan, -math.inf)
+        ),
+        *(({"in_sensor": clock(0.0, age)}, promises.FAULTS) for age in (math.nan, math.inf, 0.5, -2.0)),
+        *(({"x": with_state(**{name: -1e-6})}, promises.INSULIN_THERE) for name in ("I_B", "I_PI", "N")),
+        *(({"x": with_state(**{name: GLUCOSE - 20.0})}, promises.GLUCOSE_THERE) for name in ("G_BV", "G_G")),
+        ({"x": with_state(G_BI=GLUCOSE - 75.0)}, promises.GLUCOSE_THERE),  # 70 for the lightest person
+        *(({"x": with_state(**{name: -0.2})}, promises.GLUCOSE_THERE) for name in ("G_L", "G_K", "G_PV", "G_PI")),
     ],
 )
 def test_each_breach_is_found_and_nothing_else(told, promise):
@@ -125,8 +121,8 @@ def test_each_breach_is_found_and_nothing_else(told, promise):
 
 def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
     assert broken_by(happened()) == set()
-    assert invariants.PATIENT in broken_by(happened(x=with_state(A_NHGP=math.nan)))
-    assert broken_by(happened(command=math.nan)) == {invariants.COMMAND, invariants.RATE}
+    assert promises.PATIENT in broken_by(happened(x=with_state(A_NHGP=math.nan)))
+    assert broken_by(happened(command=math.nan)) == {promises.COMMAND, promises.RATE}
     # a pump that says nothing, or nothing that can be meant, has no rate to keep to
     for word in (math.nan, math.inf, -1.0, 70.0):
         assert broken_by(happened(word=word)) == set()
@@ -135,7 +131,7 @@ def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
 
 
 def test_breaches_are_counted_and_dated():
-    fold, place = Promises(sound=sound), PROMISES.index(invariants.DOSE)
+    fold, place = Promises(sound=sound), PROMISES.index(promises.DOSE)
     kept = fold.init(jnp.asarray(GLUCOSE), jnp.asarray(20.0))
     low = jnp.asarray([80.0, 59.9, 70.0, 60.0, 50.0])
     for number, (dose, inside) in enumerate([(20.0, low), (-1.0, low), (20.0, low + 20.0), (-1.0, low)]):
@@ -154,56 +150,6 @@ def test_one_number_that_is_not_finite_is_seen_wherever_it_is(value):
     assert bool(all_finite(sound))
     assert not bool(all_finite({**sound, "a": sound["a"].at[2].set(value)}))
     assert not bool(all_finite({**sound, "b": value}))
-
-
-@pytree
-class Told:
-    """A pump and a sensor whose state is what they were made with."""
-
-    state: typing.Any
-
-    def init(self, value, key):
-        del value, key
-        return self.state
-
-    def deliver(self, state, command, key):
-        del key
-        return state, Delivery(insulin_mU_min=command, reported_mU_min=command)
-
-    def read(self, state, glucose, key):
-        del key
-        return state, Reading(glucose_mg_dl=glucose, valid=jnp.asarray(True))
-
-
-def clock(until, age):
-    return Episode(until=jnp.asarray(until), age=jnp.asarray(age))
-
-
-@pytest.mark.parametrize(
-    ("state", "sound", "clocks"),
-    [
-        ({"rate": 3.0, "episode": clock(math.inf, -1.0)}, True, True),
-        ({"rate": math.inf, "episode": clock(3.0, 0.0)}, False, True),
-        ({"rate": 3.0, "episode": clock(math.nan, 0.0)}, True, False),
-        ({"rate": 3.0, "episode": clock(-math.inf, 0.0)}, True, False),
-        *(({"rate": 3.0, "episode": clock(0.0, age)}, True, False) for age in (math.nan, math.inf, 0.5, -2.0)),
-    ],
-)
-def test_watched_parts_tell_what_is_wrong_with_them(state, sound, clocks):
-    key = jax.random.key(0)
-    _, delivery = WatchedPump(inner=Told(state=state)).deliver(state, jnp.asarray(5.0), key)
-    assert (bool(delivery.sound), bool(delivery.clocks)) == (sound, clocks)
-    _, reading = WatchedSensor(inner=Told(state=state)).read(state, jnp.asarray(90.0), key)
-    assert bool(reading.clocks) == clocks
-
-
-def test_a_watched_pump_does_as_the_one_inside():
-    key, inner = jax.random.key(3), occlusion(never(), LimitedPump())
-    state, watched = inner.init(jnp.asarray(20.0), key), WatchedPump(inner=inner)
-    (one, bare), (other, told) = inner.deliver(state, jnp.asarray(50.0), key), watched.deliver(state, 50.0, key)
-    jax.tree.map(np.testing.assert_array_equal, one, other)
-    assert (bare.insulin_mU_min, bare.reported_mU_min) == (told.insulin_mU_min, told.reported_mU_min)
-    assert bool(told.sound & told.clocks)
 
 
 # people, meals and faults
@@ -225,7 +171,7 @@ def test_faults_are_up_to_three_at_once_of_every_kind(faults):
     assert np.isnan(faults.settings["nonsense"]["value"]).any()
     assert sorted(faults.order.sensor) == sorted(set(KINDS) - set(PUMP_KINDS))
     for kind in KINDS:
-        never_begins = np.isinf(faults.earliest[kind]) & (faults.probability[kind] == 0.0)
+        never_begins = np.isinf(faults.episodes[kind].earliest) & (faults.episodes[kind].probability == 0.0)
         if kind != "resolution":
             np.testing.assert_array_equal(never_begins, ~faults.there[kind])
 
@@ -328,42 +274,47 @@ def closed():
         patch.setattr(campaign, "catalogue_controller", lambda name, patient: Rogue())
         patch.setattr(campaign, "horizon_min", lambda name: 300.0)
         patch.setattr(campaign, "WatchedLoops", once)
-        patch.setattr(campaign_loops, "block_size", lambda engine: 256)
-        yield lambda **given: run_campaign(Campaign(seed=5, controllers=("basal",), **given))
+        patch.setattr(campaign, "block_size", lambda engine: 256)
+        yield found
+
+
+def found(progress=lambda loops: None, **given):
+    """What a campaign of the controller `basal` found, as it is read back."""
+    return study.found(Verification(seed=5, controllers=("basal",), **given), progress).plain
 
 
 @pytest.mark.long
 def test_a_rogue_is_found_and_a_guard_makes_an_honest_controller_of_it(closed):
     result = closed(loops=600)
-    bare, guarded = result.arms
-    assert (result.loops, result.samples) == (600, 600 * 60)
-    assert (bare.loops, guarded.loops, bare.guarded, guarded.guarded) == (300, 300, False, True)
-    expected = {invariants.COMMAND, invariants.RATE, invariants.STATUS, invariants.CONTROLLER}
-    assert {promise for promise, count in bare.broken.items() if count} == expected
+    bare, guarded = result["arms"]
+    assert (result["loops"], result["samples"]) == (600, 600 * 60)
+    assert [(arm["loops"], arm["guarded"]) for arm in (bare, guarded)] == [(300, False), (300, True)]
+    expected = {promises.COMMAND, promises.RATE, promises.STATUS, promises.CONTROLLER}
+    assert {promise for promise, count in bare["broken"].items() if count} == expected
     # the pump keeps its limits whatever it is asked for, and a guard cleans what the rogue is told
-    assert not any(guarded.broken.values())
-    assert result.violations[SAME_BITS] == 0
-    assert result.repeated == 2 * math.ceil(300 / campaign.REPEATED)
-    assert not result.holds
-    assert result.guarding[0].pairs == 300
+    assert not any(guarded["broken"].values())
+    assert result["violations"][SAME_BITS] == 0
+    assert bare["repeated"] == guarded["repeated"] == math.ceil(300 / campaign.REPEATED)
+    assert not result["holds"]
+    assert result["guarding"][0]["pairs"] == 300
 
 
 def test_a_broken_loop_is_closed_again_by_its_person_alone(closed):
     told = {promise: [] for promise in PROMISES}
-    for broken in closed(loops=600).arms[0].told:
-        told[broken.promise].append(broken)
-    assert len(told[invariants.COMMAND]) == 10
-    broken = told[invariants.COMMAND][3]
-    assert any(fault.split(",")[0] in ("missing", "nonsense", "battery") for fault in broken.faults)
-    assert broken.faults == met("basal", 5, broken.person).faults
-    alone = closed(person=broken.person)
-    assert alone.loops == 2
-    again = next(of for of in alone.arms[0].told if of.promise == broken.promise)
+    for broken in closed(loops=600)["arms"][0]["told"]:
+        told[broken["promise"]].append(broken)
+    assert len(told[promises.COMMAND]) == 10
+    broken = told[promises.COMMAND][3]
+    assert any(fault.split(",")[0] in ("missing", "nonsense", "battery") for fault in broken["faults"])
+    assert broken["faults"] == circumstances_of("basal", 5, broken["person"])["faults"]
+    alone = closed(person=broken["person"])
+    assert alone["loops"] == 2
+    again = next(row for row in alone["arms"][0]["told"] if row["promise"] == broken["promise"])
     assert again == broken
 
 
 def test_other_bits_of_a_second_time_are_found(closed, monkeypatch):
-    real, calls = campaign_loops.bits_of, []
+    real, calls = campaign.bits_of, []
 
     def flip(arrays):
         calls.append(None)
@@ -371,19 +322,19 @@ def test_other_bits_of_a_second_time_are_found(closed, monkeypatch):
         # two blocks, and then some of them for the second time
         return bits if len(calls) != 3 else np.where(np.arange(bits.size) == 2, bits + np.uint64(1), bits)
 
-    monkeypatch.setattr(campaign_loops, "bits_of", flip)
+    monkeypatch.setattr(campaign, "bits_of", flip)
     result = closed(loops=600)
-    assert result.violations[SAME_BITS] == 1
-    assert len(result.arms[0].not_repeated) == 1
-    assert not result.holds
+    assert result["violations"][SAME_BITS] == 1
+    assert len(result["arms"][0]["not_repeated"]) == 1
+    assert not result["holds"]
 
 
 def test_a_single_bit_makes_other_bits():
     rows = np.random.default_rng(1).normal(size=(50, 40))
     other = rows.copy()
     other[np.arange(40) % 50, np.arange(40)] = np.nextafter(other[np.arange(40) % 50, np.arange(40)], np.inf)
-    assert np.all(campaign_loops.bits_of([rows]) != campaign_loops.bits_of([other]))
-    np.testing.assert_array_equal(campaign_loops.bits_of([rows]), campaign_loops.bits_of([rows[:20], rows[20:]]))
+    assert np.all(campaign.bits_of([rows]) != campaign.bits_of([other]))
+    np.testing.assert_array_equal(campaign.bits_of([rows]), campaign.bits_of([rows[:20], rows[20:]]))
 
 
 def test_an_interrupt_hands_back_what_is_done(closed):
@@ -391,23 +342,23 @@ def test_an_interrupt_hands_back_what_is_done(closed):
 
     def progress(number):
         told.append(number)
-        if len(told) == 2:
+        if sum(told) > 300:
             raise KeyboardInterrupt
 
-    result = run_campaign(Campaign(seed=5, controllers=("basal",), loops=600), progress)
-    assert result.interrupted
-    assert [arm.guarded for arm in result.arms] == [False]
-    assert result.loops == 300
+    result = closed(progress, loops=600)
+    assert result["interrupted"]
+    assert [arm["guarded"] for arm in result["arms"]] == [False]
+    assert result["loops"] == 300
 
 
 def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
-    pairs = Campaign(loops=100_000).pairs()
+    pairs = Verification(loops=100_000).people()
     assert sum(pairs.values()) >= 50_000
     assert 2 * sum(pairs.values()) < 100_020
     assert pairs["nlqdmc-se"] * 20 == pytest.approx(pairs["mpc"], abs=20)
     assert pairs["meal-mpc"] == pairs["nlqdmc-se"]
     assert len({count for name, count in pairs.items() if name not in ("nlqdmc-se", "meal-mpc")}) == 1
-    assert Campaign(loops=1, controllers=("nlqdmc-se",)).pairs() == {"nlqdmc-se": 1}
+    assert Verification(loops=1, controllers=("nlqdmc-se",)).people() == {"nlqdmc-se": 1}
 
 
 @pytest.mark.parametrize(
@@ -419,13 +370,18 @@ def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
         ({"seed": -1}, "seed is -1"),
         ({"person": 2**32}, "person is 4294967296"),
         ({"controllers": ("mcp",)}, "unknown controller 'mcp'"),
-        ({"controllers": ()}, "no controller to try"),
         ({"controllers": ("pid", "pid")}, "named twice"),
+        ({"patient": "parker"}, "unknown patient 'parker'"),
+        ({"nonsense": 0}, "nonsense is 0; give a whole number from 1"),
+        (
+            {"nonsense": 100, "controllers": ("nlqdmc-se",)},
+            "nlqdmc-se takes too long for nonsense in masses; give some",
+        ),
     ],
 )
 def test_what_cannot_be_tried_is_refused(given, told):
     with pytest.raises(ValueError, match=told):
-        Campaign(**given)
+        Verification(**given)
 
 
 def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
@@ -434,8 +390,8 @@ def test_a_person_without_a_basal_rate_is_refused(monkeypatch):
         return dataclasses.replace(drawn, feasible=np.zeros_like(drawn.feasible))
 
     monkeypatch.setattr(campaign, "draw_people", nobody)
-    with pytest.raises(ValueError, match="no basal rate holds person 3 of seed 1 at the setpoint; give another person"):
-        run_campaign(Campaign(seed=1, controllers=("basal",), person=3))
+    with pytest.raises(ValueError, match="no basal rate holds person 3 of seed 5 at the setpoint; give another person"):
+        found(person=3)
 
 
 def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
@@ -443,5 +399,5 @@ def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
         drawn = draw_people(seed, person, patient)
         return dataclasses.replace(drawn, feasible=np.asarray(person) % 2 == 1)
 
-    monkeypatch.setattr(campaign_people, "draw_people", odd)
+    monkeypatch.setattr(drawn, "draw_people", odd)
     np.testing.assert_array_equal(feasible_people(1, 700), 1 + 2 * np.arange(700))

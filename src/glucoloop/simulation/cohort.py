@@ -41,6 +41,14 @@ PER_NOMINAL: Final = 2
 """Steps of the people's integrator for each that the nominal patient needs; see `people_plant`."""
 
 
+@pytree
+class SampledInside(Sampled):
+    """Events of a sample, with the states of the loop before and after it."""
+
+    before: LoopState
+    after: LoopState
+
+
 class Fold(Protocol):
     """Reduction of the loop as it runs, in place of a trace; a pytree."""
 
@@ -48,7 +56,7 @@ class Fold(Protocol):
         """State at the start of the run."""
         ...
 
-    def step(self, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
+    def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
         """State after a sample, which was taken at the time `t_min`."""
         ...
 
@@ -298,7 +306,8 @@ class Cohort:
         (key, index), time = rng, shared.get("time_of_day_min")
         state, happened = sample(self._loop(own), carry.loop, moments, told, key, index, time)
         with jax.named_scope("metrics"):
-            fold = self._fold.step(carry.fold, happened, shared["t_min"])
+            inside = SampledInside(**vars(happened), before=carry.loop, after=state)
+            fold = self._fold.step(carry.fold, inside, shared["t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._tells_decisions:
             outputs += happened.reading.glucose_mg_dl, happened.decision.status

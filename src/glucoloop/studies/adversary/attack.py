@@ -1,9 +1,14 @@
-"""Closed loop with given sensor errors: many sequences of errors, on one person or on many, in one program."""
+"""Plausible sensor errors, and the closed loop with them: many sequences, on one person or on many, in one program.
+
+Errors are bounded in size, and in a few stretches the reading is stuck.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
+from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -13,6 +18,7 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop._pytree import pytree, static
+from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.engine import announced_to
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
@@ -28,7 +34,7 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
-from glucoloop.studies.adversary.space import ErrorSpace
+from glucoloop.threefry import uniforms
 
 Array = npt.NDArray[Any]
 
@@ -36,6 +42,71 @@ VERY_LOW_MG_DL: Final = 54.0
 """Clinically significant hypoglycaemia (Battelino et al., Diabetes Care 42(8), 2019)."""
 _LOWEST_PER_MIN: Final = 0.1
 """Weight of 1 mg/dl of the lowest glucose, in minutes below 54 mg/dl."""
+
+
+@dataclass(frozen=True)
+class ErrorSpace:
+    """All sequences of errors that a sensor may make.
+
+    A sequence is a point with coordinates from -1 to 1: the errors one after the other, each relative to the largest,
+    and then the moments at which the stuck stretches begin, from the first sample to the last. Refusal for a number out
+    of its bounds.
+    """
+
+    samples: int
+    error: float
+    """Largest relative error: 0.1 is 10 % of the true glucose."""
+    hold_samples: int = 3
+    """Number of samples for which an error stays the same."""
+    stretches: int = 3
+    """Number of stretches in which the reading is stuck."""
+    stretch_samples: int = 6
+    """Number of equal readings in each stretch."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
+            raise Refusal(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
+        for name, least in (("samples", 1), ("hold_samples", 1), ("stretches", 0), ("stretch_samples", 1)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise Refusal(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
+
+    @property
+    def pieces(self) -> int:
+        """Number of errors of a sequence, each of which holds for some samples."""
+        return -(-self.samples // self.hold_samples)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a point."""
+        return self.pieces + self.stretches
+
+    def centre(self, rng: np.random.Generator) -> Array:
+        """Point ``(dimension,)`` without any error, with the stuck stretches anywhere."""
+        return np.concatenate([np.zeros(self.pieces), rng.uniform(-1.0, 1.0, self.stretches)])
+
+    def random_points(self, seed: int, person: npt.NDArray[np.int64]) -> Array:
+        """Each person's own point, ``(n, dimension)``, drawn uniformly from a seed and the person's number."""
+        return np.stack([2.0 * uniforms(seed, "sensor error", person, i) - 1.0 for i in range(self.dimension)], axis=1)
+
+    def points_of(self, smaller: ErrorSpace, points: Array) -> Array:
+        """Points ``(..., dimension)`` of this space for those of one with smaller errors: the same sequences."""
+        if dataclasses.replace(smaller, error=self.error) != self or smaller.error > self.error:
+            raise Refusal(
+                f"sequences of {smaller} are not all in {self}; give a space of smaller errors, else the same"
+            )
+        ratio = smaller.error / self.error if self.error else 0.0
+        return np.concatenate([ratio * np.clip(points[..., : self.pieces], -1.0, 1.0), points[..., self.pieces :]], -1)
+
+    def errors(self, points: Array) -> Array:
+        """Relative error of each reading, ``(samples, n)``, of points ``(n, dimension)``, clipped to the bounds."""
+        pieces = self.error * np.clip(points[:, : self.pieces], -1.0, 1.0)
+        return np.repeat(pieces, self.hold_samples, axis=1)[:, : self.samples].T
+
+    def stuck_from(self, points: Array) -> Array:
+        """Sample at which each stuck stretch begins, ``(stretches, n)``."""
+        share = np.clip(0.5 * (points[:, self.pieces :] + 1.0), 0.0, 1.0)
+        return np.minimum(np.floor(share * self.samples), self.samples - 1.0).T
 
 
 @pytree
@@ -65,13 +136,11 @@ class _Fold:
     point_min: float = static()
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Harm:
-        """Values at the start of the run."""
         del insulin_mU_min
         zero = jnp.zeros_like(glucose_mg_dl)
         return Harm(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
 
     def step(self, kept: Harm, happened: Sampled, t_min: jax.Array) -> Harm:
-        """Include the time until the next sample."""
         del t_min
         inside = happened.inside_mg_dl
         below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
@@ -126,8 +195,8 @@ class Attack:
     def person(self, number: int | None) -> VirtualPeople:
         """A person of the population by number, or the nominal patient; Refusal for one without a basal rate."""
         trial = self._trial
-        of = trial.population if number is not None else population("nominal", patient=trial.patient.called)
-        drawn = virtual_people(of, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
+        drawn_from = trial.population if number is not None else population("nominal", patient=trial.patient.called)
+        drawn = virtual_people(drawn_from, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
         if not drawn.feasible.all():
             who = "the nominal patient" if number is None else f"person {number} of seed {trial.seed}"
             raise Refusal(f"no basal rate holds {who} at {trial.target_mg_dl:g} mg/dl; give another person or setpoint")
@@ -146,14 +215,14 @@ class Attack:
 
         The last set of lanes is filled up.
         """
-        n, one = errors.shape[1], who.draw.person.size == 1
-        none = np.zeros(0)
-        parts = [Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)]
-        for start in range(0, n, self.lanes):
-            place = np.arange(start, min(start + self.lanes, n))
-            lanes = np.resize(place, self.lanes)
-            parts.append(_first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), place.size))
-        harm: Harm = jax.tree.map(lambda *of: np.concatenate(of), *parts)
+        one, none = who.draw.person.size == 1, np.zeros(0)
+
+        def run(lanes: Array, n: int) -> Harm:
+            return _first(self._run(who, 0 * lanes if one else lanes, errors, stuck_from, lanes), n)
+
+        nobody = Harm(lowest_mg_dl=none, below_54_min=none, peak_mg_dl=none)
+        parts = in_blocks(run, np.arange(errors.shape[1]), self.lanes, threads=1)  # each set has all threads
+        harm: Harm = jax.tree.map(lambda *of_parts: np.concatenate(of_parts), nobody, *parts)
         return harm
 
     def trace(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> tuple[pl.DataFrame, Harm]:

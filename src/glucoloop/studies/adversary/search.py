@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.studies.adversary import GENERATIONS, Adversary
-from glucoloop.studies.adversary.attack import Attack, Harm
-from glucoloop.studies.adversary.space import ErrorSpace
+from glucoloop.studies.adversary.attack import Array, Attack, ErrorSpace, Harm
 from glucoloop.tuning.evolution import Evolution
 
-Array = npt.NDArray[Any]
 Judge = Callable[[Array, Array], Array]
 """Harm ``(n,)`` of sequences of errors ``(samples, n)`` with stuck stretches from the samples ``(stretches, n)`` on."""
 
@@ -41,15 +37,12 @@ class Worst:
     harm: Harm
     loop: pl.DataFrame
     """Course of the loop, see `Attack.trace`."""
-    tried: int
+    sequences: int
+    """Number of sequences that were tried."""
 
 
 def generations(
-    judge: Judge,
-    space: ErrorSpace,
-    effort: Adversary,
-    before: Sequence[Array] = (),
-    known: Array | None = None,
+    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), known: Array | None = None
 ) -> Iterator[Generation]:
     """Yield the generations of a search, each as soon as it is known; Refusal without the library of the search.
 

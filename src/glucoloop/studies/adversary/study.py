@@ -8,7 +8,6 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from glucoloop.cohorts.trial import Trial
@@ -26,9 +25,8 @@ from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary
-from glucoloop.studies.adversary.attack import VERY_LOW_MG_DL, Attack
+from glucoloop.studies.adversary.attack import VERY_LOW_MG_DL, Array, Attack, ErrorSpace
 from glucoloop.studies.adversary.search import Worst, generations, judge_of, random_errors, worst_of
-from glucoloop.studies.adversary.space import ErrorSpace
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.tuning.evolution import library
 
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = npt.NDArray[Any]
 
 
 class ErrorSearch(NamedTuple):
@@ -64,10 +60,7 @@ def _name(row: Mapping[str, Any]) -> str:
 def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
     """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones.
 
-    Raises
-    ------
-    Refusal
-        For a part of a sample, or a library that is missing.
+    Refusal for a part of a sample, or a library that is missing.
     """
     library()
     spaces = [
@@ -94,10 +87,7 @@ def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
     return {_name(search.key): search for searches in loops(asked) for search in searches}
 
 
-def notes(asked: Adversary) -> tuple[str, ...]:
-    """Sentence on boluses into a vein; what is missing is told before anything else."""
-    library()
-    return boluses_into_a_vein(asked)
+notes = boluses_into_a_vein
 
 
 class GenerationScores(NamedTuple):
@@ -111,12 +101,11 @@ class GenerationScores(NamedTuple):
 
 def rows(asked: Adversary) -> Rows[GenerationScores]:
     """Rows that are kept: the scores of each generation."""
-    searches = searches_of(asked)
-    most = {name: of.settings.generations or 0 for name, of in searches.items()}
+    most = {name: search.settings.generations or 0 for name, search in searches_of(asked).items()}
 
     def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
         found = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
-        number = sum(of.search == found.search for of in before)
+        number = sum(other.search == found.search for other in before)
         if not found.generation == number < most.get(found.search, 0) or found.score.shape != (asked.lanes,):
             raise Refusal("this is no generation of the search")
         return found
@@ -127,7 +116,7 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         wanted=sum(most.values()),
         most=sum(most.values()),
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
-        cells=lambda of: {**of._asdict(), "score": of.score.tolist()},
+        cells=lambda scores: {**scores._asdict(), "score": scores.score.tolist()},
         row=row,
         width=asked.lanes,
         longest_text=1000,  # the name of a search
@@ -152,18 +141,18 @@ class AdversarySearch:
                 attack = Attack(first.trial, controller, first.space, lanes=first.settings.lanes)
                 who = attack.person(self._asked.person)
             smaller: tuple[ErrorSpace, Array] | None = None
-            for of in searches:
-                name = _name(of.key)
+            for one in searches:
+                name = _name(one.key)
                 before = [row.score for row in rows if row.search == name]
-                known = None if smaller is None else of.space.points_of(*smaller)
-                for generation in generations(judge_of(attack, who), of.space, of.settings, before, known):
+                known = None if smaller is None else one.space.points_of(*smaller)
+                for generation in generations(judge_of(attack, who), one.space, one.settings, before, known):
                     if generation.number >= len(before):
                         yield GenerationScores(name, generation.number, generation.score)
-                smaller = of.space, generation.best
-                worst = worst_of(attack, who, of.space, generation)
-                self._numbers.append(_numbers(of, worst, attack, who))
+                smaller = one.space, generation.best
+                worst = worst_of(attack, who, one.space, generation)
+                self._numbers.append(_numbers(one, worst, attack, who))
                 self._loops.append(
-                    worst.loop.select(*(pl.lit(value).alias(key) for key, value in of.key.items()), pl.all())
+                    worst.loop.select(*(pl.lit(value).alias(key) for key, value in one.key.items()), pl.all())
                 )
 
     def found(self, rows: Sequence[GenerationScores]) -> Findings:
@@ -178,19 +167,20 @@ class AdversarySearch:
 search = AdversarySearch
 
 
-def _numbers(of: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) -> dict[str, Any]:
+def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) -> dict[str, Any]:
     """Numbers of one search, with those without errors, and with random ones of the same size on the people."""
-    never = np.full((of.space.stretches, 1), float(of.space.samples))
-    without = attack.harm(who, np.zeros((of.space.samples, 1)), never)
-    random = random_errors(attack, of.space, of.trial.people, of.settings.search_seed)
+    space, trial = search.space, search.trial
+    never = np.full((space.stretches, 1), float(space.samples))
+    without = attack.harm(who, np.zeros((space.samples, 1)), never)
+    random = random_errors(attack, space, trial.people, search.settings.search_seed)
     people = random.lowest_mg_dl.size
     return {
-        **of.key,
+        **search.key,
         "below_54_min": worst.harm.below_54_min.item(),
         "lowest_mg_dl": worst.harm.lowest_mg_dl.item(),
         "peak_mg_dl": worst.harm.peak_mg_dl.item(),
-        "stuck_from_min": (worst.stuck_from * of.trial.sample_time_min).tolist(),
-        "sequences_tried": worst.tried,
+        "stuck_from_min": (worst.stuck_from * trial.sample_time_min).tolist(),
+        "sequences_tried": worst.sequences,
         "random_people": people,
         "random_ever_below_54_pct": 100.0 * float((random.below_54_min > 0.0).mean()) if people else None,
         "random_lowest_mg_dl": float(random.lowest_mg_dl.min()) if people else None,
@@ -226,18 +216,15 @@ def _title(asked: Adversary) -> str:
 
 def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
     """Conclusions from the numbers."""
-    of = found.plain["searches"]
-    tried = sum(row["sequences_tried"] for row in of)
-    yield f"{_title(asked)}; {tried} sequences were tried. Worse errors may exist: a search does not prove a bound."
-    yield (
-        f"Random errors: of the same size, drawn uniformly, on {of[0]['random_people']} people of "
-        f"{asked.population.name}."
-    )
+    searches = found.plain["searches"]
+    number, people = sum(row["sequences_tried"] for row in searches), searches[0]["random_people"]
+    yield f"{_title(asked)}; {number} sequences were tried. Worse errors may exist: a search does not prove a bound."
+    yield f"Random errors: of the same size, drawn uniformly, on {people} people of {asked.population.name}."
 
 
 def drawn(asked: Adversary, found: Findings) -> dict[str, bytes]:
     """Figure of the worst loops, by the names of its files."""
-    return figure_files("worst", plot_adversary(found, title=_title(asked)))
+    return figure_files("worst", plot_adversary(found, _title(asked)))
 
 
 _ROW_MM: Final = 52.0
@@ -251,7 +238,7 @@ _STATUS: Final = {
 """Label and colour of each status of a guard."""
 
 
-def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
+def plot_adversary(found: Findings, title: str) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
@@ -259,15 +246,17 @@ def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
     """
     worst, searches = found.tables["worst.parquet"], found.plain["searches"]
     loops = zip(searches, worst.partition_by("controller", "guarded", "error_pct", maintain_order=True), strict=True)
-    rows = [list(of) for _, of in groupby(loops, lambda of: _called(of[0]))]
+    rows = [list(of_controller) for _, of_controller in groupby(loops, lambda loop: _called(loop[0]))]
     figure = _style.new_figure("double", 18.0 + _ROW_MM * len(rows), title)
     ratios = [2.2, 1.0] * len(rows)
     panels = figure.subplots(
         2 * len(rows), len(rows[0]), squeeze=False, sharex=True, sharey="row", height_ratios=ratios
     )
-    entries: dict[str, Artist] = {}
+    t_min = np.unique(worst["t_min"])
+    edges = np.append(t_min, 2.0 * t_min[-1] - t_min[-2])
     highest = 1.05 * float(np.nanmax(worst.select("glucose_mg_dl", "reading_mg_dl").to_numpy()))
     most = 1.05 * float(worst["insulin_mU_min"].to_numpy().max())
+    entries: dict[str, Artist] = {}
     for above, below, row in zip(panels[::2], panels[1::2], rows, strict=True):
         above[0].set(ylabel="Glucose\n(mg/dl)", ylim=(0.0, highest))
         below[0].set(ylabel="Insulin\n(mU/min)", ylim=(0.0, most))
@@ -275,25 +264,18 @@ def plot_adversary(found: Findings, *, title: str | None = None) -> Figure:
             below_min, lowest = (column.value_text(numbers) for column in _COLUMNS[:2])
             name = f"{_name(numbers)}\n{below_min} min below 54, lowest {lowest} mg/dl"
             glucose.set_title(name, fontsize=FONT_PT, loc="left")
-            entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop)
-    horizon = float(_edges(worst)[-1])
-    divisor, unit, _ = _style.time_axis(horizon, "double")
-    _, _, tick = _style.time_axis(horizon, "single")
+            entries |= _draw_glucose(glucose, loop) | _draw_insulin(insulin, loop, edges)
+    divisor, unit, _ = _style.time_axis(edges[-1], "double")
+    _, _, tick = _style.time_axis(edges[-1], "single")
     for axes in panels.ravel():
         _style.dress(axes)
-        axes.set_xlim(0.0, horizon)
+        axes.set_xlim(0.0, edges[-1])
         axes.xaxis.set_major_locator(_style.every(tick * divisor))
         axes.xaxis.set_major_formatter(lambda value, place: f"{value / divisor:g}")
     for axes in panels[-1]:
         axes.set_xlabel(f"Time ({unit})")
     _style.add_legend(figure, list(entries.values()), list(entries), "double")
     return figure
-
-
-def _edges(loop: pl.DataFrame) -> Array:
-    """Times of the samples, and of the horizon."""
-    t_min = np.unique(loop["t_min"])
-    return np.append(t_min, 2.0 * t_min[-1] - t_min[-2])
 
 
 def _draw_glucose(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
@@ -308,12 +290,12 @@ def _draw_glucose(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
     }
 
 
-def _draw_insulin(axes: Axes, loop: pl.DataFrame) -> dict[str, Artist]:
-    edges, insulin = _edges(loop), loop["insulin_mU_min"].to_numpy()
+def _draw_insulin(axes: Axes, loop: pl.DataFrame, edges: Array) -> dict[str, Artist]:
     entries: dict[str, Artist] = {}
     for status, (label, colour) in _STATUS.items():
         for sample in np.flatnonzero(loop["status"] == status):
-            of_sample = edges[sample], edges[sample + 1]
-            entries[label] = axes.axvspan(*of_sample, color=colour, alpha=0.45, linewidth=0.0)
+            during = edges[sample], edges[sample + 1]
+            entries[label] = axes.axvspan(*during, color=colour, alpha=0.45, linewidth=0.0)
+    insulin = loop["insulin_mU_min"].to_numpy()
     entries["insulin"] = axes.stairs(insulin, edges, color=OKABE_ITO[0], linewidth=1.1, baseline=None)
     return entries

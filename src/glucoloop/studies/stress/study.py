@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cohorts.engine import prepare
 from glucoloop.parts.faults import FAULTS
-from glucoloop.printable import how_many, percent
+from glucoloop.printable import how_many, percent, the_first
 from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table, whole_glucose
 from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
@@ -32,18 +31,17 @@ if TYPE_CHECKING:
 
 __all__ = ["drawn", "found", "notes", "sentences", "tables", "trial_of"]
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
+_ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
+"""Acts of a guard on a reading or a dose, by the names of their columns."""
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
 
-
-def notes(asked: StressTest) -> tuple[str, ...]:
-    """Sentence on boluses into a vein."""
-    return boluses_into_a_vein(asked)
+notes = boluses_into_a_vein
 
 
 def found(asked: StressTest, folder: TrialFolder) -> Findings:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
-    cells, people, base = cells_of(asked), people_table(folder.people()), asked.base
+    cells, people, base = list(cells_of(asked)), people_table(folder.people()), asked.base
     table = cell_table(cells, people, folder.trial.samples)
     prepared = prepare(folder.trial)
     reasons = [
@@ -71,36 +69,27 @@ def found(asked: StressTest, folder: TrialFolder) -> Findings:
     return Findings(plain, {"stress.csv": table, "stress.parquet": table})
 
 
-@dataclass(frozen=True)
 class Grid:
     """The cells of a stress test in their places."""
 
-    rows: dict[StressCell, Row]
-
-    @classmethod
-    def of(cls, found: Findings) -> Grid:
-        """The cells of a test."""
-        return cls({StressCell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows})
-
-    @property
-    def controllers(self) -> list[str]:
-        """Labels of the controllers."""
-        return list(dict.fromkeys(cell.controller for cell in self.rows))
-
-    @property
-    def guards(self) -> list[bool]:
-        """Whether there is a guard, for each time that a controller is tried."""
-        return sorted({cell.guarded for cell in self.rows})
-
-    @property
-    def names(self) -> dict[str, str]:
-        """Short name of each fault, that of no fault first."""
+    def __init__(self, found: Findings) -> None:
+        self.rows = {StressCell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows}
+        self.controllers = list(dict.fromkeys(cell.controller for cell in self.rows))
+        self.guards = sorted({cell.guarded for cell in self.rows})
         faults = dict.fromkeys(cell.fault for cell in self.rows if cell.fault != NO_FAULT)
-        return {NO_FAULT: "no fault", **short_names(list(faults))}
+        self.names = {NO_FAULT: "no fault", **short_names(list(faults))}
+        """Short name of each fault, that of no fault first."""
 
     def pair(self, controller: str, fault: str) -> list[Row]:
         """A controller under a fault, without and with the guard, as far as they were tried."""
         return [self.rows[StressCell(controller, guarded, fault)] for guarded in self.guards]
+
+    def sections(self) -> list[tuple[str, list[tuple[str, list[Row]]]]]:
+        """Each controller with the pairs of all faults."""
+        return [
+            (controller, [(name, self.pair(controller, fault)) for fault, name in self.names.items()])
+            for controller in self.controllers
+        ]
 
     def under_faults(self, guarded: bool) -> list[Row]:
         """All cells with a fault, those that increase the time below 60 mg/dl most first."""
@@ -110,11 +99,7 @@ class Grid:
 
 def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
     """A section for each controller and a line for each fault, without and with the guard side by side."""
-    grid = Grid.of(found)
-    sections = [
-        (controller, [(name, grid.pair(controller, fault)) for fault, name in grid.names.items()])
-        for controller in grid.controllers
-    ]
+    grid = Grid(found)
     which = (
         "In each pair a|b, a is without the guard and b with it."
         if len(grid.guards) > 1
@@ -122,7 +107,7 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
     )
     yield terminal_table(
         "Fault",
-        sections,
+        grid.sections(),
         COLUMNS,
         caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
@@ -135,17 +120,17 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
 def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
     """Conclusions, and the reasons why people were worse off with the guard."""
     yield from conclusions(found)
-    names = Grid.of(found).names
-    for of in found.plain["reasons"]:
+    names = Grid(found).names
+    for reason in found.plain["reasons"]:
         yield (
-            f"{of['controller']} under {names[of['fault']]}, with the guard: person {of['person']}, below 60 mg/dl for "
-            f"{percent(of['more_pct'])} of the run longer. {of['text']}"
+            f"{reason['controller']} under {names[reason['fault']]}, with the guard: person {reason['person']}, below "
+            f"60 mg/dl for {percent(reason['more_pct'])} of the run longer. {reason['text']}"
         )
 
 
 def conclusions(found: Findings) -> Iterator[str]:
     """Conclusions in sentences; every number is computed."""
-    grid = Grid.of(found)
+    grid = Grid(found)
     yield from _left_out(found)
     if found.plain["able"]:
         yield from _passing(grid) if len(grid.names) > 1 else ["No fault was tried."]
@@ -157,37 +142,37 @@ def conclusions(found: Findings) -> Iterator[str]:
 
 def _left_out(found: Findings) -> Iterator[str]:
     """Sentences on people who are in no cell, or not in all."""
-    people, able = found.plain["people"], found.plain["able"]
-    if missing := people - able:
+    people, feasible = found.plain["people"], found.plain["able"]
+    if missing := people - feasible:
         yield (
             f"{missing} of {how_many(people, 'person', 'people')} {'has' if missing == 1 else 'have'} no basal rate "
             f"for the setpoint and {'was' if missing == 1 else 'were'} left out."
         )
-    lost = {cell: row for cell, row in Grid.of(found).rows.items() if row["people"] < able}
+    lost = {cell: row for cell, row in Grid(found).rows.items() if row["people"] < feasible}
     if lost:
         cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
         yield (
             f"In {len(lost)} of {len(found.rows)} combinations the glucose of some people, "
-            f"{able - lost[cell]['people']} of {how_many(able, 'person', 'people')} at most ({cell.label}), did not "
-            "stay a finite number, with or without the fault; they are in no number there."
+            f"{feasible - lost[cell]['people']} of {how_many(feasible, 'person', 'people')} at most ({cell.label}), "
+            "did not stay a finite number, with or without the fault; they are in no number there."
         )
 
 
 def _passing(grid: Grid) -> Iterator[str]:
-    told: list[str] = []
+    texts: list[str] = []
     for guarded in reversed(grid.guards):
         known = [row for row in grid.under_faults(guarded) if row["people"]]
         passing = f"{GUARDS[guarded].capitalize()}, {sum(not row['worse'] for row in known)} of {len(known)}"
-        told.append(
+        texts.append(
             f"{passing} passed."
-            if told
+            if texts
             else f"{passing} combinations of a controller and a fault passed: with the fault, nobody's time below "
             f"60 mg/dl was longer by more than {MOST_MORE_PCT:g} % of the run than without it."
         )
     unknown = sum(not row["people"] for row in grid.under_faults(grid.guards[-1]))
     if unknown:
-        told.append(f"In {how_many(unknown, 'further combination')} nobody could take part.")
-    yield " ".join(told)
+        texts.append(f"In {how_many(unknown, 'further combination')} nobody could take part.")
+    yield " ".join(texts)
 
 
 def _failing(grid: Grid) -> Iterator[str]:
@@ -218,18 +203,20 @@ def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
 
 def _without_a_fault(grid: Grid) -> Iterator[str]:
     """Sentences on the effect of the guard without a fault."""
-    told, acts = [], []
+    texts, acts = [], []
     for controller in grid.controllers:
         pair = [row for row in grid.pair(controller, NO_FAULT) if row["people"]]
         if pair:
             below = _change([percent(row["below_60_worst_pct"]) for row in pair])
-            told.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
-            acts += [f"{percent(_acted_pct(row))} with {controller}" for row in pair if row["guarded"]]
-    if told:
+            texts.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
+            # each sample has one status
+            acted = [sum(float(row[f"{act}_pct"]) for act in _ACTS) for row in pair if row["guarded"]]
+            acts += [f"{percent(share)} with {controller}" for share in acted]
+    if texts:
         how = " (without → with the guard)" if len(grid.guards) > 1 else ""
         yield (
             "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest glucose in "
-            f"mg/dl{how}, were {'; '.join(told)}."
+            f"mg/dl{how}, were {'; '.join(texts)}."
             + (f" The guard then acted at this percentage of the samples: {'; '.join(acts)}." if acts else "")
         )
 
@@ -246,11 +233,6 @@ def _beyond_the_model(grid: Grid) -> Iterator[str]:
         )
 
 
-def _acted_pct(row: Row) -> float:
-    """Percentage of samples at which the guard acted on the reading or the dose; each sample has one status."""
-    return sum(float(row[f"{act}_pct"]) for act in ("rejected", "fallback", "suspended", "dose_limited"))
-
-
 def _change(texts: Sequence[str]) -> str:
     return texts[0] if len(set(texts)) == 1 else " → ".join(texts)
 
@@ -265,14 +247,12 @@ def worse_text(row: Row) -> str:
 
 def worse_people_text(row: Row) -> str:
     """Numbers of the people who were worse off, shortened if there are many."""
-    people = row["worse_people"]
-    told = ", ".join(map(str, people[:_MOST_NAMED]))
-    return f"{told} and {len(people) - _MOST_NAMED} more" if len(people) > _MOST_NAMED else told
+    return the_first([str(person) for person in row["worse_people"]], _MOST_NAMED)
 
 
 def maps(found: Findings) -> list[HeatMap]:
     """Longest time of a person below 60 mg/dl, without the guard and with it: faults in rows, controllers across."""
-    grid = Grid.of(found)
+    grid = Grid(found)
     faults = {name: fault for fault, name in grid.names.items()}
     longest = next(column for column in COLUMNS if column.name == "below_60_worst_pct")
 
@@ -281,7 +261,7 @@ def maps(found: Findings) -> list[HeatMap]:
             row = grid.rows[StressCell(controller, guarded, faults[name])]
             lines = [f"{controller}, {name}, {GUARDS[guarded]}"]
             for group, columns in headings(COLUMNS):
-                lines.append(f"{group}: {', '.join(f'{of.head} {of.value_text(row)}' for of in columns)}")
+                lines.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
             mark = f"▲{row['worse']}" if row["worse"] else ""
             return HeatCell(shade_of(row[longest.name]), longest.value_text(row), mark, "\n".join(lines))
 
@@ -303,26 +283,25 @@ def plot_stress(found: Findings, *, title: str | None = None, width: Width = "do
 
 def page(asked: StressTest, found: Findings) -> str:
     """The page of a stress test: one file that needs neither network nor script."""
-    grid, of = Grid.of(found), maps(found)
+    grid, heat_maps = Grid(found), maps(found)
     files = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
-    reasons = {(of["controller"], of["fault"]): of for of in found.plain["reasons"]}
+    reasons = {(reason["controller"], reason["fault"]): reason for reason in found.plain["reasons"]}
     failing = [row for row in grid.under_faults(True) if row["worse"]]
     values: dict[str, Any] = {
         "grid": grid,
         "guards": GUARDS,
         "people": max(row["people"] for row in found.rows),
         "most_more_pct": f"{MOST_MORE_PCT:g}",
-        "maps": of,
-        "shades": legend_shades(of),
+        "maps": heat_maps,
+        "shades": legend_shades(heat_maps),
         "reasons": [(row, grid.names[row["fault"]], reasons[row["controller"], row["fault"]]) for row in failing],
         "worse_text": worse_text,
         "worse_people_text": worse_people_text,
         "bodies": {
             controller: [
-                (name, [("with" if row["guarded"] else "without", row) for row in grid.pair(controller, fault)])
-                for fault, name in grid.names.items()
+                (name, [("with" if row["guarded"] else "without", row) for row in pair]) for name, pair in lines
             ]
-            for controller in grid.controllers
+            for controller, lines in grid.sections()
         },
         "columns": COLUMNS,
         "faults": [(name, FAULTS.choose(fault)) for fault, name in grid.names.items() if fault != NO_FAULT],

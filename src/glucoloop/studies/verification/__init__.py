@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+import math
+from typing import Annotated, ClassVar, Final
 
-from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
 
-if TYPE_CHECKING:
-    from glucoloop.studies.verification.campaign import Campaign
-    from glucoloop.studies.verification.nonsense import NonsenseCheck
-
 USUAL_LOOPS: Final = 100_000
-MOST_LOOPS: Final = 1_000_000_000
-MOST_SAMPLES: Final = 100_000_000_000
+SLOW_SHARE: Final = 0.05
+"""Number of loops of a slow controller for each loop of another one."""
+NONSENSE_SAMPLES: Final = 96
+"""Number of samples of a loop of a nonsense test."""
 _ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more."
 _key = functools.partial(Option, panel="Campaign")
 
@@ -35,7 +34,7 @@ class Verification(Part):
             "Smallest number of loops; each controller has as many with a guard as without.",
             default=f"{USUAL_LOOPS}",
             at_least=1,
-            at_most=MOST_LOOPS,
+            at_most=1_000_000_000,
         ),
     ] = None
     seed: Annotated[int, _key("The same seed gives the same loops.", at_least=0, at_most=LARGEST_SEED)] = 1
@@ -51,7 +50,7 @@ class Verification(Part):
             "check doses and caps.",
             metavar="SAMPLES",
             at_least=1,
-            at_most=MOST_SAMPLES,
+            at_most=100_000_000_000,
         ),
     ] = None
 
@@ -64,24 +63,32 @@ class Verification(Part):
             raise Refusal("--loops and --nonsense exclude one another; leave one out")
         if self.nonsense is not None and self.patient != USUAL_PATIENT.name:
             raise Refusal("--nonsense has no patient at all; leave --patient out")
+        patient_entry(self.patient)
+        for name in self.controllers:
+            if controller_entry(name).slow and self.nonsense is not None:
+                quick = [name for name, entry in CONTROLLERS.items() if not entry.slow]
+                raise Refusal(f"{name} takes too long for nonsense in masses; give some of {', '.join(quick)}")
 
-    def definition(self) -> Campaign | NonsenseCheck:
-        """The campaign or the nonsense test; making it imports JAX.
+    def people(self) -> dict[str, int]:
+        """Number of people for each controller: each makes a loop with a guard and one without.
 
-        Raises
-        ------
-        Refusal
-            For an unknown patient or controller.
+        In a nonsense test, the number of loops for each.
         """
-        from glucoloop.studies.verification.campaign import Campaign
-        from glucoloop.studies.verification.nonsense import NonsenseCheck
-
-        chosen: dict[str, Any] = {"controllers": self.controllers} if self.controllers else {}
+        every = (name for name, entry in CONTROLLERS.items() if self.nonsense is None or not entry.slow)
+        names = self.controllers or tuple(every)
+        if self.person is not None:
+            return dict.fromkeys(names, 1)
         if self.nonsense is not None:
-            return NonsenseCheck(seed=self.seed, samples=self.nonsense, loop=self.person, **chosen)
-        if self.loops is not None:
-            chosen["loops"] = self.loops
-        return Campaign(seed=self.seed, patient=self.patient, person=self.person, **chosen)
+            return dict.fromkeys(names, math.ceil(self.nonsense / (NONSENSE_SAMPLES * len(names))))
+        shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in names}
+        pairs = (self.loops or USUAL_LOOPS) / sum(shares.values()) / 2.0
+        return {name: max(1, math.ceil(pairs * share - 1e-9)) for name, share in shares.items()}
+
+    def repeat(self, controller: str, person: int) -> str:
+        """Command that repeats the loops of a person, or a loop of a nonsense test."""
+        kind = "" if self.patient == USUAL_PATIENT.name else f"--patient {self.patient} "
+        kind = kind if self.nonsense is None else "--nonsense 1 "
+        return f"glucoloop verify {kind}--seed {self.seed} --controller {controller} --person {person}"
 
 
 VERIFY: Final = PlainStudy(

@@ -7,95 +7,61 @@ controller. So a loop has a name, by which it can be repeated to the bit.
 
 from __future__ import annotations
 
-import math
 import zlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
+import jax
 import numpy as np
+import numpy.typing as npt
 
+from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
+from glucoloop.control.guard import guard_settings_of
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.designs import controller_of, with_guard
+from glucoloop.experiments.random_keys import keys_of_people
+from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.parts.guard import guard_of
 from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
+from glucoloop.patients.model import patient_model
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
-from glucoloop.studies.verification import MOST_LOOPS, USUAL_LOOPS
-from glucoloop.studies.verification.invariants import PROMISES
-from glucoloop.studies.verification.loops import Array, Closed, Numbers, Progress, WatchedLoops
-from glucoloop.studies.verification.people import draw_people, draw_random_meals, feasible_people, population_of
-from glucoloop.studies.verification.random_faults import SAMPLE_MIN, Order, random_faults, random_order
-from glucoloop.studies.verification.result import Arm, Broken, CampaignResult, Guarding
-from glucoloop.threefry import checked_counter
+from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.studies.verification import Verification
+from glucoloop.studies.verification.caps import Caps
+from glucoloop.studies.verification.drawn import (
+    SAMPLE_MIN,
+    Floats,
+    Numbers,
+    Order,
+    RandomFaults,
+    draw_people,
+    draw_random_meals,
+    feasible_people,
+    populations_in_turn,
+    random_faults,
+    random_order,
+)
+from glucoloop.studies.verification.promises import PROMISES, Promises
 
 HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
 """Length of a loop of a slow controller."""
-SLOW_SHARE: Final = 0.05
-"""Number of loops of a slow controller for each loop of another one."""
 REPEATED: Final = 8
 """Number of loops among which one is repeated, in another order and other blocks."""
+MARGIN_PCT: Final = 1.0
+"""Smallest difference between a loop with the guard and without it that counts, in percent of the time."""
+LISTED: Final = 10
+"""Number of broken loops that are listed for each promise and controller."""
 _OTHERS: Final = 1_000_000_000
 """Range of numbers over which controllers of other packages are spread by their names."""
-_TOLD: Final = 10
-"""Number of broken loops that are listed for each promise and arm."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
-    """Definition of a campaign.
-
-    Without a person it has as many people as necessary.
-
-    Parameters
-    ----------
-    loops : int
-        Smallest number of loops.
-    seed : int
-    controllers : tuple of str
-    patient : str
-    person : int, optional
-        Number of the only person, whose loops are closed.
-
-    Raises
-    ------
-    ValueError
-        For a number of loops out of bounds, a seed or person that does not exist, or an unknown controller.
-    """
-
-    loops: int = USUAL_LOOPS
-    seed: int = 1
-    controllers: tuple[str, ...] = tuple(CONTROLLERS)
-    patient: str = USUAL_PATIENT.name
-    person: int | None = None
-
-    def __post_init__(self) -> None:
-        if isinstance(self.loops, bool) or not isinstance(self.loops, int) or not 1 <= self.loops <= MOST_LOOPS:
-            raise Refusal(f"loops is {self.loops!r}; give a whole number from 1 to {MOST_LOOPS}")
-        checked_counter("seed", self.seed)
-        patient_entry(self.patient)
-        if self.person is not None:
-            checked_counter("person", self.person)
-        for name in self.controllers:
-            controller_entry(name)
-        if not self.controllers:
-            raise Refusal(f"there is no controller to try; give at least one of {', '.join(CONTROLLERS)}")
-        if len(set(self.controllers)) < len(self.controllers):
-            raise Refusal(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
-
-    def pairs(self) -> dict[str, int]:
-        """Number of people for each controller; each person makes a loop with a guard and one without."""
-        if self.person is not None:
-            return dict.fromkeys(self.controllers, 1)
-        shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in self.controllers}
-        return {
-            name: max(1, math.ceil(self.loops * share / sum(shares.values()) / 2.0 - 1e-9))
-            for name, share in shares.items()
-        }
+Progress = Callable[[int], None]
+"""Callback with each number of finished loops."""
 
 
 def horizon_min(controller: str) -> float:
@@ -104,45 +70,27 @@ def horizon_min(controller: str) -> float:
 
 
 def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
-    """A controller as the catalogue has it, for a nominal patient and readings without noise.
-
-    Raises
-    ------
-    ValueError
-        For an unknown controller or patient.
-    """
+    """A controller as the catalogue has it, for a nominal patient and readings without noise."""
     situation = usual_situation(patient)
     return controller_of(situation, usual_case(name, situation))
 
 
-@dataclass(frozen=True)
-class Met:
-    """A person, with the meals and faults under a controller."""
+def circumstances_of(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.name) -> dict[str, Any]:
+    """A person of a campaign, with the meals and faults under a controller, as plain values.
 
-    population: str
-    basal_insulin_mU_min: float
-    meals: tuple[tuple[float, float], ...]
-    """Minute and carbohydrate in g of each meal."""
-    noise_variance: float
-    noise_bound_mg_dl: float
-    faults: tuple[str, ...]
-    """Faults in the form of `glucoloop run --fault`."""
-
-
-def met(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.name) -> Met:
-    """A person of a campaign, with the meals and faults under a controller."""
-    horizon = horizon_min(controller)
+    Meals are pairs of the minute and the carbohydrate in g; faults have the form of `glucoloop run --fault`.
+    """
+    horizon, populations = horizon_min(controller), populations_in_turn(patient)
     faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
     drawn = draw_random_meals(seed, [person], horizon)
-    eaten = sorted((float(t), float(g)) for t, g in zip(drawn.t_min[:, 0], drawn.carbs_g[:, 0], strict=True) if g > 0.0)
-    return Met(
-        population=population_of(person, patient).name,
-        basal_insulin_mU_min=float(draw_people(seed, [person], patient).basal_insulin_mU_min[0]),
-        meals=tuple(eaten),
-        noise_variance=float(faults.noise_variance[0]),
-        noise_bound_mg_dl=float(faults.noise_bound_mg_dl[0]),
-        faults=tuple(faults.texts(0)),
-    )
+    return {
+        "population": populations[person % len(populations)].name,
+        "basal_insulin_mU_min": float(draw_people(seed, [person], patient).basal_insulin_mU_min[0]),
+        "meals": sorted((float(t), float(g)) for t, g in zip(drawn.t_min[:, 0], drawn.carbs_g[:, 0], strict=True) if g),
+        "noise_variance": float(faults.noise_variance[0]),
+        "noise_bound_mg_dl": float(faults.noise_bound_mg_dl[0]),
+        "faults": faults.texts(0),
+    }
 
 
 def _order(seed: int, controller: str) -> Order:
@@ -152,113 +100,160 @@ def _order(seed: int, controller: str) -> Order:
     return random_order(seed, names.index(controller) if controller in names else other)
 
 
-def run_campaign(campaign: Campaign, progress: Progress | None = None) -> CampaignResult:
-    """Carry out a campaign.
+class Closed(NamedTuple):
+    """Results of people under one controller, of whom the last axis is."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-    progress : callable, optional
-        Called with each number of finished loops. If it raises KeyboardInterrupt, the campaign ends early and returns
-        the results so far, marked as interrupted.
+    broken: Floats
+    """(promises, n) number of samples at which each was broken."""
+    first_min: Floats
+    """(promises, n) time at which each was first broken."""
+    below_60_pct: Floats
+    """(n,) percentage of the time below 60 mg/dl."""
+    bits: npt.NDArray[np.uint64]
+    """(n,) hash of all observations: equal for equal bits."""
 
-    Raises
-    ------
-    ValueError
-        If the person asked for has no basal rate.
+
+class WatchedLoops:
+    """The loops of one controller, with a guard or without."""
+
+    def __init__(self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation) -> None:
+        self._situation, self._seed, self._order = situation, seed, order
+        self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
+        guard = guard_settings_of(controller)
+        example = draw_people(seed, np.arange(2), situation.patient.called)
+        faults = random_faults(order, seed, np.arange(2), self._grid.samples)
+        self.loop = PeopleLoop(
+            situation,
+            controller,
+            example,
+            self._grid,
+            Promises(
+                limits=limits,
+                sound=patient_model(situation.patient.called).sound,
+                caps=None if guard is None else Caps(settings=guard, limits=limits),
+            ),
+            meals=None,
+            own=with_basal_of_each(controller),
+            around=self._around(faults, 0),
+            varied=self._around(faults),
+        )
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each loop."""
+        return self._grid.samples
+
+    def _around(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
+        return Surroundings(
+            sensor=faults.sensor(person=person), pump=faults.pump(self._situation.limits, person=person)
+        )
+
+    def close(self, person: Numbers, progress: Progress = lambda loops: None) -> Closed:
+        """Simulate the loops of people."""
+        parts = in_blocks(self._block, person, block_size(self.loop.engine), done=progress)
+        return Closed(*(np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*parts, strict=True)))
+
+    def _block(self, person: Numbers, n: int) -> Closed:
+        faults = random_faults(self._order, self._seed, person, self.samples)
+        with one_at_a_time:
+            drawn = draw_people(self._seed, person, self._situation.patient.called)
+        run = self.loop.run(
+            drawn,
+            keys_of_people(self._seed, person),
+            around=self._around(faults),
+            meals=draw_random_meals(self._seed, person, self._horizon),
+        )
+        points = self.samples * len(self._grid.inside_min)
+        return Closed(
+            broken=run.fold.broken[:, :n],
+            first_min=run.fold.first_min[:, :n],
+            below_60_pct=100.0 * run.fold.below_60[:n] / points,
+            bits=bits_of([run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.fold)])[:n],
+        )
+
+
+def bits_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
+    """Hash of each person's values, which changes with any single bit: odd factors lose none of them."""
+    rows = np.concatenate([np.asarray(a, np.float64).reshape(-1, a.shape[-1]) for a in arrays])
+    words = np.ascontiguousarray(rows).view(np.uint64)
+    factors = 2 * np.arange(rows.shape[0], dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)
+    together: npt.NDArray[np.uint64] = (words * factors[:, None]).sum(axis=0, dtype=np.uint64)
+    return together
+
+
+def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
+    """The loops of each controller, without a guard and then with one, as plain values.
+
+    Each is an ``arm``; with that of the guard comes ``guarding``, its effect on the time below 60 mg/dl.
     """
-    arms: list[Arm] = []
-    guarding: list[Guarding] = []
-    interrupted = False
-    try:
-        for arm, figure in _arms(campaign, progress):
-            arms.append(arm)
-            if figure is not None:
-                guarding.append(figure)
-    except KeyboardInterrupt:
-        interrupted = True
-    return CampaignResult(
-        patient=campaign.patient,
-        seed=campaign.seed,
-        arms=tuple(arms),
-        guarding=tuple(guarding),
-        interrupted=interrupted,
-    )
-
-
-def _arms(campaign: Campaign, progress: Progress | None) -> Iterator[tuple[Arm, Guarding | None]]:
-    pairs = campaign.pairs()
-    if campaign.person is None:
-        people = feasible_people(campaign.seed, max(pairs.values()), campaign.patient)
+    pairs, situation = asked.people(), usual_situation(asked.patient)
+    if asked.person is None:
+        people = feasible_people(asked.seed, max(pairs.values()), asked.patient)
     else:
-        people = np.array([campaign.person])
-        if not draw_people(campaign.seed, people, campaign.patient).feasible.all():
+        people = np.array([asked.person])
+        if not draw_people(asked.seed, people, asked.patient).feasible.all():
             raise Refusal(
-                f"no basal rate holds person {campaign.person} of seed {campaign.seed} at the setpoint; "
-                "give another person"
+                f"no basal rate holds person {asked.person} of seed {asked.seed} at the setpoint; give another person"
             )
-    situation = usual_situation(campaign.patient)
-    for name in campaign.controllers:
-        person = people[: pairs[name]]
-        bare = catalogue_controller(name, campaign.patient)
-        order = _order(campaign.seed, name)
-        below: list[Array] = []
-        for guard in (False, True):
-            limits = guard_of(patient_entry(campaign.patient)) if guard else None
-            controller = with_guard(bare, limits, situation.limits)
-            loops = WatchedLoops(campaign.seed, controller, order, horizon_min(name), situation)
-            closed = loops.close(person, progress)
-            below.append(closed.below_60_pct)
-            arm = _arm(campaign, name, guard, loops, person, closed)
-            yield arm, _guarding(name, person, below[0], below[1]) if guard else None
+    for name, number in pairs.items():
+        person, order = people[:number], _order(asked.seed, name)
+        bare = catalogue_controller(name, asked.patient)
+        loops = WatchedLoops(asked.seed, bare, order, horizon_min(name), situation)
+        without = loops.close(person, progress)
+        yield {"arm": _arm(asked, name, loops, person, without, guarded=False)}
+        controller = with_guard(bare, guard_of(patient_entry(asked.patient)), situation.limits)
+        loops = WatchedLoops(asked.seed, controller, order, horizon_min(name), situation)
+        closed = loops.close(person, progress)
+        yield {
+            "arm": _arm(asked, name, loops, person, closed, guarded=True),
+            "guarding": {"controller": name, **_guarding(person, without.below_60_pct, closed.below_60_pct)},
+        }
 
 
-def _arm(campaign: Campaign, name: str, guard: bool, loops: WatchedLoops, person: Numbers, closed: Closed) -> Arm:
+def _arm(
+    asked: Verification, name: str, loops: WatchedLoops, person: Numbers, closed: Closed, *, guarded: bool
+) -> dict[str, Any]:
+    """Numbers of broken loops, the first of each promise, and the repetition of some loops."""
     again = np.arange(person.size)[::REPEATED][::-1]
     if again.size == person.size:  # nobody would stand elsewhere than before
         again = again[:0]
-    differs = person[again][loops.close(person[again]).bits != closed.bits[again]] if again.size else again
-    told: list[Broken] = []
-    for place, promise in enumerate(PROMISES):
-        for i in np.flatnonzero(closed.broken[place])[:_TOLD]:
-            number = int(person[i])
-            told.append(
-                Broken(
-                    promise=promise,
-                    person=number,
-                    samples=int(closed.broken[place, i]),
-                    first_min=float(closed.first_min[place, i]),
-                    faults=met(name, campaign.seed, number, campaign.patient).faults,
-                )
-            )
-    return Arm(
-        controller=name,
-        guarded=guard,
-        engine=loops.engine,
-        not_native=loops.not_native,
-        loops=person.size,
-        samples=person.size * loops.samples,
-        broken=_by_promise((closed.broken > 0).sum(axis=1)),
-        repeated=again.size,
-        not_repeated=tuple(int(number) for number in differs),
-        told=tuple(told),
-    )
+    differ = person[again][loops.close(person[again]).bits != closed.bits[again]] if again.size else again
+    return {
+        "controller": name,
+        "guarded": guarded,
+        "engine": loops.loop.engine,
+        # operation that native code lacks for the loops, and in whose code it is
+        "not_native": loops.loop.engine_told.get("not_native"),
+        "loops": person.size,
+        "samples": person.size * loops.samples,
+        "broken": dict(zip(PROMISES, (closed.broken > 0).sum(axis=1).tolist(), strict=True)),
+        "repeated": again.size,
+        "not_repeated": differ.tolist(),
+        "told": [
+            {
+                "promise": promise,
+                "person": (number := int(person[i])),
+                "samples": int(closed.broken[place, i]),
+                "first_min": float(closed.first_min[place, i]),
+                "faults": circumstances_of(name, asked.seed, number, asked.patient)["faults"],
+                "repeat": asked.repeat(name, number),
+            }
+            for place, promise in enumerate(PROMISES)
+            for i in np.flatnonzero(closed.broken[place])[:LISTED]
+        ],
+    }
 
 
-def _by_promise(counts: Array) -> Mapping[str, int]:
-    return {promise: int(count) for promise, count in zip(PROMISES, counts, strict=True)}
-
-
-def _guarding(name: str, person: Numbers, bare: Array, guarded: Array) -> Guarding:
-    more = guarded - bare
+def _guarding(person: Numbers, bare_pct: Floats, guarded_pct: Floats) -> dict[str, Any]:
+    """Time below 60 mg/dl of the same people with a guard and without; a result, not a promise."""
+    more = guarded_pct - bare_pct
     worst = int(np.argmax(more))
-    return Guarding(
-        controller=name,
-        pairs=person.size,
-        bare_pct=float(bare.mean()),
-        guarded_pct=float(guarded.mean()),
-        better=int((more < -Guarding.MARGIN_PCT).sum()),
-        worse=int((more > Guarding.MARGIN_PCT).sum()),
-        worst_pct=float(more[worst]),
-        worst_person=int(person[worst]),
-    )
+    return {
+        "pairs": person.size,
+        "bare_pct": float(bare_pct.mean()),
+        "guarded_pct": float(guarded_pct.mean()),
+        "better": int((more < -MARGIN_PCT).sum()),
+        "worse": int((more > MARGIN_PCT).sum()),
+        "worst_pct": float(more[worst]),
+        "worst_person": int(person[worst]),
+    }

@@ -39,8 +39,8 @@ class Counted:
     """(samples, ...) boluses of that time."""
     asked_mU_min: jax.Array
     """The last rate that was asked for."""
-    asked_bolus_mU: jax.Array | None
-    """The last bolus that was asked for; None for a controller that gives none."""
+    asked_bolus_mU: jax.Array
+    """The last bolus that was asked for; 0 for a controller that gives none."""
     binds: jax.Array
     """1 while the caps bind, else 0."""
 
@@ -52,94 +52,73 @@ class Caps:
     settings: GuardSettings = static()
     limits: DoseLimits = PARKER_1999_LIMITS
     sample_time_min: float = static(default=5.0)
-    boluses: bool = static(default=False)
-    """Whether the controller gives boluses."""
 
     def init(self, basal_mU_min: jax.Array) -> Counted:
         """State after a long time at the basal rate."""
-        samples = math.ceil(MIN_PER_H / self.sample_time_min) + 1
-        zero = jnp.zeros_like(basal_mU_min)
+        hour = math.ceil(MIN_PER_H / self.sample_time_min) + 1, *jnp.shape(basal_mU_min)
+        none = jnp.zeros_like(basal_mU_min)
         return Counted(
             basal_mU_min=basal_mU_min,
-            on_board=jnp.zeros_like(basal_mU_min),
-            hour_mU_min=jnp.broadcast_to(basal_mU_min, (samples, *jnp.shape(basal_mU_min))),
-            hour_bolus_mU=jnp.broadcast_to(zero, (samples, *jnp.shape(zero))),
+            on_board=none,
+            hour_mU_min=jnp.broadcast_to(basal_mU_min, hour),
+            hour_bolus_mU=jnp.broadcast_to(none, hour),
             asked_mU_min=basal_mU_min,
-            asked_bolus_mU=jnp.zeros_like(basal_mU_min) if self.boluses else None,
+            asked_bolus_mU=none,
             binds=jnp.ones_like(basal_mU_min),
         )
 
     def step(
         self,
         counted: Counted,
-        told_mU_min: jax.Array,
+        reported_mU_min: jax.Array,
         asked_mU_min: jax.Array,
-        told_bolus_mU: jax.Array | None = None,
+        reported_bolus_mU: jax.Array | None = None,
         asked_bolus_mU: jax.Array | None = None,
     ) -> tuple[Counted, jax.Array]:
-        """Count the insulin of the last sample, and check the dose that is asked for now.
+        """Count the insulin of the last sample, and say whether both caps hold for the next dose, or do not bind.
 
-        Parameters
-        ----------
-        counted : Counted
-        told_mU_min : (...) array
-            Rate that the pump reports; an impossible one is replaced by the rate that was asked for.
-        asked_mU_min : (...) array
-        told_bolus_mU, asked_bolus_mU : (...) array, optional
-            Boluses in the same way, or None for a controller without boluses.
-
-        Returns
-        -------
-        Counted, (...) array
-            Insulin counted so far, and whether both caps hold or do not bind.
+        What the pump reports is counted; in place of an impossible report, what it was asked for. Without boluses they
+        are None.
         """
-        basal, settings = counted.basal_mU_min, self.settings
-        possible = (told_mU_min >= 0.0) & (told_mU_min <= 2.0 * self.limits.max_mU_min)
-        given, before = jnp.where(possible, told_mU_min, counted.asked_mU_min), counted.asked_mU_min
-        given_bolus = before_bolus = asked_bolus = jnp.zeros_like(basal)
-        if counted.asked_bolus_mU is not None and told_bolus_mU is not None and asked_bolus_mU is not None:
-            known = (told_bolus_mU >= 0.0) & (told_bolus_mU <= MOST_BOLUS_MU)
-            given_bolus = jnp.where(known, told_bolus_mU, counted.asked_bolus_mU)
-            before_bolus, asked_bolus = counted.asked_bolus_mU, asked_bolus_mU
+        basal, most_on_board = counted.basal_mU_min, self.settings.max_on_board + _ROUNDING
+        none = jnp.zeros_like(basal)
+        reported_bolus = none if reported_bolus_mU is None else reported_bolus_mU
+        bolus = none if asked_bolus_mU is None else asked_bolus_mU
+        possible = (reported_mU_min >= 0.0) & (reported_mU_min <= 2.0 * self.limits.max_mU_min)
+        given = jnp.where(possible, reported_mU_min, counted.asked_mU_min)
+        possible = (reported_bolus >= 0.0) & (reported_bolus <= MOST_BOLUS_MU)
+        given_bolus = jnp.where(possible, reported_bolus, counted.asked_bolus_mU)
         hour = jnp.concatenate([counted.hour_mU_min[1:], jnp.maximum(given, basal)[None]])
         boluses = jnp.concatenate([counted.hour_bolus_mU[1:], given_bolus[None]])
         on_board = self._on_board(counted.on_board, given + given_bolus / self.sample_time_min, basal)
-        no_bolus = jnp.zeros_like(basal)
-        within = (on_board <= settings.max_on_board + _ROUNDING) & self._hours_hold(
-            hour, boluses, basal, no_bolus, basal
-        )
-        more = (given > before + _ROUNDING) | (given_bolus > before_bolus + _ROUNDING)
+        within = (on_board <= most_on_board) & self._hours_hold(hour, boluses, basal, none, basal)
+        more = (given > counted.asked_mU_min + _ROUNDING) | (given_bolus > counted.asked_bolus_mU + _ROUNDING)
         binds = jnp.where(more, 0.0, counted.binds)
         binds = jnp.where((given <= basal) & (given_bolus <= 0.0) & within, 1.0, binds)
-        at_once = on_board + asked_bolus / (settings.on_board_tau_min * basal)
-        later = self._on_board(on_board, asked_mU_min + asked_bolus / self.sample_time_min, basal)
-        kept = jnp.maximum(at_once, later) <= settings.max_on_board + _ROUNDING
-        kept = kept & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), asked_bolus, basal)
+        at_once = on_board + bolus / (self.settings.on_board_tau_min * basal)
+        later = self._on_board(on_board, asked_mU_min + bolus / self.sample_time_min, basal)
+        kept = jnp.maximum(at_once, later) <= most_on_board
+        kept = kept & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), bolus, basal)
         after = Counted(
             basal_mU_min=basal,
             on_board=on_board,
             hour_mU_min=hour,
             hour_bolus_mU=boluses,
             asked_mU_min=asked_mU_min,
-            asked_bolus_mU=asked_bolus_mU,
+            asked_bolus_mU=bolus,
             binds=binds,
         )
         return after, kept | (binds < 0.5)
 
     def _hours_hold(
-        self,
-        past_mU_min: jax.Array,
-        past_bolus_mU: jax.Array,
-        rate_mU_min: jax.Array,
-        bolus_mU: jax.Array,
-        basal_mU_min: jax.Array,
+        self, past_mU_min: jax.Array, past_mU: jax.Array, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array
     ) -> jax.Array:
         """Whether no window of 60 min that ends in the coming sample holds more than its cap."""
         of_rates, of_boluses = _windows(past_mU_min.shape[0], self.sample_time_min)
         rates = jnp.concatenate([past_mU_min, rate_mU_min[None]])
-        boluses = jnp.concatenate([past_bolus_mU, bolus_mU[None]])
+        boluses = jnp.concatenate([past_mU, bolus_mU[None]])
         held = jnp.tensordot(of_rates, rates, 1) + jnp.tensordot(of_boluses, boluses, 1)
-        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal_mU_min * (1.0 + _ROUNDING)
+        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal * (1.0 + _ROUNDING)
 
     def _on_board(self, before: jax.Array, rate_mU_min: jax.Array, basal_mU_min: jax.Array) -> jax.Array:
         left = math.exp(-self.sample_time_min / self.settings.on_board_tau_min)

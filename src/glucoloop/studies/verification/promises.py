@@ -1,0 +1,179 @@
+"""Promises that every loop keeps at every sample, whatever fails in it, and the count of broken ones."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.protocol import Decision, Status
+from glucoloop.episodes import Episode
+from glucoloop.patients.model import Sound
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, DoseLimits
+from glucoloop.simulation.cohort import SampledInside
+from glucoloop.studies.verification.caps import Caps, Counted
+
+DOSE: Final = "dose delivered, rate and bolus: finite, and within the pump's range"
+COMMAND: Final = "dose asked for, rate and bolus: finite, and within the pump's range"
+RATE: Final = "dose asked for: within the rate limit of what the pump reported"
+CAPS: Final = "dose asked for by a guard: within its caps on board and per hour"
+STATUS: Final = "status: a known one"
+CONTROLLER: Final = "state of the controller: finite"
+PUMP: Final = "state of the pump: finite"
+FAULTS: Final = "clock of every fault: a whole number of samples"
+PATIENT: Final = "state of the patient: finite"
+INSULIN_THERE: Final = "insulin in every organ, and glucagon: not below zero"
+GLUCOSE_THERE: Final = "glucose in every organ: not below what uptake explains"
+
+OF_CONTROLLER: Final = (COMMAND, RATE, CAPS, STATUS, CONTROLLER)
+PROMISES: Final = (DOSE, *OF_CONTROLLER, PUMP, FAULTS, PATIENT, INSULIN_THERE, GLUCOSE_THERE)
+
+LOW_MG_DL: Final = 60.0
+_ROUNDING_MU_MIN: Final = 1e-9
+
+
+def all_finite(tree: Any) -> jax.Array:
+    """Whether all numbers of one person are finite."""
+    leaves = map(jnp.asarray, jax.tree.leaves(tree))
+    return _all(jnp.all(jnp.isfinite(leaf)) for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.inexact))
+
+
+def _clocks_and_others(state: Any) -> tuple[jax.Array, list[Any]]:
+    """Whether the clocks of all faults in a state are valid, and the rest of the state."""
+    parts = jax.tree.leaves(state, is_leaf=lambda part: isinstance(part, Episode))
+    clocks = _all(_is_valid(part) for part in parts if isinstance(part, Episode))
+    return clocks, [part for part in parts if not isinstance(part, Episode)]
+
+
+def _is_valid(clock: Episode) -> jax.Array:
+    """Whether the age is a whole number of -1 or more and the time until the onset is a number, or never comes."""
+    age, until = clock.age, clock.until
+    whole = jnp.isfinite(age) & (age >= -1.0) & (jnp.floor(age) == age)
+    return whole & (until == until) & (until > -jnp.inf)
+
+
+def _all(holds: Iterable[jax.Array]) -> jax.Array:
+    return functools.reduce(operator.and_, holds, jnp.asarray(True))
+
+
+@pytree
+class PromiseTally:
+    """Observations of a loop so far."""
+
+    lowest_mg_dl: jax.Array
+    """Least arterial glucose on the fine grid."""
+    below_60: jax.Array
+    """Number of points of the fine grid below 60 mg/dl."""
+    broken: jax.Array
+    """(promises, ...) number of samples at which each was broken."""
+    first_min: jax.Array
+    """(promises, ...) time at which each was first broken; infinite for never."""
+    counted: Counted | None
+    """State of the caps of a guard; None without one."""
+
+
+@pytree
+class Promises:
+    """Checks every promise at every sample; implements `simulation.cohort.Fold`."""
+
+    limits: DoseLimits = PARKER_1999_LIMITS
+    sound: Sound = static()
+    """Promises of the patient about its states; see `PatientModel`."""
+    caps: Caps | None = None
+    """Caps of the guard; None without one, for which that promise counts as kept."""
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> PromiseTally:
+        """State with no promise broken."""
+        none = jnp.zeros((len(PROMISES), *jnp.shape(glucose_mg_dl)), jnp.result_type(float, glucose_mg_dl))
+        return PromiseTally(
+            lowest_mg_dl=glucose_mg_dl,
+            below_60=jnp.zeros_like(glucose_mg_dl),
+            broken=none,
+            first_min=none + jnp.inf,
+            counted=None if self.caps is None else self.caps.init(insulin_mU_min),
+        )
+
+    def step(self, tally: PromiseTally, happened: SampledInside, t_min: jax.Array) -> PromiseTally:
+        """Check a sample, and include the time until the next."""
+        counted, within_caps = tally.counted, jnp.ones_like(tally.below_60, bool)
+        if self.caps is not None and counted is not None:
+            reported, decision = happened.before, happened.decision
+            counted, within_caps = self.caps.step(
+                counted,
+                reported.reported_mU_min,
+                decision.insulin_mU_min,
+                reported.reported_bolus_mU,
+                decision.bolus_mU,
+            )
+        broken = breaches(self.held(happened, tally.lowest_mg_dl, within_caps))
+        below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
+        return PromiseTally(
+            lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
+            below_60=tally.below_60 + jnp.sum(below, axis=0),
+            broken=tally.broken + broken,
+            first_min=jnp.where((broken > 0.0) & (tally.broken == 0.0), t_min, tally.first_min),
+            counted=counted,
+        )
+
+    def held(
+        self, happened: SampledInside, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
+    ) -> dict[str, jax.Array]:
+        """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none."""
+        delivery, after, most_mU = happened.delivery, happened.after, USUAL_BOLUS_LIMITS.max_mU
+        # readings that a sensor keeps may be any number, since some faults give such readings
+        clocks_of_sensor, _ = _clocks_and_others(after.in_sensor)
+        clocks_of_pump, others_of_pump = _clocks_and_others(after.in_pump)
+        insulin_there, glucose_there = self.sound(happened.x, lowest_mg_dl)
+        return {
+            DOSE: _in_range(self.limits, most_mU, delivery.insulin_mU_min, delivery.bolus_mU),
+            **held_by_controller(
+                self.limits,
+                most_mU,
+                happened.decision,
+                happened.before.reported_mU_min,
+                after.in_controller,
+                within_caps,
+            ),
+            PUMP: all_finite(others_of_pump),
+            FAULTS: clocks_of_pump & clocks_of_sensor,
+            PATIENT: jnp.all(jnp.isfinite(happened.x), axis=0),
+            INSULIN_THERE: insulin_there,
+            GLUCOSE_THERE: glucose_there,
+        }
+
+
+def held_by_controller(
+    limits: DoseLimits,
+    most_mU: Any,
+    decision: Decision,
+    reported_mU_min: jax.Array,
+    state: Any,
+    within_caps: jax.Array | bool,
+) -> dict[str, jax.Array]:
+    """Whether each promise of a controller is kept by a decision, whose bolus may be so large at most."""
+    command = decision.insulin_mU_min
+    # a report that no pump can mean is no rate from which a change could be too large
+    meant = (reported_mU_min >= limits.min_mU_min) & (reported_mU_min <= limits.max_mU_min)
+    slow = jnp.abs(command - reported_mU_min) <= limits.max_change_mU_min + _ROUNDING_MU_MIN
+    return {
+        COMMAND: _in_range(limits, most_mU, command, decision.bolus_mU),
+        RATE: slow | ~meant,
+        CAPS: jnp.asarray(within_caps),
+        STATUS: functools.reduce(operator.or_, [decision.status == int(known) for known in Status]),
+        CONTROLLER: all_finite(state),
+    }
+
+
+def breaches(held: Mapping[str, jax.Array]) -> jax.Array:
+    """(promises, ...) 1 for each promise that is broken, else 0."""
+    return jnp.where(jnp.stack(list(held.values())), 0.0, 1.0)
+
+
+def _in_range(limits: DoseLimits, most_mU: Any, rate: jax.Array, bolus_mU: jax.Array | None) -> jax.Array:
+    there = jnp.isfinite(rate) & (rate >= limits.min_mU_min) & (rate <= limits.max_mU_min)
+    return there if bolus_mU is None else there & (bolus_mU >= 0.0) & (bolus_mU <= most_mU)
