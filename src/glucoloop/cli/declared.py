@@ -32,15 +32,7 @@ from glucoloop.cli.screen import note, stage, stages
 from glucoloop.cli.study import carried_out, needed_folder, paths_of, tell_results
 from glucoloop.printable import how_many
 from glucoloop.situations.request import asked_for, read_root
-from glucoloop.studies.study import (
-    PlainModule,
-    PlainStudy,
-    SearchModule,
-    SearchStudy,
-    Study,
-    TrialModule,
-    TrialStudy,
-)
+from glucoloop.studies.study import PlainStudy, SearchStudy, Study, TrialStudy
 
 if TYPE_CHECKING:
     from glucoloop.storage.findings import Findings
@@ -98,7 +90,7 @@ def _asked(study: Study, request: Request) -> tuple[Any, Any]:
     """The module of a study, and the complete request."""
     asked = completed(request, functools.partial(asked_for, study.request))
     module: Any = importlib.import_module(study.module)
-    note(module.notes(asked))
+    note(_sentences(module, "notes", asked))
     return module, asked
 
 
@@ -119,7 +111,6 @@ def _work(study: Study, what: str, asked: Any, may_change: Iterable[str]) -> Wor
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     output = request.output
     out = needed_folder(output, study.what, study.name)
-    module: TrialModule
     module, asked = _asked(study, request)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.trials.folder import trial_folder
@@ -137,7 +128,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         before = folder.people_done()
         compute(folder, where)
         with stage("Summing up"):
-            found = module.found(asked, folder)
+            found: Findings = module.found(asked, folder)
         with stage("Drawing"):
             folder.finish({**found.files(study.summary), **module.drawn(asked, found, **_shown(study, output))})
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - began:.1f} s."])
@@ -157,7 +148,6 @@ def _shown(study: Study, output: Output) -> dict[str, bool]:
 def _run_search(study: SearchStudy, request: Request) -> None:
     output = request.output
     out = needed_folder(output, study.what, study.name) if study.needs_folder else output.place
-    module: SearchModule
     module, asked = _asked(study, request)
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.rows import rows_folder
@@ -175,7 +165,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
                 rows.append(row) if folder is None else folder.add(row)
                 more(1)
         with stage("Summing up"):
-            found = search.found(rows)
+            found: Findings = search.found(rows)
         if folder is not None:
             with stage("Drawing"):
                 folder.finish({**found.files(study.summary), **module.drawn(asked, found)})
@@ -192,7 +182,6 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 def _run_plain(study: PlainStudy, request: Request) -> None:
     output, files = request.output, dict[str, str]()
     with output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
-        module: PlainModule
         module, asked = _asked(study, request)
         with _progress(study, module, asked) as progress:
             found = module.found(asked, progress)
@@ -218,7 +207,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
 
 
 @contextlib.contextmanager
-def _progress(study: PlainStudy, module: PlainModule, asked: Any) -> Iterator[Callable[[Any], None]]:
+def _progress(study: PlainStudy, module: Any, asked: Any) -> Iterator[Callable[[Any], None]]:
     """Progress of a study that is carried out in one go, in units or in words."""
     shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stages("Preparing")
     with shown as progress:
@@ -241,8 +230,13 @@ def _tell(
         tell_results(output, found.plain, files, (), (), notes=notes)
         return
     mmol = module.mmol_lines(found) if output.mmol else ()
-    lines = (*module.sentences(asked, found), *notes, *mmol)
+    lines = (*_sentences(module, "sentences", asked, found), *notes, *mmol)
     tell_results(output, found.plain, files, module.tables(asked, found), lines, written=written)
-    if study.says_how_to_go_on:
-        for line in module.how_to_go_on(found, files):
-            print(line)
+    for line in _sentences(module, "how_to_go_on", found, files):
+        print(line)
+
+
+def _sentences(module: Any, function: str, *arguments: Any) -> Iterable[str]:
+    """Sentences by a function of a study that its module may lack."""
+    found: Iterable[str] = getattr(module, function)(*arguments) if hasattr(module, function) else ()
+    return found

@@ -52,11 +52,6 @@ class Bounds:
         )
 
 
-def notes(asked: BoundRequest) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the plans."""
-    return ()
-
-
 def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
     """Compute every plan that was asked for; Refusal for a situation that is not possible."""
     bounds = _bounds(asked, progress)
@@ -210,11 +205,6 @@ def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
     rows += [{**of, "known_after_min": of["told_after_min"]} for of in found.plain["hedged"]]
     lines = [(f"{of['information']}{'' if of['converged'] else ' (not converged)'}", [of]) for of in rows]
     yield terminal_table("Information", [("", lines)], _COLUMNS)
-
-
-def sentences(asked: BoundRequest, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes say what the numbers mean."""
-    return ()
 
 
 def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:

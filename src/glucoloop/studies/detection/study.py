@@ -37,11 +37,6 @@ SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
 """Limits between small, middling and large meals."""
 
 
-def notes(asked: Detection) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from what is found."""
-    return ()
-
-
 def _spread(name: str, of: pl.Expr, unit: str, group: str, text: Callable[[float], str]) -> list[Column]:
     """The 10 % quantile, the median and the 90 % quantile over meals."""
     return [
@@ -170,11 +165,6 @@ def _size(of: Row) -> str:
     if of["to_g"] is None:
         return f"{of['from_g']:g} g and more"
     return f"{of['from_g']:g} to {of['to_g']:g} g" if of["from_g"] else f"up to {of['to_g']:g} g"
-
-
-def sentences(asked: Detection, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
 
 
 def drawn(asked: Detection, found: Findings) -> dict[str, bytes]:

@@ -372,11 +372,6 @@ def _in_file(message: str, path: Path) -> str:
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 
-def notes(asked: ModelRequest) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the record and the fit."""
-    return ()
-
-
 def found(asked: ModelRequest, progress: Callable[[str], None]) -> Findings:
     """Identify a model, and check it."""
     identified = identify(asked)
@@ -390,11 +385,6 @@ def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
     columns = [Column(name="value", short="Value", text=str), Column(name="unit", short="Unit", text=str, left=True)]
     lines: list[Line] = [(name, [{"value": value, "unit": unit}]) for name, value, unit in found.extra.rows()]
     yield terminal_table("Model", [("", lines)], columns)
-
-
-def sentences(asked: ModelRequest, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
 
 
 def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:

@@ -101,11 +101,6 @@ def tables(asked: Trial, found: Findings) -> Iterator[object]:
     yield lines_table("Over the people", found.plain["controllers"], list(_rows(found.plain)))
 
 
-def sentences(asked: Trial, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
-
-
 def _bands(folder: TrialFolder) -> Bands:
     trial = folder.trial
     total: dict[str, Counts] = no_counts(trial)

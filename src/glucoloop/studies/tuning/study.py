@@ -65,11 +65,6 @@ class Searched:
     model: ModelFile | None = None
 
 
-def notes(asked: GridSearch) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the model."""
-    return ()
-
-
 def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
     case = asked.case
