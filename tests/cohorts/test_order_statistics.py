@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from glucoloop.cohorts.order_statistics import FEW, moments, quantiles
+from glucoloop.cohorts.order_statistics import FEW, Moments, finite, quantiles
 
 PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)
 
@@ -16,19 +16,20 @@ def check(values, parts):
         for part in np.array_split(values, parts):
             yield [part]
 
-    found = moments(read, 1)
-    finite = values[np.isfinite(values)]
-    assert found[0].count == finite.size
-    of = quantiles(read, [found[0].count], PROBABILITIES)[0]
-    if not finite.size:
+    found, known = Moments(), finite(values)
+    for [part] in read():
+        found.add(finite(part))
+    assert found.count == known.size
+    of = quantiles(read, [found.count], PROBABILITIES)[0]
+    if not known.size:
         assert np.isnan(of).all()
         return
-    assert (found[0].least, found[0].greatest) == (finite.min(), finite.max())
-    scale = max(np.abs(finite).max(), 1e-300)
-    np.testing.assert_allclose(of, np.quantile(finite, PROBABILITIES), rtol=0.0, atol=1e-15 * scale)
-    np.testing.assert_allclose(found[0].mean, finite.mean(), rtol=0.0, atol=1e-12 * scale)
-    if finite.size > 1:
-        np.testing.assert_allclose(found[0].sd, finite.std(ddof=1), rtol=1e-9, atol=1e-12 * scale)
+    assert (found.least, found.greatest) == (known.min(), known.max())
+    scale = max(np.abs(known).max(), 1e-300)
+    np.testing.assert_allclose(of, np.quantile(known, PROBABILITIES), rtol=0.0, atol=1e-15 * scale)
+    np.testing.assert_allclose(found.mean, known.mean(), rtol=0.0, atol=1e-12 * scale)
+    if known.size > 1:
+        np.testing.assert_allclose(found.sd, known.std(ddof=1), rtol=1e-9, atol=1e-12 * scale)
 
 
 numbers = st.one_of(st.floats(-1e100, 1e100), st.sampled_from([0.0, 1.0, np.nan, np.inf, -np.inf, 1e-300]))

@@ -62,29 +62,10 @@ def finite(values: Floats) -> Floats:
     return kept
 
 
-def moments(parts: Parts, columns: int) -> list[Moments]:
-    """Moments of each column."""
-    found = [Moments() for _ in range(columns)]
-    for part in parts():
-        for moment, values in zip(found, part, strict=True):
-            moment.add(finite(values))
-    return found
-
-
 def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float]) -> Floats:
-    """Quantiles of the finite numbers of each column, interpolated linearly as by `numpy.quantile`.
+    """Quantiles ``(columns, probabilities)`` of the finite numbers of each column, linear as by `numpy.quantile`.
 
-    Parameters
-    ----------
-    parts : callable
-    counts : sequence of int
-        Number of finite values in each column.
-    probabilities : sequence of float
-
-    Returns
-    -------
-    (columns, probabilities) array
-        NaN for a column without numbers.
+    There are `counts` of them in each column; a column without any has NaN.
     """
     searches = [_Search(count, probabilities) for count in counts]
     for part in parts():

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.cohorts import engine
-from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.cohorts.summary import CaseSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
