@@ -509,7 +509,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
     package, told = LACKING[line]
     for engine in (
         "studies.adversary.study.search",
-        "studies.robust.search.SearchEngine",
+        "studies.robust.study.search",
         "cohorts.engine.prepare",
     ):
         monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))

@@ -11,8 +11,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.front import Bound, judged
-from glucoloop.studies.robust.objectives import NO_SCORES
+from glucoloop.studies.robust.objectives import NO_SCORES, Bound, judged
 from glucoloop.studies.robust.search import SearchEngine
 from glucoloop.studies.robust.study import tables
 
@@ -36,6 +35,7 @@ class Engine(SearchEngine):
         self.asked, self.bounds = ASKED, [Bound("peak-median", 95.0)]
         self.references = {"mpc-se": {**SCORES, "undershoot_p95_mg_dl": 13.0, "peak_median_mg_dl": 92.0}}
         self.subjects = type("Subjects", (), {"infeasible": 0})
+        self._loops = {}
 
     def check(self, tuning):
         values = np.linspace(0.0, 12.0, 50)

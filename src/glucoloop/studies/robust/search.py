@@ -11,14 +11,13 @@ import polars as pl
 
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.report.facts import engine_facts
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import Search
-from glucoloop.studies.robust.front import Bound, judged
-from glucoloop.studies.robust.loop import TuningLoop
-from glucoloop.studies.robust.objectives import NO_SCORES, OBJECTIVES, Scores, scores
-from glucoloop.studies.robust.subjects import draw_subjects
+from glucoloop.studies.robust.loop import TuningLoop, draw_subjects
+from glucoloop.studies.robust.objectives import NO_SCORES, OBJECTIVES, Bound, Scores, judged, scores
 from glucoloop.tuning.samplers import Told, make_sampler
 
 CHOSEN: Final = "chosen"
@@ -60,9 +59,9 @@ class SearchEngine:
     """
 
     def __init__(self, asked: Search) -> None:
-        self.asked = own = asked
+        self.asked = asked
         self.subjects = draw_subjects(
-            asked.trial, people=own.people, people_seed=own.people_seed, seeds=own.seeds, first_seed=own.first_seed
+            asked.trial, asked.people, asked.people_seed, seeds=asked.seeds, first_seed=asked.first_seed
         )
         self._loops: dict[str, TuningLoop] = {}
         self.references = {
@@ -82,35 +81,34 @@ class SearchEngine:
         Refusal for a sampler that asks for other tunings than it did before.
         """
         asked, known = self.asked, list(before)
-        own = asked
         start = None
         if all(of.holds(asked.initial[of.name]) for of in asked.space):
             start = {of.name: of.rounded(asked.initial[of.name]) for of in asked.space}
-        sampler = make_sampler(own.sampler, asked.space, own.sampler_seed, batch=own.batch, start=start)
-        for first in range(0, asked.rounds * own.batch, own.batch):
-            tunings = sampler.ask(own.batch)
-            held = known[first : first + own.batch]
+        sampler = make_sampler(asked.sampler, asked.space, asked.sampler_seed, batch=asked.batch, start=start)
+        for first in range(0, asked.rounds * asked.batch, asked.batch):
+            tunings = sampler.ask(asked.batch)
+            held = known[first : first + asked.batch]
             for candidate, tuning in zip(held, tunings, strict=False):
                 if tuning_of(asked, candidate) != tuning:
                     raise Refusal(
-                        f"candidate {candidate['candidate']} of the search was another tuning than {own.sampler} "
+                        f"candidate {candidate['candidate']} of the search was another tuning than {asked.sampler} "
                         "proposes now; go on with the libraries with which it was begun, or begin again with "
                         "--overwrite"
                     )
             todo = tunings[len(held) :]
-            if todo:
-                for tuning, metrics in zip(todo, self._loop(asked.tuned).run(self.subjects, todo), strict=True):
-                    number = len(known)
-                    known.append({"candidate": number, "round": number // own.batch, **tuning, **self._scores(metrics)})
-                    yield known[-1]
-            sampler.tell([self._told(candidate) for candidate in known[first : first + own.batch]])
+            runs = self._loop(asked.tuned).run(self.subjects, todo) if todo else ()
+            for tuning, metrics in zip(todo, runs, strict=True):
+                place = {"candidate": len(known), "round": first // asked.batch}
+                known.append({**place, **tuning, **self._scores(metrics)})
+                yield known[-1]
+            sampler.tell([self._told(candidate) for candidate in known[first : first + asked.batch]])
 
     def found(self, rows: Sequence[Candidate]) -> Findings:
         """Choose a tuning, and check it."""
-        own = asked = self.asked
-        table = judged(rows_of(asked).table(rows), self.bounds, own.objectives, asked.prefer)
+        asked = self.asked
+        table = judged(rows_of(asked).table(rows), self.bounds, asked.objectives, asked.prefer)
         kept, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
-        front = front.sort(OBJECTIVES[own.objectives[0]].name, maintain_order=True)
+        front = front.sort(OBJECTIVES[asked.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
         check, scores = self.check(tuning_of(asked, chosen))
         plain = {
@@ -123,7 +121,8 @@ class SearchEngine:
             "as_it_was": self._plain(rows[0]) if tuning_of(asked, rows[0]) == asked.initial else None,
             "beside": self.references,
             "check": scores,
-            "notes": self._left_out(),
+            "engines": (engines := {label: loop.engine_told for label, loop in self._loops.items()}),
+            "notes": [*self._left_out(), f"Engine: {engine_facts(engines)['Engine']}."],
         }
         return Findings(plain, {"candidates.csv": table, "check.parquet": check})
 
@@ -132,13 +131,13 @@ class SearchEngine:
 
         Nothing is told of a tuning that the design refuses.
         """
-        own = asked = self.asked
+        asked = self.asked
         subjects = draw_subjects(
             asked.trial,
-            people=own.check_people,
-            people_seed=own.check_people_seed,
-            seeds=own.check_seeds,
-            first_seed=own.check_first_seed,
+            asked.check_people,
+            asked.check_people_seed,
+            seeds=asked.check_seeds,
+            first_seed=asked.check_first_seed,
         )
         runs = dict(
             zip((CHOSEN, AS_IT_WAS), self._loop(asked.tuned).run(subjects, [tuning, asked.initial]), strict=True)

@@ -11,17 +11,16 @@ from glucoloop.control.catalogue import SEARCHED
 from glucoloop.parts.setting import known_names
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
+from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
-from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.objectives import OBJECTIVES, objective
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, SearchEngine, rows_of
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, SearchEngine, rows_of
 from glucoloop.tuning.samplers import library
 
 
@@ -37,24 +36,18 @@ def notes(asked: Search) -> tuple[str, ...]:
     return ()
 
 
-def rows(asked: Search) -> Rows[Candidate]:
-    """The rows that are kept: each candidate with its round, its tuning and its objectives."""
-    return rows_of(asked)
-
-
-def search(asked: Search) -> SearchEngine:
-    """Draw the people, and try the reference controllers."""
-    return SearchEngine(asked)
+rows = rows_of
+search = SearchEngine
 
 
 def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
     """The front in order of its first objective, the initial tuning and the references; and all on others."""
     of = found.plain
     columns = [
-        Column(name="candidate", short="Candidate", text=str, only=_is_candidate),
+        Column(name="candidate", short="Candidate", text=str, only=lambda row: "candidate" in row),
         *(
-            Column(name=of.name, short=of.name.replace("_", "\n"), text="{:.4g}".format, only=_is_candidate)
-            for of in asked.space
+            Column(name=name, short=name.replace("_", "\n"), text="{:.4g}".format, only=lambda row: "candidate" in row)
+            for name in (tuned.name for tuned in asked.space)
         ),
         *OBJECTIVES.values(),
     ]
@@ -70,10 +63,6 @@ def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table("Never seen before", [("", check)], columns)
 
 
-def _is_candidate(row: Row) -> bool:
-    return "candidate" in row
-
-
 def _line(name: str, of: Mapping[str, Any]) -> Line:
     return name, [{"candidate": of["candidate"], **of["tuning"], **of["scores"]}]
 
@@ -86,7 +75,7 @@ def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[
 
 
 def sentences(asked: Search, found: Findings) -> Iterator[str]:
-    """Conclusions on the bounds, the front and the choice."""
+    """Conclusions on the bounds, the front and the choice, and the engine."""
     of, objectives, prefer = found.plain, asked.objectives, asked.prefer
     for bound in of["bounds"]:
         whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
