@@ -85,6 +85,8 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
     assert (asked[0].case.controller.name, asked[0].days, asked[0].seed) == ("basal", 1, 5)
     told = {key: value for key, value in again.json.items() if key != "files"}
     assert told == json.loads((tmp_path / "a/detect.json").read_text())
+    assert told["engines"]["kalman"]["engine"] == "xla"
+    assert "Engine: JAX (xla): the replay of estimators, which runs in JAX alone." in first.out
     assert told["estimators"]["kalman"]["size_error_after_end_mean_absolute_g"] == pytest.approx(0.0, abs=1e-9)
     assert (tmp_path / "a/SHA256SUMS").read_text() == (tmp_path / "b/SHA256SUMS").read_text()
 

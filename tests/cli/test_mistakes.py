@@ -323,7 +323,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 
 LONG_WORK = {
-    "identify": "glucoloop.studies.identification.study.identify",
+    "identify": "glucoloop.studies.identification.study._from_patient",
     "bound": "glucoloop.studies.bound.study._bounds",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.study.found",

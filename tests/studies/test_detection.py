@@ -8,14 +8,13 @@ import pytest
 from glucoloop.meals import Eaten, draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import who_and_when
-from glucoloop.studies.detection.evaluate import evaluate
-from glucoloop.studies.detection.scores import (
+from glucoloop.studies.detection.days import in_order, who_and_when
+from glucoloop.studies.detection.evaluate import (
     days_of,
     delays_min,
+    evaluate,
     false_alarms,
     followed_min,
-    in_order,
     told_at,
     under_way,
 )

@@ -192,7 +192,11 @@ def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSumma
         for shard in shards():
             yield [values for label in cases for values in _columns(shard[label]).values()]
 
-    counts = [moment.count for case in cases.values() for moment in case.moments.values()]
+    counts = [
+        0 if name in case.yes_or_no else moment.count
+        for case in cases.values()
+        for name, moment in case.moments.items()
+    ]
     found = iter(quantiles(parts, counts, list(QUANTILES.values())).tolist())
     of_case = {
         label: {name: dict(zip(QUANTILES, next(found), strict=True)) for name in case.moments}

@@ -12,6 +12,7 @@ from glucoloop.control import Controller
 from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
+from glucoloop.identification import Identification
 from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.models import FilePart
@@ -108,15 +109,10 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
     identification = nominal_model(situation, case)
     settings = case.identified.values()
     variance = settings["noise_variance"]
-    noise = f"with noise of variance {variance:g}" if variance else "free of noise"
-    smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
     return model_file(
         identification,
         operating_point=situation.place,
-        source=(
-            f"identified from a record of {2 * settings['memory']} samples {noise}, "
-            f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
-        ),
+        source=f"{source_of(2 * settings['memory'], variance)}, {smoothing_of(identification)}",
         dead_time_min=0.0,
         settings={
             "model_noise_variance": variance,
@@ -124,6 +120,20 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
             "seed": situation.seed,
             "noise_bound_mg_dl": situation.noise_bound_mg_dl,
         },
+    )
+
+
+def source_of(samples: int, noise_variance: float) -> str:
+    """Source of a model of the simulated patient, in words."""
+    noise = f"with noise of variance {noise_variance:g}" if noise_variance else "free of noise"
+    return f"identified from a record of {samples} samples {noise}"
+
+
+def smoothing_of(identification: Identification) -> str:
+    """How a model was smoothed, in words."""
+    functions = identification.laguerre_coefficients.size
+    return (
+        f"{functions} Laguerre functions with pole {identification.laguerre_pole:.4g}" if functions else "not smoothed"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import typing
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
+from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.trial import Trial
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
@@ -27,13 +29,14 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
 from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.scores import in_order
 from glucoloop.units import MIN_PER_DAY
 
 T = TypeVar("T")
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
 
+ENGINE_TOLD: Final = {"engine": "xla", "not_native": "the replay of estimators, which runs in JAX alone"}
+"""Engine of the days and of the estimates, as `PeopleLoop.engine_told` has it."""
 _MOST_AT_ONCE: Final = 64
 
 
@@ -95,7 +98,7 @@ def recorded_days(
         meals=None,
         own=with_basal_of_each(controller),
         around=surroundings_of(trial, case.faults),
-        engine="xla",
+        engine=ENGINE_TOLD["engine"],
     )
 
     def block(fasting: bool, place: Numbers) -> Days:
@@ -124,13 +127,15 @@ def recorded_days(
 
 
 def _in_blocks(n: int, run: Callable[[Numbers], T], progress: Callable[[str], None], what: str) -> T:
-    """Results at n places, which trail, in blocks as even as can be; the last block is filled up."""
-    blocks = -(-n // _MOST_AT_ONCE)
-    size = -(-n // blocks)
-    parts = []
-    for start in range(0, n, size):
-        parts.append(run(np.resize(np.arange(start, min(start + size, n)), size)))
-        progress(f"{what}, {len(parts)} of {blocks} blocks")
+    """Results at n places, which trail, in blocks as even as can be."""
+    blocks, done = -(-n // _MOST_AT_ONCE), itertools.count(1)
+    parts = in_blocks(
+        lambda place, _: run(place),
+        np.arange(n),
+        -(-n // blocks),
+        threads=1,
+        done=lambda _: progress(f"{what}, {next(done)} of {blocks} blocks"),
+    )
     together: T = jax.tree.map(lambda *of: np.concatenate(of, axis=-1)[..., :n], *parts)
     return together
 
@@ -145,6 +150,13 @@ def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool
     rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
     of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
     return in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
+
+
+def in_order(meals: Eaten) -> Eaten:
+    """Meals of days ``(meals, days)``, sorted by their beginning within each day."""
+    order = np.argsort(meals.t_min, axis=0, kind="stable")
+    ordered: Eaten = jax.tree.map(lambda part: np.take_along_axis(np.asarray(part), order, 0), meals)
+    return ordered
 
 
 def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:

@@ -22,9 +22,11 @@ from glucoloop.report.columns import (
     terminal_table,
     whole,
 )
+from glucoloop.report.facts import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
+from glucoloop.studies.detection.days import ENGINE_TOLD
 from glucoloop.studies.detection.evaluate import QUANTILES, TOLD_AFTER_MIN, Scores, evaluate
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
@@ -102,6 +104,7 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
+        "engines": dict.fromkeys(scores.of, ENGINE_TOLD),
         "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.of.items()},
         "notes": list(_notes(asked, scores)),
     }
@@ -135,6 +138,7 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
         yield (
             f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
         )
+    yield f"Engine: {engine_facts(dict.fromkeys(scores.of, ENGINE_TOLD))['Engine']}."
 
 
 def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
