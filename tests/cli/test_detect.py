@@ -102,10 +102,9 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
     assert (detection.estimating.meals_per_h, detection.estimating.mean_carbs_g) == (0.2, 30.0)
 
 
-@pytest.mark.parametrize("width", ["single", "double"])
-def test_nothing_of_the_figure_is_clipped(width):
+def test_nothing_of_the_figure_is_clipped():
     asked = configured(Detection, days=1)
-    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4, width=width)
+    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert min(drawn.x0, drawn.y0) >= 0.0

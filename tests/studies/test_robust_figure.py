@@ -53,9 +53,8 @@ def found():
     return Engine().found(list(candidates()))
 
 
-@pytest.mark.parametrize("width", ["single", "double"])
-def test_front_is_drawn_with_its_marks(found, width):
-    figure = plot_robust(ASKED, found, width=width)
+def test_front_is_drawn_with_its_marks(found):
+    figure = plot_robust(ASKED, found)
     figure.savefig(io.BytesIO(), format="png", dpi=50)
     axes, *others = figure.axes
     assert axes.get_xlabel() == "Undershoot, 95 % (mg/dl)"

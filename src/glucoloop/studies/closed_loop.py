@@ -14,7 +14,6 @@ from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.identification import Identification
 from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
-from glucoloop.parts.grammar import Tree
 from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.pumps import DoseLimits
@@ -51,14 +50,11 @@ class Outcome:
         """Times in ranges, extremes and insulin, as a clinician reads them first."""
         return clinical_summary(self.trace, self.metrics)
 
-    def _of_a_run(self) -> Tree:
-        """Settings of the run by itself, without those of a comparison around it."""
-        return {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
-
     def report(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Plain values for JSON; the settings are those of the run by itself, without a comparison around it."""
+        config = {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
         return {
-            "config": {**self._of_a_run(), "controller": self.case.tree(whole=True)},
+            "config": {**config, "controller": self.case.tree(whole=True)},
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "summary": self.summary.as_dict(),
@@ -70,10 +66,7 @@ class Outcome:
 def close_the_loop(run: Run, case: Case) -> Outcome:
     """Identify or read the model of a case, design its controller, and simulate the loop of the run.
 
-    Raises
-    ------
-    ValueError
-        For a configuration that is not possible, in one sentence.
+    Refusal for a configuration that is not possible, in one sentence.
     """
     model = model_for(run, case)
     controller = controller_of(run, case, **model_arguments(model))

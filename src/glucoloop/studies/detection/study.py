@@ -10,7 +10,7 @@ import polars as pl
 
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.report.columns import (
     Column,
     FittingTable,
@@ -190,7 +190,7 @@ _FEWEST: Final = 0.1
 """Share of the meals that must be detected for quantiles to be meaningful."""
 
 
-def plot_detection(found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
     """Draw delay against false alarms, the error of the size over time, and a day.
 
     The first panel has a point for each threshold, the one that was asked for filled: the median delay of the meals
@@ -198,12 +198,9 @@ def plot_detection(found: Findings, *, title: str | None = None, width: Width = 
     expected of a meal's size less the true size, by the time since its beginning, of the meals detected by then:
     median, and from the 10 % to the 90 % quantile. The others show the first day of the first person.
     """
-    figure = _style.new_figure(width, 130.0 if width == "double" else 210.0, title)
-    rows = [["curve", "size"], ["eating", "eating"], ["emptying", "emptying"]]
-    ratios = [1.5, 1.0, 1.0]
-    if width == "single":
-        rows, ratios = [["curve"], ["size"], ["eating"], ["emptying"]], [1.4, 1.2, 1.0, 1.0]
-    panels = figure.subplot_mosaic(rows, height_ratios=ratios)  # type: ignore[arg-type, unused-ignore]
+    figure = _style.new_figure("double", 130.0, title)
+    rows: Any = [["curve", "size"], ["eating", "eating"], ["emptying", "emptying"]]
+    panels = figure.subplot_mosaic(rows, height_ratios=[1.5, 1.0, 1.0])
     threshold = found.plain["config"]["threshold"]
     entries: dict[str, Artist] = {}
     for index, name in enumerate(found.plain["estimators"]):
@@ -218,11 +215,11 @@ def plot_detection(found: Findings, *, title: str | None = None, width: Width = 
         panels["emptying"].plot(hours, day["estimated_emptying_mg_min"], **{**style, "linewidth": 0.9})
     true = panels["emptying"].plot(hours, day["emptying_mg_min"], color="black", linewidth=0.9, zorder=1)
     entries["true rate"] = true[0]
-    _label(panels, threshold, float(size["after_min"][-1]), width)
+    _label(panels, threshold, float(size["after_min"][-1]))
     for axes in panels.values():
         _style.dress(axes)
     figure.align_ylabels([panels["eating"], panels["emptying"]])
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, list(entries.values()), list(entries), "double")
     return figure
 
 
@@ -256,7 +253,7 @@ def _draw_size(axes: Axes, size: pl.DataFrame, style: Mapping[str, Any]) -> None
     axes.plot(size["after_min"], middle, **style)
 
 
-def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float, width: Width) -> None:
+def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float) -> None:
     curve, size, eating, emptying = (panels[name] for name in ("curve", "size", "eating", "emptying"))
     # Few false alarms are worth as much room as many, and there may be none.
     curve.set_xscale("symlog", linthresh=0.1)
@@ -272,4 +269,4 @@ def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float, wid
     emptying.set(xlabel="Time (h)", ylabel="Emptying of\nthe stomach\n(mg/min)")
     for axes in (eating, emptying):
         axes.set_xlim(0.0, MIN_PER_DAY / MIN_PER_H)
-        axes.xaxis.set_major_locator(_style.every(2.0 if width == "double" else 6.0))
+        axes.xaxis.set_major_locator(_style.every(2.0))

@@ -143,12 +143,9 @@ class TuningLoop:
         self.engine_told = self._loop.engine_told
 
     def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
-        """Yield the results of the subjects under each tuning, in order, as soon as they are known.
+        """Yield `METRICS` ``(subjects,)`` by name under each tuning, in order, as soon as they are known.
 
-        Yields
-        ------
-        dict or None
-            `METRICS` by name, ``(subjects,)`` each; None for a tuning that the design refuses.
+        A tuning that the design refuses gives None.
         """
         n, size = subjects.number, block_size(self._loop.engine)
         possible: list[Controller] = []
