@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -62,58 +62,21 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class CaseSummary:
-    """Results of one controller."""
-
-    metrics: Mapping[str, Mapping[str, float]]
-    """Statistics of each metric: mean, sd, min, p1 to p99 and max, and the number of people where some have no value;
-    for one that is 0 or 1, the number of people with 1, and their share.
-    """
-    ever_below: Mapping[int, Mapping[str, float]]
-    """Number and share of people who were ever below a glucose, by that glucose [mg/dl]."""
-    below_validity: AffectedPeople
-    """People whose glucose was ever below the range in which their model is valid; it means severe hypoglycemia, not a
-    number.
-    """
-    not_finite: AffectedPeople
-    """People with a basal rate whose glucose or insulin was not finite at some time; they are in no other number."""
-    worst: Sequence[Mapping[str, Any]]
-    """The ten people with the least glucose, the least first: number, basal rate, parameters and metrics."""
-    cvga_counts: npt.NDArray[np.int64]
-    """People in each cell of the control-variability grid."""
-    distributions: Mapping[str, Histogram]
-    """Histogram of each metric in `DISTRIBUTIONS`."""
-
-
-@dataclass(frozen=True)
 class TrialSummary:
     """Results of a trial."""
 
-    people: int
-    infeasible: AffectedPeople
-    """People for whom no basal rate holds the setpoint."""
-    beyond_pump: AffectedPeople
-    """People whose basal rate exists but exceeds the largest rate of the pump."""
-    cases: Mapping[str, CaseSummary]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "people": self.people,
-            "able": self.people - self.infeasible.count,
-            "unable": dataclasses.asdict(self.infeasible),
-            "basal_beyond_pump": dataclasses.asdict(self.beyond_pump),
-            "controllers": {
-                label: {
-                    "metrics": {name: dict(values) for name, values in case.metrics.items()},
-                    "ever_below": {f"{limit}_mg_dl": dict(of) for limit, of in case.ever_below.items()},
-                    "below_validity": dataclasses.asdict(case.below_validity),
-                    "not_finite": dataclasses.asdict(case.not_finite),
-                    "worst": [dict(person) for person in case.worst],
-                }
-                for label, case in self.cases.items()
-            },
-        }
+    plain: dict[str, Any]
+    """Numbers as plain values for JSON: of the people, those who are ``unable`` to rest at the setpoint and those whose
+    basal rate is beyond the pump; of each controller its ``metrics`` (mean, sd, min, p1 to p99 and max, and the number
+    of people where some have no value; for one that is 0 or 1, the number of people with 1, and their share), those
+    who were ``ever_below`` a glucose, those below the range in which their model is valid, which means severe
+    hypoglycemia and not a number, those whose glucose or insulin was not finite, who are in no other number, and the
+    ten with the least glucose, the least first.
+    """
+    cvga_counts: Mapping[str, npt.NDArray[np.int64]]
+    """People in each cell of the control-variability grid, by controller."""
+    distributions: Mapping[str, Mapping[str, Histogram]]
+    """Histogram of each metric in `DISTRIBUTIONS`, by controller."""
 
 
 class _Case:
@@ -142,22 +105,20 @@ class _Case:
         found = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
         self.worst = heapq.nsmallest(WORST, [*self.worst, *found], key=lambda one: one[:2])
 
-    def summary(self, found: Mapping[str, Mapping[str, float]], distributions: Mapping[str, Histogram]) -> CaseSummary:
+    def plain(self, found: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
         people = next(iter(self.moments.values())).count
-        return CaseSummary(
-            metrics={
+        return {
+            "metrics": {
                 name: _share(round(moment.mean * moment.count), moment.count)
                 if name in self.yes_or_no
                 else _spread(moment, found[name], people)
                 for name, moment in self.moments.items()
             },
-            ever_below={limit: _share(count, people) for limit, count in self.ever_below.items()},
-            below_validity=self.below_validity,
-            not_finite=self.not_finite,
-            worst=[row for _, _, row in self.worst],
-            cvga_counts=self.cvga,
-            distributions=distributions,
-        )
+            "ever_below": {f"{limit}_mg_dl": _share(count, people) for limit, count in self.ever_below.items()},
+            "below_validity": dataclasses.asdict(self.below_validity),
+            "not_finite": dataclasses.asdict(self.not_finite),
+            "worst": [row for _, _, row in self.worst],
+        }
 
 
 def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSummary:
@@ -177,16 +138,22 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
         raise Refusal("there is nobody to summarise; finish a shard first")
+    found = _quantiles(shards, cases)
     return TrialSummary(
-        people=people,
-        infeasible=infeasible,
-        beyond_pump=beyond,
-        cases=dict(zip(cases, _summaries(shards, cases), strict=True)),
+        plain={
+            "people": people,
+            "able": people - infeasible.count,
+            "unable": dataclasses.asdict(infeasible),
+            "basal_beyond_pump": dataclasses.asdict(beyond),
+            "controllers": {label: case.plain(found[label]) for label, case in cases.items()},
+        },
+        cvga_counts={label: case.cvga for label, case in cases.items()},
+        distributions=_distributions(shards, found),
     )
 
 
-def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSummary]:
-    """Summaries of all controllers, whose columns are read together."""
+def _quantiles(shards: Shards, cases: Mapping[str, _Case]) -> dict[str, dict[str, dict[str, float]]]:
+    """Quantiles of each metric by controller; the columns of all controllers are read together."""
 
     def parts() -> Iterator[list[Floats]]:
         for shard in shards():
@@ -198,13 +165,10 @@ def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSumma
         for name, moment in case.moments.items()
     ]
     found = iter(quantiles(parts, counts, list(QUANTILES.values())).tolist())
-    of_case = {
+    return {
         label: {name: dict(zip(QUANTILES, next(found), strict=True)) for name in case.moments}
         for label, case in cases.items()
     }
-    counted = _distributions(shards, of_case)
-    for label, case in cases.items():
-        yield case.summary(of_case[label], counted[label])
 
 
 def _distributions(

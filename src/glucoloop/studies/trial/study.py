@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,7 @@ import polars as pl
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts
-from glucoloop.cohorts.summary import CaseSummary, summarise_people
+from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.parts.metrics import described
@@ -81,25 +81,22 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
     bands, header, engines = _bands(folder), read_header(folder.path), engine.prepare(asked).engines
-    told = summary.as_dict()
-    for label, of_label in summary.cases.items():
-        told["controllers"][label] |= engines[label]
-        told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
+    told = summary.plain
+    for label, of_label in told["controllers"].items():
+        of_label |= engines[label]
+        of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
     plain = {"libraries": header.libraries, "config": header.config, "setpoint_mg_dl": asked.target_mg_dl, **told}
     report = TrialReport(
         title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
         setpoint_mg_dl=asked.target_mg_dl,
         units_per_hour=asked.patient.under_the_skin,
-        people=summary.people,
-        infeasible=summary.infeasible.count,
+        people=told["people"],
+        infeasible=told["unable"]["count"],
         facts={**controllers_facts(asked.cases), **trial_facts(asked), **engine_facts(engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
         faults=asked.fault_texts,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
-        cases={
-            label: _case_report(asked, label, of_label, bands[label], told["controllers"][label])
-            for label, of_label in summary.cases.items()
-        },
+        cases={label: _case_report(asked, label, summary, bands[label]) for label in told["controllers"]},
     )
     return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
 
@@ -137,11 +134,9 @@ def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
             yield table.select(pl.lit(label).alias("controller"), pl.lit(quantity).alias("quantity"), pl.all())
 
 
-def _case_report(
-    trial: Trial, label: str, summary: CaseSummary, bands: Mapping[str, Any], plain: Mapping[str, Any]
-) -> CaseReport:
-    t_min = times(trial)
-    metrics = summary.metrics
+def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping[str, Any]) -> CaseReport:
+    t_min, of = times(trial), summary.plain["controllers"][label]
+    metrics, low = of["metrics"], {int(name.removesuffix("_mg_dl")): share for name, share in of["ever_below"].items()}
     return CaseReport(
         bands_t_min=t_min["glucose"],
         glucose_quantiles=dict(zip(BAND_QUANTILES, bands["glucose"], strict=True)),
@@ -153,15 +148,15 @@ def _case_report(
                 counts=counted.counts,
                 **{name: metrics[metric][name] for name in ("p5", "median", "p95")},
             )
-            for metric, counted in summary.distributions.items()
+            for metric, counted in summary.distributions[label].items()
             if metric != _SETTLING or _one_meal(trial)
         },
-        cvga_counts=summary.cvga_counts,
+        cvga_counts=summary.cvga_counts[label],
         time_in_range_pct=ranges_pct(lambda metric: metrics[metric]["mean"]),
-        table=dict(_page_numbers(trial, plain)),
-        worst=_worst(trial, label, summary),
-        ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},
-        not_finite=summary.not_finite.count,
+        table=dict(_page_numbers(trial, of)),
+        worst=_worst(trial, label, of["worst"]),
+        ever_below={limit: (share["people"], share["share_pct"]) for limit, share in low.items()},
+        not_finite=of["not_finite"]["count"],
     )
 
 
@@ -189,11 +184,11 @@ def _page_numbers(trial: Trial, of: Mapping[str, Any]) -> Iterator[tuple[str, fl
     yield "People ever below the valid range of the model", str(of["below_validity"]["count"])
 
 
-def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
+def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation."""
-    if not summary.worst:
+    if not people:
         return []
-    worst = np.array([person["person"] for person in summary.worst], np.int64)
+    worst = np.array([person["person"] for person in people], np.int64)
     again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
@@ -208,7 +203,7 @@ def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
             insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
             note=person_in_words(trial.population, person),
         )
-        for column, person in enumerate(summary.worst)
+        for column, person in enumerate(people)
     ]
 
 
