@@ -20,7 +20,7 @@ from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import done_shards
 from glucoloop.storage.trials.header import read_header
 from glucoloop.studies.robust import ROBUST
-from glucoloop.studies.robust.objectives import NO_SCORES
+from glucoloop.studies.robust.search import NO_SCORES
 from glucoloop.studies.robust.study import rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")

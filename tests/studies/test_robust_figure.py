@@ -11,8 +11,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.objectives import NO_SCORES, Bound, judged
-from glucoloop.studies.robust.search import SearchEngine
+from glucoloop.studies.robust.search import NO_SCORES, Bound, SearchEngine, judged
 from glucoloop.studies.robust.study import tables
 
 ASKED = configured(Search, at_most=["peak-median=95"], batch=40, rounds=1)

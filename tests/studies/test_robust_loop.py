@@ -18,8 +18,7 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.loop import TuningLoop, draw_subjects
-from glucoloop.studies.robust.objectives import METRICS
+from glucoloop.studies.robust.loop import METRICS, TuningLoop, draw_subjects
 from glucoloop.studies.robust.search import SearchEngine, tuning_of
 from glucoloop.studies.robust.study import notes
 

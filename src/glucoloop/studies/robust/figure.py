@@ -12,8 +12,7 @@ import polars as pl
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -34,12 +34,13 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.people_plant import varying
 from glucoloop.situations.case import Case
-from glucoloop.studies.robust.objectives import METRICS
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]
 """Values of the tuned numbers; the others are the case's."""
 
+METRICS: Final = ("undershoot_mg_dl", "minimum_mg_dl", "peak_mg_dl", "insulin_total_variation_mU_min")
+"""Metrics that are kept of each subject's run."""
 _PROBES: Final = (0.0, 0.37, 1.0)
 """Shares of each range at which a controller is designed to find the leaves that a tuning changes."""
 

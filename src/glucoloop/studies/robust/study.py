@@ -19,8 +19,7 @@ from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.objectives import OBJECTIVES, objective
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, SearchEngine, rows_of
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
 from glucoloop.tuning.samplers import library
 
 
