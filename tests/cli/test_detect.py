@@ -49,8 +49,8 @@ def done(detection):
     estimates = dict.fromkeys((field.name for field in dataclasses.fields(MealEstimates)), eating)
     estimates |= {"carbs_g": told, "remaining_g": 10.0 * eating, "emptying_mg_min": 360.0 * eating}
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
-    fed = dataclasses.replace(days, told=MealEstimates(**estimates))
-    fasted = dataclasses.replace(days, told=MealEstimates(**{**estimates, "eating": alarm}))
+    fed = dataclasses.replace(days, estimates=MealEstimates(**estimates))
+    fasted = dataclasses.replace(days, estimates=MealEstimates(**{**estimates, "eating": alarm}))
     return Scores({name: score(detection, fed, fasted) for name in detection.estimators}, 1, 0)
 
 

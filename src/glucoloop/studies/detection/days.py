@@ -57,12 +57,12 @@ class Recorder:
         del glucose_mg_dl, insulin_mU_min
         return {"reading": jnp.full(self.samples, jnp.nan), "reported": jnp.full(self.samples, jnp.nan)}
 
-    def step(self, kept: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
+    def step(self, record: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
         """Record one more sample."""
         index = jnp.round(t_min / self.sample_time_min).astype(int)
         reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
-        said = {"reading": reading, "reported": happened.delivery.reported_mU_min}
-        return {name: jax.lax.dynamic_update_index_in_dim(kept[name], of, index, 0) for name, of in said.items()}
+        values = {"reading": reading, "reported": happened.delivery.reported_mU_min}
+        return {name: jax.lax.dynamic_update_index_in_dim(record[name], of, index, 0) for name, of in values.items()}
 
 
 @pytree
@@ -79,7 +79,7 @@ class Days:
     """(samples, days) rates as the pump reported them, from each sample to the next."""
     glucose_mg_dl: Array
     """(samples, days) glucose free of noise."""
-    told: Any = None
+    estimates: Any = None
     """`MealEstimates` along them, of an estimator."""
 
 
@@ -186,7 +186,7 @@ def with_estimates(
             own = (jnp.asarray(of[..., place]) for of in (basal, days.reading_mg_dl, rates))
             return _of_days(controller, t_min, *own, trial.start_min, late=late)
 
-        return dataclasses.replace(days, told=_in_blocks(days.person.size, block, progress, f"{name}: estimates"))
+        return dataclasses.replace(days, estimates=_in_blocks(days.person.size, block, progress, f"{name}: estimates"))
 
     with one_at_a_time:
         return {fasting: estimated(days) for fasting, days in recorded.items()}
@@ -209,8 +209,8 @@ def _of_days(
         none = jnp.zeros_like(readings)
         return replay(own.model, own.estimator, t_min, readings, insulin, none, basal, late, start_min)
 
-    told: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
-    return told
+    found: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
+    return found
 
 
 def _believed(reported: Array, basal: Array) -> Array:

@@ -29,7 +29,7 @@ AFTERMATH_MIN: Final = 60.0
 """Time after a meal's end for which it is still under way, and after which its size is judged."""
 THRESHOLDS: Final = (*(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99, 0.995)
 QUANTILES: Final = (0.1, 0.5, 0.9)
-TOLD_AFTER_MIN: Final = (30, 60, 90, 120)
+JUDGED_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
 LONGEST_AFTER_MIN: Final = 240.0
 
@@ -81,8 +81,8 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     """Score of an estimator on days with meals, if there are any, and on as many without."""
     day = _day(detection, fasted if fed is None else fed)
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
-    grid, meals, eating = detection.grid, fed.meals, fed.told.eating
-    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.told.eating.shape, bool)
+    grid, meals, eating = detection.grid, fed.meals, fed.estimates.eating
+    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
     fasting_days, between_days = (days_of(of, grid.sample_time_min) for of in (always, quiet))
     rows = {}
     for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
@@ -95,7 +95,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
             "delay_p90_min": np.quantile(delay[found], QUANTILES[-1]) if found.any() else None,
             "missed_pct": 100.0 * (~found & ~already).sum() / delay.size if delay.size else None,
             "already_pct": 100.0 * already.sum() / delay.size if delay.size else None,
-            "false_alarms_fasting_per_day": false_alarms(fasted.told.eating, always, threshold) / fasting_days,
+            "false_alarms_fasting_per_day": false_alarms(fasted.estimates.eating, always, threshold) / fasting_days,
             "false_alarms_between_per_day": between / between_days if between_days else None,
         }
     at = rows[detection.threshold]
@@ -114,17 +114,17 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
 
 def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     """Each meal, and the error of the size over time."""
-    grid, told, horizon_min = detection.grid, fed.told, detection.trial.plan.horizon_min
+    grid, estimates, horizon_min = detection.grid, fed.estimates, detection.trial.plan.horizon_min
     begin_min: Any = fed.meals.t_min
     carbs_g: Any = fed.meals.carbs_g
-    delay, already = delays_min(told.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
+    delay, already = delays_min(estimates.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
     over = followed_min(fed.meals, horizon_min)
 
     def estimate(values: Any, at_min: Array) -> Array:
-        return told_at(values, grid.t_min, at_min, begin_min + delay, over)
+        return estimate_at(values, grid.t_min, at_min, begin_min + delay, over)
 
     def expected(after_min: float) -> Array:
-        return estimate(told.carbs_g + told.remaining_g, begin_min + after_min)
+        return estimate(estimates.carbs_g + estimates.remaining_g, begin_min + after_min)
 
     columns: dict[str, Any] = {
         "person": fed.person,
@@ -134,8 +134,8 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
         "delay_min": delay,
         "already": already,
         "missed": ~np.isfinite(delay) & ~already,
-        "estimated_g": estimate(told.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
-        **{f"expected_{after}_min_g": expected(after) for after in TOLD_AFTER_MIN},
+        "estimated_g": estimate(estimates.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
+        **{f"expected_{after}_min_g": expected(after) for after in JUDGED_AFTER_MIN},
     }
     # day by day
     meals = pl.DataFrame({name: np.broadcast_to(of, begin_min.shape).T.ravel() for name, of in columns.items()})
@@ -161,11 +161,11 @@ def _day(detection: Detection, days: Days) -> pl.DataFrame:
             "glucose_mg_dl": first.glucose_mg_dl,
             "reading_mg_dl": first.reading_mg_dl,
             "insulin_mU_min": first.insulin_mU_min,
-            "eating": first.told.eating,
+            "eating": first.estimates.eating,
             "emptying_mg_min": np.asarray(jax.vmap(lambda t: emptying_mg_min(t, meals))(t_min))[:, 0],
-            "estimated_emptying_mg_min": first.told.emptying_mg_min,
-            "carbs_g": first.told.carbs_g,
-            "remaining_g": first.told.remaining_g,
+            "estimated_emptying_mg_min": first.estimates.emptying_mg_min,
+            "carbs_g": first.estimates.carbs_g,
+            "remaining_g": first.estimates.remaining_g,
         }
     )
 
@@ -219,14 +219,14 @@ def days_of(quiet: Truths, sample_time_min: float) -> float:
     return float(quiet.sum() * sample_time_min / MIN_PER_DAY)
 
 
-def told_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
+def estimate_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
     """Estimate for each meal at the first sample from a time on, all ``(meals, days)``.
 
     It is NaN where that sample is before the detection, until when an estimate is about the meal before, or not before
     the end of the meal's period.
     """
     sample = np.searchsorted(t_min, at_min, side="left")
-    kept = np.minimum(sample, t_min.size - 1)
-    at_sample = np.take_along_axis(values, kept, axis=0)
-    heard = (sample < t_min.size) & (t_min[kept] >= since_min) & (t_min[kept] < until_min)
-    return np.where(heard, at_sample, np.nan)
+    index = np.minimum(sample, t_min.size - 1)
+    at_sample = np.take_along_axis(values, index, axis=0)
+    counts = (sample < t_min.size) & (t_min[index] >= since_min) & (t_min[index] < until_min)
+    return np.where(counts, at_sample, np.nan)

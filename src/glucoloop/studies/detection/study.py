@@ -27,7 +27,7 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.days import ENGINE_TOLD
-from glucoloop.studies.detection.evaluate import QUANTILES, TOLD_AFTER_MIN, Scores, evaluate
+from glucoloop.studies.detection.evaluate import JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ _SIZES: Final = (
     *_size_error("after_end", "estimated_g", "  60 min after the end"),
     *(
         column
-        for after in TOLD_AFTER_MIN
+        for after in JUDGED_AFTER_MIN
         for column in _size_error(
             f"at_{after}_min", f"expected_{after}_min_g", f"Error of the size, {after} min after the beginning"
         )

@@ -81,22 +81,22 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
     bands, header, engines = _bands(folder), read_header(folder.path), engine.prepare(asked).engines
-    told = summary.plain
-    for label, of_label in told["controllers"].items():
+    numbers = summary.plain
+    for label, of_label in numbers["controllers"].items():
         of_label |= engines[label]
         of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
-    plain = {"libraries": header.libraries, "config": header.config, "setpoint_mg_dl": asked.target_mg_dl, **told}
+    plain = {"libraries": header.libraries, "config": header.config, "setpoint_mg_dl": asked.target_mg_dl, **numbers}
     report = TrialReport(
         title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
         setpoint_mg_dl=asked.target_mg_dl,
         units_per_hour=asked.patient.under_the_skin,
-        people=told["people"],
-        infeasible=told["unable"]["count"],
+        people=numbers["people"],
+        infeasible=numbers["unable"]["count"],
         facts={**controllers_facts(asked.cases), **trial_facts(asked), **engine_facts(engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
         faults=asked.fault_texts,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
-        cases={label: _case_report(asked, label, summary, bands[label]) for label in told["controllers"]},
+        cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )
     return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
 
