@@ -90,7 +90,7 @@ def prepare(trial: Trial) -> PreparedTrial:
     found = _PREPARED.pop(key, None) or _prepare(trial)
     _PREPARED[key] = found
     if len(_PREPARED) > _MOST_PREPARED:
-        _PREPARED.pop(next(iter(_PREPARED)), None)  # None, since workers of a cluster may be threads
+        del _PREPARED[next(iter(_PREPARED))]
     return found
 
 

@@ -13,10 +13,9 @@ from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.identification import Identification
-from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
+from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
-from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
@@ -39,16 +38,10 @@ class Outcome:
     """Model of the controller; None for a controller that uses none."""
     trace: Trace
     metrics: Metrics
-    limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
     settled: Mapping[str, float] = field(default_factory=dict)
     """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
-
-    @property
-    def summary(self) -> ClinicalSummary:
-        """Times in ranges, extremes and insulin, as a clinician reads them first."""
-        return clinical_summary(self.trace, self.metrics)
 
     def report(self) -> dict[str, Any]:
         """Plain values for JSON; the settings are those of the run by itself, without a comparison around it."""
@@ -57,7 +50,7 @@ class Outcome:
             "config": {**config, "controller": self.case.tree(whole=True)},
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
-            "summary": self.summary.as_dict(),
+            "summary": clinical_summary(self.trace, self.metrics).as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
         }
@@ -83,7 +76,6 @@ def outcome_of(run: Run, case: Case, model: ModelFile | None, controller: Contro
         model=model,
         trace=trace,
         metrics=metrics,
-        limits=run.limits,
         settled=settled(controller),
         notes=(
             *notes_on(run, case, model),

@@ -74,21 +74,21 @@ def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[
 
 
 def sentences(asked: Search, found: Findings) -> Iterator[str]:
-    """Conclusions on the bounds, the front and the choice, and the engine."""
+    """Conclusions on the bounds, the front and the choice."""
     of, objectives, prefer = found.plain, asked.objectives, asked.prefer
     for bound in of["bounds"]:
         whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
         most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
         yield f"Bound: {bound['objective']} at most {most}{whose}."
     chosen, tried = of["chosen"]["candidate"], how_many(of["candidates"], "tuning")
-    told = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
+    keeping = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
     if not of["chosen"]["keeps_the_bounds"]:
-        yield f"{told}; chosen is the one that exceeds them least, candidate {chosen}."
+        yield f"{keeping}; chosen is the one that exceeds them least, candidate {chosen}."
         return
     preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
     front = f"{how_many(len(of['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
-        f"{f'{told}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
+        f"{f'{keeping}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
         f"chosen is candidate {chosen}, {preferred}."
     )
 
