@@ -11,8 +11,7 @@ from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection, study
-from glucoloop.studies.detection.days import Days
-from glucoloop.studies.detection.evaluate import Scores, score
+from glucoloop.studies.detection.evaluate import Days, Scores, score
 from glucoloop.studies.detection.study import findings, plot_detection
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)

@@ -8,7 +8,6 @@ import pytest
 from glucoloop.meals import Eaten, draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import in_order, who_and_when
 from glucoloop.studies.detection.evaluate import (
     days_of,
     delays_min,
@@ -16,7 +15,9 @@ from glucoloop.studies.detection.evaluate import (
     evaluate,
     false_alarms,
     followed_min,
+    in_order,
     under_way,
+    who_and_when,
 )
 from glucoloop.studies.detection.study import findings
 

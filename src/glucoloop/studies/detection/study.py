@@ -26,8 +26,7 @@ from glucoloop.report.facts import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import ENGINE_TOLD
-from glucoloop.studies.detection.evaluate import JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
+from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
@@ -104,7 +103,7 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
-        "engines": dict.fromkeys(scores.of, ENGINE_TOLD),
+        "engines": dict.fromkeys(scores.of, ENGINE),
         "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.of.items()},
         "notes": list(_notes(asked, scores)),
     }
@@ -138,7 +137,7 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
         yield (
             f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
         )
-    yield f"Engine: {engine_facts(dict.fromkeys(scores.of, ENGINE_TOLD))['Engine']}."
+    yield f"Engine: {engine_facts(dict.fromkeys(scores.of, ENGINE))['Engine']}."
 
 
 def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
