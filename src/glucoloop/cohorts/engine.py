@@ -42,9 +42,9 @@ class PeopleResult(PeopleRows):
     insulin_counts: npt.NDArray[np.int64]
     """(samples, bins) numbers of people with a basal rate in each bin."""
     glucose_mg_dl: npt.NDArray[np.float32] | None = None
-    """(samples + 1, n) glucose."""
+    """(samples + 1, n) glucose without noise."""
     insulin_mU_min: npt.NDArray[np.float32] | None = None
-    """(samples, n) insulin."""
+    """(samples, n) delivered insulin."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class PreparedCase:
     surroundings: Surroundings
     """Sensor and pump of one person."""
     alike: tuple[Surroundings, ...]
-    """Those of all cases that share the loop, this one included; none where it is alone."""
+    """Sensors and pumps of all cases that share the loop, this one included; none where it is alone."""
 
 
 @dataclass(frozen=True)
@@ -144,49 +144,38 @@ def run_people(
     number = np.asarray(person, np.int64)
     if not number.size:
         raise Refusal("nobody was asked for; give the number of at least one person")
-    of_case = prepared.cases[label]
+    of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.grid
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
-        return _run_block(prepared, of_case, block, n, traces=traces)
+        with one_at_a_time:
+            people, drawn, first_meal_min = _drawn(prepared, of_case, block)
+        finished = of_case.loop.cohort.run(people)
+        with one_at_a_time:
+            metrics: Metrics = prepared.fold.finish(
+                finished.fold,
+                samples=grid.samples,
+                sample_time_min=grid.sample_time_min,
+                meal_t_min=first_meal_min,
+                precision=of_case.loop.cohort.precision,
+            )
+        values = {name: np.asarray(of)[:n] for name, of in metrics.by_name().items()}
+        feasible = drawn.feasible[:n]
+        glucose, insulin = finished.glucose_mg_dl[:, :n], finished.insulin_mU_min[:, :n]
+        # the metrics are not numbers where anything in the run was not
+        known = feasible & np.isfinite(values["mean_mg_dl"]) & np.isfinite(values["insulin_total_mU"])
+        return PeopleResult(
+            person=block[:n],
+            feasible=feasible,
+            drawn={name: of[:n] for name, of in drawn.draw.values.items()},
+            basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
+            metrics=values,
+            glucose_counts=count(_of(glucose, known), glucose_edges()),
+            insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
+            glucose_mg_dl=glucose.astype(np.float32) if traces else None,
+            insulin_mU_min=insulin.astype(np.float32) if traces else None,
+        )
 
     return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
-
-
-def _run_block(
-    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], n: int, *, traces: bool
-) -> PeopleResult:
-    """Results of the first n people of a full block."""
-    trial, grid = prepared.trial, prepared.grid
-    with one_at_a_time:
-        people, drawn, first_meal_min = _drawn(prepared, of_case, person)
-    run = of_case.loop.cohort.run(people)
-    with one_at_a_time:
-        metrics: Metrics = prepared.fold.finish(
-            run.fold,
-            samples=grid.samples,
-            sample_time_min=grid.sample_time_min,
-            meal_t_min=first_meal_min,
-            precision=of_case.loop.cohort.precision,
-        )
-    feasible = drawn.feasible[:n]
-    glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
-    # the metrics are not numbers where anything in the run was not
-    known = (
-        feasible
-        & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n])
-        & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
-    )
-    return PeopleResult(
-        person=person[:n],
-        feasible=feasible,
-        drawn={name: values[:n] for name, values in drawn.draw.values.items()},
-        basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
-        metrics={name: np.asarray(values)[:n] for name, values in metrics.by_name().items()},
-        glucose_counts=count(_of(glucose, known), glucose_edges()),
-        insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
-        glucose_mg_dl=glucose.astype(np.float32) if traces else None,
-        insulin_mU_min=insulin.astype(np.float32) if traces else None,
-    )
 
 
 def _of(values: Array, people: Array) -> Array:

@@ -115,7 +115,7 @@ def source_of(samples: int, noise_variance: float) -> str:
 
 
 def smoothing_of(identification: Identification) -> str:
-    """How a model was smoothed, in words."""
+    """Smoothing of a model, in words."""
     functions = identification.laguerre_coefficients.size
     return (
         f"{functions} Laguerre functions with pole {identification.laguerre_pole:.4g}" if functions else "not smoothed"

@@ -63,7 +63,7 @@ _LOST: Final = {
     "its depth means nothing.",
     "not_finite": "did not stay finite: {}.",
 }
-"""What happened to glucose, by the name of the people affected."""
+"""Sentences on glucose, by the name of the people affected."""
 _NAMED: Final = 10
 
 
