@@ -54,7 +54,7 @@ class ClosedLoops:
 
 
 def notes(asked: Run) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the loops. Several controllers are compared."""
+    """Refuse several controllers outside a comparison, and a bound over too many samples, before a loop is closed."""
     if not isinstance(asked, Comparison):
         _ = asked.case
     elif asked.bound:
