@@ -11,8 +11,7 @@ from glucoloop.estimation.unknown_meal.replay import MealEstimates
 from glucoloop.meals import draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection, study
-from glucoloop.studies.detection.days import Days
-from glucoloop.studies.detection.evaluate import Scores, score
+from glucoloop.studies.detection.evaluate import Days, Scores, score
 from glucoloop.studies.detection.study import findings, plot_detection
 
 SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed", 5)
@@ -49,8 +48,8 @@ def done(detection):
     estimates = dict.fromkeys((field.name for field in dataclasses.fields(MealEstimates)), eating)
     estimates |= {"carbs_g": told, "remaining_g": 10.0 * eating, "emptying_mg_min": 360.0 * eating}
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
-    fed = dataclasses.replace(days, told=MealEstimates(**estimates))
-    fasted = dataclasses.replace(days, told=MealEstimates(**{**estimates, "eating": alarm}))
+    fed = dataclasses.replace(days, estimates=MealEstimates(**estimates))
+    fasted = dataclasses.replace(days, estimates=MealEstimates(**{**estimates, "eating": alarm}))
     return Scores({name: score(detection, fed, fasted) for name in detection.estimators}, 1, 0)
 
 
@@ -85,6 +84,8 @@ def test_folder_holds_every_meal_and_repeats_itself(glucoloop, tmp_path, asked):
     assert (asked[0].case.controller.name, asked[0].days, asked[0].seed) == ("basal", 1, 5)
     told = {key: value for key, value in again.json.items() if key != "files"}
     assert told == json.loads((tmp_path / "a/detect.json").read_text())
+    assert told["engines"]["kalman"]["engine"] == "xla"
+    assert "Engine: JAX (xla): the replay of estimators, which runs in JAX alone." in first.out
     assert told["estimators"]["kalman"]["size_error_after_end_mean_absolute_g"] == pytest.approx(0.0, abs=1e-9)
     assert (tmp_path / "a/SHA256SUMS").read_text() == (tmp_path / "b/SHA256SUMS").read_text()
 
@@ -100,10 +101,9 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
     assert (detection.estimating.meals_per_h, detection.estimating.mean_carbs_g) == (0.2, 30.0)
 
 
-@pytest.mark.parametrize("width", ["single", "double"])
-def test_nothing_of_the_figure_is_clipped(width):
+def test_nothing_of_the_figure_is_clipped():
     asked = configured(Detection, days=1)
-    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4, width=width)
+    figure = plot_detection(findings(asked, done(asked)), title="A title that is long " * 4)
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert min(drawn.x0, drawn.y0) >= 0.0

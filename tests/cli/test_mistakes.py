@@ -329,7 +329,7 @@ def test_interrupt_leaves_with_130_and_nothing_written(glucoloop, tmp_path, monk
 
 
 LONG_WORK = {
-    "identify": "glucoloop.studies.identification.study.identify",
+    "identify": "glucoloop.studies.identification.study._from_patient",
     "bound": "glucoloop.studies.bound.study._bounds",
     "tune": "glucoloop.studies.tuning.study.found",
     "detect": "glucoloop.studies.detection.study.found",
@@ -515,7 +515,7 @@ def test_missing_extra_is_told_before_anything_is_computed(refused, tmp_path, mo
     package, told = LACKING[line]
     for engine in (
         "studies.adversary.study.search",
-        "studies.robust.search.SearchEngine",
+        "studies.robust.study.search",
         "cohorts.engine.prepare",
     ):
         monkeypatch.setattr(f"glucoloop.{engine}", lambda *_, **__: pytest.fail("it was computed"))

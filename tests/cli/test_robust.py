@@ -1,6 +1,7 @@
 """``glucoloop robust``, with a closed form in place of the loops."""
 
 import json
+from typing import ClassVar
 
 import numpy as np
 import polars as pl
@@ -12,7 +13,8 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.objectives import METRICS, NO_SCORES
+from glucoloop.studies.robust.loop import METRICS
+from glucoloop.studies.robust.search import NO_SCORES
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {
@@ -34,6 +36,7 @@ class ClosedForm:
     """More weight on moves: less undershoot and travel, a higher peak; it is refused below 0.03."""
 
     interrupt_after = None
+    engine_told: ClassVar = {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
 
     def __init__(self, trial, case, space, example):
         self.case = case
@@ -68,6 +71,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
         "mpc-se",
         "Never seen before",
         "total-variation at most 450",
+        "Engine: JAX (xla): the operation 'sort' in the controller.",
         "Wrote best.toml",
     ):
         assert part in first.out
@@ -83,6 +87,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
     check = pl.read_parquet(tmp_path / "a/check.parquet")
     assert check.group_by("controller", "group").len().height == 6
     assert summary["check"].keys() == {"chosen", "as it was", "mpc-se"}
+    assert summary["engines"] == dict.fromkeys(("mpc-se", "meal-mpc"), ClosedForm.engine_told)
 
     run = configured(Run, read_toml((tmp_path / "a/best.toml").read_text(), "best.toml").keys)
     assert run.case.controller.name == "meal-mpc"

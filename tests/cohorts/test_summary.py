@@ -1,5 +1,6 @@
 """The summary of a trial is what NumPy finds in all people at once, however they are dealt into shards."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -62,10 +63,14 @@ def summary(cases):
     return summarise_people(dealt(cases, 700), max_insulin_mU_min=66.9)
 
 
+def controllers(summary):
+    return summary.plain["controllers"]
+
+
 def test_metrics_are_those_of_all_people(cases, summary):
     for label, people in cases.items():
         for name, values in people.metrics.items():
-            feasible, told = values[people.feasible], summary.cases[label].metrics[name]
+            feasible, told = values[people.feasible], controllers(summary)[label]["metrics"][name]
             if name in YES_OR_NO:
                 assert told == {"people": feasible.sum(), "share_pct": pytest.approx(100.0 * feasible.mean())}
                 continue
@@ -82,7 +87,7 @@ def test_a_metric_that_some_people_do_not_have_is_summarised_over_those_who_have
     people = dataclasses.replace(
         cases["mpc"], metrics={**cases["mpc"].metrics, "first_low_min": first_low, "never_min": nobody}
     )
-    told = summarise_people(dealt({"mpc": people}, 700), max_insulin_mU_min=66.9).cases["mpc"].metrics
+    told = summarise_people(dealt({"mpc": people}, 700), max_insulin_mU_min=66.9).plain["controllers"]["mpc"]["metrics"]
     having = first_low[np.isfinite(first_low)]
     assert told["first_low_min"] == pytest.approx(
         {
@@ -98,18 +103,17 @@ def test_a_metric_that_some_people_do_not_have_is_summarised_over_those_who_have
 
 def test_who_is_not_able_and_who_is_beyond_the_pump_are_named(cases, summary):
     people = cases["mpc"]
-    assert summary.people == PEOPLE
-    assert list(summary.infeasible.person) == np.flatnonzero(~people.feasible).tolist()
-    assert summary.infeasible.count == (~people.feasible).sum()
-    assert list(summary.beyond_pump.person) == np.flatnonzero(people.basal_insulin_mU_min > 66.9).tolist()
+    assert summary.plain["people"] == PEOPLE
+    assert summary.plain["unable"]["person"] == np.flatnonzero(~people.feasible).tolist()
+    assert summary.plain["unable"]["count"] == (~people.feasible).sum()
+    assert summary.plain["basal_beyond_pump"]["person"] == np.flatnonzero(people.basal_insulin_mU_min > 66.9).tolist()
 
 
 def test_people_below_the_validity_of_their_model_are_named(cases, summary):
     for label, people in cases.items():
         low = np.flatnonzero(people.metrics["time_below_validity_pct"] > 0.0)
         assert 0 < low.size < PEOPLE
-        assert list(summary.cases[label].below_validity.person) == low.tolist()
-        assert summary.as_dict()["controllers"][label]["below_validity"]["count"] == low.size
+        assert controllers(summary)[label]["below_validity"] == {"count": low.size, "person": low.tolist()}
 
 
 def test_folders_without_that_metric_are_summed_up(cases):
@@ -120,12 +124,12 @@ def test_folders_without_that_metric_are_summed_up(cases):
         for label, people in cases.items()
     }
     summary = summarise_people(dealt(older, PEOPLE), max_insulin_mU_min=66.9)
-    assert summary.cases["mpc"].below_validity.count == 0
+    assert controllers(summary)["mpc"]["below_validity"]["count"] == 0
 
 
 def test_worst_are_those_with_the_least_glucose(cases, summary):
     people = cases["pid"]
-    worst = summary.cases["pid"].worst
+    worst = controllers(summary)["pid"]["worst"]
     order = np.argsort(people.metrics["minimum_mg_dl"])[:10]
     assert [person["person"] for person in worst] == order.tolist()
     first = worst[0]
@@ -136,16 +140,17 @@ def test_worst_are_those_with_the_least_glucose(cases, summary):
 
 def test_low_glucose_grid_and_distributions_count_people(cases, summary):
     people = cases["mpc"]
-    case, minimum = summary.cases["mpc"], people.metrics["minimum_mg_dl"][people.feasible]
+    case, minimum = controllers(summary)["mpc"], people.metrics["minimum_mg_dl"][people.feasible]
     for limit in (70, 60, 54):
-        assert case.ever_below[limit] == {
+        assert case["ever_below"][f"{limit}_mg_dl"] == {
             "people": (minimum < limit).sum(),
             "share_pct": pytest.approx(100.0 * (minimum < limit).mean()),
         }
-    np.testing.assert_array_equal(case.cvga_counts, grid_counts(minimum, people.metrics["peak_mg_dl"][people.feasible]))
-    assert set(case.distributions) == set(DISTRIBUTIONS)
-    for metric, counted in case.distributions.items():
-        other = summary.cases["pid"].distributions[metric]
+    of_grid = grid_counts(minimum, people.metrics["peak_mg_dl"][people.feasible])
+    np.testing.assert_array_equal(summary.cvga_counts["mpc"], of_grid)
+    assert set(summary.distributions["mpc"]) == set(DISTRIBUTIONS)
+    for metric, counted in summary.distributions["mpc"].items():
+        other = summary.distributions["pid"][metric]
         np.testing.assert_array_equal(counted.edges, other.edges)
         assert counted.counts.sum() == people.feasible.sum()
         inside = people.metrics[metric][people.feasible].clip(counted.edges[0], counted.edges[-1])
@@ -154,8 +159,8 @@ def test_low_glucose_grid_and_distributions_count_people(cases, summary):
 
 @pytest.mark.parametrize("size", [1500, PEOPLE])
 def test_dealing_changes_rounding_alone(cases, summary, size):
-    other = summarise_people(dealt(cases, size), max_insulin_mU_min=66.9).as_dict()
-    told = summary.as_dict()
+    other = summarise_people(dealt(cases, size), max_insulin_mU_min=66.9).plain
+    told = copy.deepcopy(summary.plain)
     for label in cases:
         for name, values in told["controllers"][label]["metrics"].items():
             assert other["controllers"][label]["metrics"].pop(name) == pytest.approx(values, rel=1e-12)
@@ -169,21 +174,23 @@ def test_people_whose_glucose_is_not_finite_are_named_and_left_out(cases):
     metrics = {name: values.copy() for name, values in people.metrics.items()}
     metrics["minimum_mg_dl"][lost] = np.nan
     broken = dataclasses.replace(people, metrics=metrics)
-    case = summarise_people(dealt({"mpc": broken}, 700), max_insulin_mU_min=66.9).cases["mpc"]
-    assert list(case.not_finite.person) == lost.tolist()
-    assert case.metrics["gri"]["max"] == np.delete(people.metrics["gri"], lost)[np.delete(people.feasible, lost)].max()
+    case = controllers(summarise_people(dealt({"mpc": broken}, 700), max_insulin_mU_min=66.9))["mpc"]
+    assert case["not_finite"]["person"] == lost.tolist()
+    assert (
+        case["metrics"]["gri"]["max"] == np.delete(people.metrics["gri"], lost)[np.delete(people.feasible, lost)].max()
+    )
 
 
 def test_many_are_counted_and_the_first_named():
     told = summarise_people(dealt({"mpc": population(1, infeasible=0.5)}, 700), max_insulin_mU_min=66.9)
-    assert told.infeasible.count > 1200
-    assert len(told.infeasible.person) == MOST_NAMED
+    assert told.plain["unable"]["count"] > 1200
+    assert len(told.plain["unable"]["person"]) == MOST_NAMED
 
 
 def test_nobody_feasible():
     told = summarise_people(dealt({"mpc": population(1, infeasible=1.1)}, 700), max_insulin_mU_min=66.9)
-    assert told.infeasible.count == PEOPLE
-    assert told.cases["mpc"].worst == []
-    assert np.isnan(told.cases["mpc"].metrics["gri"]["median"])
+    assert told.plain["unable"]["count"] == PEOPLE
+    assert controllers(told)["mpc"]["worst"] == []
+    assert np.isnan(controllers(told)["mpc"]["metrics"]["gri"]["median"])
     with pytest.raises(ValueError, match="nobody to summarise"):
         summarise_people(lambda: [], max_insulin_mU_min=66.9)

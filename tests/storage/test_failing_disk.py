@@ -19,7 +19,7 @@ from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import TrialOrigin, done_shards
 from glucoloop.studies.robust import ROBUST
-from glucoloop.studies.robust.objectives import NO_SCORES
+from glucoloop.studies.robust.search import NO_SCORES
 from glucoloop.studies.robust.study import rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")

@@ -10,7 +10,7 @@ from glucoloop.bounds import HedgedDoses, OptimalDoses
 from glucoloop.meals import Meal
 from glucoloop.situations.situation import configured
 from glucoloop.studies.bound import BoundRequest, study
-from glucoloop.studies.bound.figure import plot_bound
+from glucoloop.studies.bound.study import plot_bound
 
 
 def plan(size, **more):
@@ -80,11 +80,10 @@ def test_plans_for_two_worlds_end_where_they_are_followed_to(plans, hedged):
     assert above.get_xlim()[1] == 100.0
 
 
-@pytest.mark.parametrize("width", ["single", "double"])
 @pytest.mark.parametrize("noise", [False, True])
-def test_nothing_is_clipped(plans, hedged, width, noise):
+def test_nothing_is_clipped(plans, hedged, noise):
     drawn = study.Bounds(plans, hedged if noise else {}).drawn
-    figure = plot_bound(drawn, [Meal(50.0, 20.0)], title="Bound $x$", width=width)
+    figure = plot_bound(drawn, [Meal(50.0, 20.0)], title="Bound $x$")
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     assert drawn.x0 >= 0.0
@@ -92,13 +91,6 @@ def test_nothing_is_clipped(plans, hedged, width, noise):
     assert drawn.x1 <= figure.get_figwidth()
     assert drawn.y1 <= figure.get_figheight()
     assert all(text.get_fontsize() >= 7.0 for text in texts(figure))
-
-
-def test_nothing_to_draw_is_refused(plans):
-    with pytest.raises(ValueError, match="there is no bound to show"):
-        plot_bound({})
-    with pytest.raises(ValueError, match="unknown width 'triple'"):
-        plot_bound(plans, width="triple")
 
 
 def test_table(plans, hedged, monkeypatch):

@@ -8,16 +8,16 @@ import pytest
 from glucoloop.meals import Eaten, draw_meals
 from glucoloop.situations.situation import configured
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import who_and_when
-from glucoloop.studies.detection.evaluate import evaluate
-from glucoloop.studies.detection.scores import (
+from glucoloop.studies.detection.evaluate import (
     days_of,
     delays_min,
+    estimate_at,
+    evaluate,
     false_alarms,
     followed_min,
     in_order,
-    told_at,
     under_way,
+    who_and_when,
 )
 from glucoloop.studies.detection.study import findings
 
@@ -84,7 +84,7 @@ def test_what_is_told_of_a_meal_is_told_in_its_time():
     assert over.ravel().tolist() == [62.0, 230.0, 300.0]
 
     def told(after, since):
-        return told_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
+        return estimate_at(values, T_MIN, eaten.t_min + after, eaten.t_min + since, over).ravel()
 
     np.testing.assert_array_equal(told(30.0, 10.0), [9.0, 19.0, 52.0])  # at 45, 95 and 260 min
     np.testing.assert_array_equal(told(48.0, 10.0), [12.0, 22.0, 56.0])  # at 60, 110 and 280 min

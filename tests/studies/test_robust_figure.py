@@ -11,9 +11,7 @@ from glucoloop.situations.situation import configured
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.front import Bound, judged
-from glucoloop.studies.robust.objectives import NO_SCORES
-from glucoloop.studies.robust.search import SearchEngine
+from glucoloop.studies.robust.search import NO_SCORES, Bound, SearchEngine, judged
 from glucoloop.studies.robust.study import tables
 
 ASKED = configured(Search, at_most=["peak-median=95"], batch=40, rounds=1)
@@ -36,6 +34,7 @@ class Engine(SearchEngine):
         self.asked, self.bounds = ASKED, [Bound("peak-median", 95.0)]
         self.references = {"mpc-se": {**SCORES, "undershoot_p95_mg_dl": 13.0, "peak_median_mg_dl": 92.0}}
         self.subjects = type("Subjects", (), {"infeasible": 0})
+        self._loops = {}
 
     def check(self, tuning):
         values = np.linspace(0.0, 12.0, 50)
@@ -53,9 +52,8 @@ def found():
     return Engine().found(list(candidates()))
 
 
-@pytest.mark.parametrize("width", ["single", "double"])
-def test_front_is_drawn_with_its_marks(found, width):
-    figure = plot_robust(ASKED, found, width=width)
+def test_front_is_drawn_with_its_marks(found):
+    figure = plot_robust(ASKED, found)
     figure.savefig(io.BytesIO(), format="png", dpi=50)
     axes, *others = figure.axes
     assert axes.get_xlabel() == "Undershoot, 95 % (mg/dl)"

@@ -1,5 +1,7 @@
 """Many tunings in one program are what each comes to alone."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,11 +18,9 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.loop import TuningLoop
-from glucoloop.studies.robust.objectives import METRICS
+from glucoloop.studies.robust.loop import METRICS, TuningLoop, draw_subjects
 from glucoloop.studies.robust.search import SearchEngine, tuning_of
 from glucoloop.studies.robust.study import notes
-from glucoloop.studies.robust.subjects import draw_subjects
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0
@@ -78,7 +78,7 @@ def trial():
 
 @pytest.fixture(scope="module")
 def subjects(trial):
-    return draw_subjects(trial, people=3, people_seed=7, seeds=2, first_seed=100)
+    return draw_subjects(trial, 3, 7, seeds=2, first_seed=100)
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +115,8 @@ def test_blocks_make_no_difference(subjects, loop, monkeypatch):
 
 class ClosedForm:
     """Stands for the loop: subject i undershoots by what the weight is away from their own best."""
+
+    engine_told: ClassVar = {"engine": "native"}
 
     def __init__(self, trial, case, space, example):
         pass

@@ -9,8 +9,7 @@ import pytest
 
 from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.studies.robust import BOTH, RANGES
-from glucoloop.studies.robust.front import Bound, choose, judged, pareto
-from glucoloop.studies.robust.objectives import NO_SCORES, objective, scores
+from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
 from glucoloop.tuning.samplers import Told, make_sampler
 
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from glucoloop.storage.findings import Findings
     from glucoloop.storage.resumable import ResumableFolder, Work
     from glucoloop.storage.trials.folder import TrialFolder
-    from glucoloop.studies.study import PlainModule, SearchModule, TrialModule
 
 F = TypeVar("F", bound="ResumableFolder")
 
@@ -86,8 +85,9 @@ class _StudyRun:
         """Complete the request, and import the module that does the work."""
         asked = completed(request, study.request)
         module: Any = importlib.import_module(study.module)
-        note(module.notes(asked))
-        return cls(study, request.output, module, asked)
+        run = cls(study, request.output, module, asked)
+        note(run.sentences("notes", asked))
+        return run
 
     def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
         """Work that a folder keeps."""
@@ -139,15 +139,21 @@ class _StudyRun:
             show(table)
         mmol = self.module.mmol_lines(found) if self.output.mmol else ()
         place = where_written(self.output.out, files) if written is None else written
-        on = self.module.how_to_go_on(found, files) if self.study.says_how_to_go_on else ()
-        for line in (*self.module.sentences(self.asked, found), *notes, *mmol, *([place] if place else []), *on):
+        conclusions = self.sentences("sentences", self.asked, found)
+        how_to_go_on = self.sentences("how_to_go_on", found, files)
+        for line in (*conclusions, *notes, *mmol, *([place] if place else []), *how_to_go_on):
             print(line)
+
+    def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
+        """Sentences by a function that the module may lack."""
+        found: Iterable[str] = getattr(self.module, function)(*arguments) if hasattr(self.module, function) else ()
+        return found
 
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     out = _needed_folder(study, request.output)
     run = _StudyRun.of(study, request)
-    module: TrialModule = run.module
+    module = run.module
     from glucoloop.storage.trials.folder import trial_folder
 
     work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
@@ -162,7 +168,8 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         where.compute(folder)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            return module.found(run.asked, folder)
+            found: Findings = module.found(run.asked, folder)
+            return found
 
     found = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
     files = _paths(out, *work.final, work.configuration)
@@ -173,7 +180,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
     run = _StudyRun.of(study, request)
-    module: SearchModule = run.module
+    module = run.module
     from glucoloop.storage.rows import rows_folder
 
     row_kind = module.rows(run.asked)
@@ -186,7 +193,8 @@ def _run_search(study: SearchStudy, request: Request) -> None:
                 add(row)
                 more(1)
         with stage("Summing up"):
-            return prepared.found(rows)
+            found: Findings = prepared.found(rows)
+            return found
 
     if out is None:
         rows: list[Any] = []
@@ -203,7 +211,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
     with request.output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
         run = _StudyRun.of(study, request)
         asked = run.asked
-        module: PlainModule = run.module
+        module = run.module
         shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
             found = module.found(asked, progress)

@@ -1,10 +1,12 @@
-"""Bins in which a trial counts glucose and insulin over time.
+"""Bins in which a trial counts glucose and insulin over time, and quantiles from the counts.
 
-Counts of any number of people take the same room, add exactly, and give quantiles to the width of a bin.
+Counts of any number of people take the same room, add exactly, and give quantiles to the width of a bin. Edges are
+evenly spaced from 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -15,6 +17,8 @@ Edges = npt.NDArray[np.float64]
 HIGHEST_GLUCOSE_MG_DL: Final = 600
 GLUCOSE_BIN_MG_DL: Final = 1.0
 INSULIN_BIN_MU_MIN: Final = 0.25
+BAND_QUANTILES: Final = (0.01, 0.05, 0.10, 0.25, 0.50, 0.75, 0.90, 0.95, 0.99)
+"""Quantiles of glucose and insulin over time."""
 
 
 def glucose_edges() -> Edges:
@@ -29,20 +33,7 @@ def insulin_edges(max_insulin_mU_min: float) -> Edges:
 
 
 def count(values: npt.NDArray[np.floating], edges: Edges) -> npt.NDArray[np.int64]:
-    """Number of people in each bin, row by row.
-
-    Parameters
-    ----------
-    values : (rows, people) array
-        Finite values.
-    edges : (bins + 1,) array
-        Edges, evenly spaced from 0.
-
-    Returns
-    -------
-    (rows, bins) array
-        A value on an edge counts in the bin above it.
-    """
+    """Number ``(rows, bins)`` of finite values ``(rows, people)`` in each bin; one on an edge counts above it."""
     rows, bins = values.shape[0], edges.size - 1
     place = values * values.dtype.type(1.0 / edges[1])
     # limited before it is made whole: what is far beyond the last bin does not fit an integer
@@ -50,3 +41,25 @@ def count(values: npt.NDArray[np.floating], edges: Edges) -> npt.NDArray[np.int6
     number = place.astype(np.intp)
     number += (bins * np.arange(rows))[:, None]
     return np.bincount(number.ravel(), minlength=rows * bins).reshape(rows, bins)
+
+
+def quantiles_of_counts(
+    edges: Edges, counts: npt.NDArray[np.int64], probabilities: Sequence[float] = BAND_QUANTILES
+) -> npt.NDArray[np.float64]:
+    """Quantiles ``(probabilities, rows)`` from counts ``(rows, bins)``, linear within a bin; NaN for a row without any.
+
+    They are in the bin of the true ones, so that the error is less than the width of the bin.
+    """
+    ends = np.cumsum(counts, axis=1, dtype=np.float64)
+    total = ends[:, -1]
+    rows = np.arange(counts.shape[0])
+    found = np.full((len(probabilities), counts.shape[0]), np.nan)
+    for row, probability in enumerate(probabilities):
+        place = probability * total
+        # The first bin whose end reaches the place, and which holds somebody.
+        number = np.argmax((ends >= place[:, None]) & (counts > 0), axis=1)
+        inside = counts[rows, number]
+        share = (place - (ends[rows, number] - inside)) / np.maximum(inside, 1)
+        found[row] = edges[number] + (edges[number + 1] - edges[number]) * share
+    found[:, total == 0] = np.nan
+    return found

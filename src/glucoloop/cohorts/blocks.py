@@ -33,19 +33,10 @@ def in_blocks(
     *,
     done: Callable[[int], None] = lambda number: None,
 ) -> list[T]:
-    """Results of a function on full blocks of values, in their order.
+    """Results of a function on full blocks of values ``(n,)``, in their order.
 
-    Parameters
-    ----------
-    run : callable
-        Function of a full block, and of the number of its first members that were asked for.
-    values : (n,) array
-    size : int
-        Size of a block.
-    threads : int, optional
-        Number of threads; one for each core by default.
-    done : callable
-        Called in this thread after each block, in their order, with its number of members that were asked for.
+    The function gets a full block, and the number of its first members that were asked for; `done` is called with that
+    number in this thread after each block, in their order. There is one thread for each core by default.
     """
     results: list[T] = []
 

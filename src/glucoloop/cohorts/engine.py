@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import functools
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, own_controllers
@@ -27,47 +28,36 @@ from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.situations.case import Case
 
 Array = npt.NDArray[Any]
 
 
-@dataclass(frozen=True)
-class PeopleResult:
-    """Results of people under one controller."""
+@dataclass(frozen=True, kw_only=True)
+class PeopleResult(PeopleRows):
+    """Results of people under one controller, with their counts and, where they were asked for, their traces."""
 
-    person: npt.NDArray[np.int64]
-    """(n,) numbers of the people."""
-    feasible: npt.NDArray[np.bool_]
-    """(n,) whether a basal rate holds the person at the setpoint; without one the metrics are NaN."""
-    drawn: Mapping[str, npt.NDArray[np.float64]]
-    """(n,) drawn values of each parameter."""
-    basal_insulin_mU_min: npt.NDArray[np.float64]
-    """(n,) basal rates."""
-    metrics: Mapping[str, Array]
-    """(n,) values of each metric, by the name of a result of `parts.metrics`."""
     glucose_counts: npt.NDArray[np.int64]
     """(samples + 1, bins) numbers of people with a basal rate in each bin."""
     insulin_counts: npt.NDArray[np.int64]
     """(samples, bins) numbers of people with a basal rate in each bin."""
     glucose_mg_dl: npt.NDArray[np.float32] | None = None
-    """(samples + 1, n) glucose, if traces were asked for."""
+    """(samples + 1, n) glucose without noise."""
     insulin_mU_min: npt.NDArray[np.float32] | None = None
+    """(samples, n) delivered insulin."""
 
 
 @dataclass(frozen=True)
 class PreparedCase:
     """A controller of a trial with its compiled loop."""
 
-    case: Case
     controller: Controller
     """Controller designed for the nominal patient."""
     loop: PeopleLoop
     """Compiled loop, which cases that differ only in a fault share."""
     surroundings: Surroundings
     """Sensor and pump of one person."""
-    around: Callable[[int], Surroundings] | None
-    """Function that makes sensors and pumps of a number of people; None where they are the loop's."""
+    alike: tuple[Surroundings, ...]
+    """Sensors and pumps of all cases that share the loop, this one included; none where it is alone."""
 
 
 @dataclass(frozen=True)
@@ -86,34 +76,21 @@ class PreparedTrial:
         return {label: of.loop.engine_told for label, of in self.cases.items()}
 
 
-@functools.lru_cache(maxsize=2)
-def _prepared(key: str, trial: _ByFingerprint) -> PreparedTrial:
-    del key
-    return _prepare(trial.trial)
-
-
-class _ByFingerprint:
-    """A trial as the key of a cache, compared by its fingerprint, since its dictionaries cannot be hashed."""
-
-    def __init__(self, trial: Trial) -> None:
-        self.trial = trial
-
-    def __hash__(self) -> int:
-        return 0
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByFingerprint)
+_PREPARED: Final[dict[str, PreparedTrial]] = {}
+_MOST_PREPARED: Final = 2
 
 
 def prepare(trial: Trial) -> PreparedTrial:
-    """Design the controllers of a trial and compile their loops; the trial prepared last is cached.
+    """Design the controllers of a trial and compile their loops; the last two are kept.
 
-    Raises
-    ------
-    ValueError
-        If a controller cannot be designed.
+    Refusal if a controller cannot be designed.
     """
-    return _prepared(fingerprint(trial), _ByFingerprint(trial))
+    key = fingerprint(trial)
+    found = _PREPARED.pop(key, None) or _prepare(trial)
+    _PREPARED[key] = found
+    if len(_PREPARED) > _MOST_PREPARED:
+        del _PREPARED[next(iter(_PREPARED))]
+    return found
 
 
 def _prepare(trial: Trial) -> PreparedTrial:
@@ -127,51 +104,26 @@ def _prepare(trial: Trial) -> PreparedTrial:
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
     prepared: dict[str, PreparedCase] = {}
     for around in shared_surroundings(trial, trial.cases):
-        prepared |= _prepare_cases(trial, around, example, grid, fold)
-    return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
-
-
-def _prepare_cases(
-    trial: Trial,
-    around: Mapping[str, Surroundings],
-    example: VirtualPeople,
-    grid: SampleGrid,
-    fold: RunningMetrics,
-) -> dict[str, PreparedCase]:
-    """Prepare cases that share a loop: they differ in their label, sensor and pump."""
-    cases = [case for case in trial.cases if case.label in around]
-    case, own_around = cases[0], around[cases[0].label]
-    controller = controller_of(trial, case)
-    loop = PeopleLoop(
-        trial,
-        controller,
-        example,
-        grid,
-        fold,
-        meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
-        own_announcements=trial.miscounts,
-        own=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
-        around=own_around,
-        varied=own_around.of_people(around.values(), 1),
-        precision=trial.precision,
-        products=trial.products,
-    )
-
-    def of_people(label: str) -> Callable[[int], Surroundings] | None:
-        if len(cases) == 1:
-            return None
-        return lambda people: around[label].of_people(around.values(), people)
-
-    return {
-        case.label: PreparedCase(
-            case=case,
-            controller=controller,
-            loop=loop,
-            surroundings=around[case.label],
-            around=of_people(case.label),
+        # these cases differ only in their label, sensor and pump
+        case = next(case for case in trial.cases if case.label in around)
+        controller, alike = controller_of(trial, case), tuple(around.values())
+        loop = PeopleLoop(
+            trial,
+            controller,
+            example,
+            grid,
+            fold,
+            meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
+            own_announcements=trial.miscounts,
+            own=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
+            around=around[case.label],
+            varied=around[case.label].of_people(alike, 1),
+            precision=trial.precision,
+            products=trial.products,
         )
-        for case in cases
-    }
+        shared = alike if len(alike) > 1 else ()
+        prepared |= {label: PreparedCase(controller, loop, own, shared) for label, own in around.items()}
+    return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
 
 
 def run_people(
@@ -183,73 +135,46 @@ def run_people(
     threads: int | None = None,
     done: Callable[[int], None] = lambda people: None,
 ) -> PeopleResult:
-    """Simulate people of a trial under one of its controllers.
+    """Simulate people of a trial, by their numbers, under the controller of a label.
 
-    Parameters
-    ----------
-    prepared : PreparedTrial
-    label : str
-        Label of the controller.
-    person : (n,) array of int
-        Numbers of the people.
-    traces : bool
-        Whether to keep glucose and insulin over time.
-    threads : int, optional
-        Number of threads, one for each core by default; the result does not depend on it.
-    done : callable
-        Called with a number of people whenever so many more are done.
-
-    Raises
-    ------
-    ValueError
-        If no person is asked for.
+    The result does not depend on the number of threads, which is one for each core by default. `done` is called with a
+    number of people whenever so many more are done.
     """
     number = np.asarray(person, np.int64)
     if not number.size:
         raise Refusal("nobody was asked for; give the number of at least one person")
-    of_case = prepared.cases[label]
+    of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.grid
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
-        return _run_block(prepared, of_case, block, n, traces=traces)
+        with one_at_a_time:
+            people, drawn, first_meal_min = _drawn(prepared, of_case, block)
+        finished = of_case.loop.cohort.run(people)
+        with one_at_a_time:
+            metrics: Metrics = prepared.fold.finish(
+                finished.fold,
+                samples=grid.samples,
+                sample_time_min=grid.sample_time_min,
+                meal_t_min=first_meal_min,
+                precision=of_case.loop.cohort.precision,
+            )
+        values = {name: np.asarray(of)[:n] for name, of in metrics.by_name().items()}
+        feasible = drawn.feasible[:n]
+        glucose, insulin = finished.glucose_mg_dl[:, :n], finished.insulin_mU_min[:, :n]
+        # the metrics are not numbers where anything in the run was not
+        known = feasible & np.isfinite(values["mean_mg_dl"]) & np.isfinite(values["insulin_total_mU"])
+        return PeopleResult(
+            person=block[:n],
+            feasible=feasible,
+            drawn={name: of[:n] for name, of in drawn.draw.values.items()},
+            basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
+            metrics=values,
+            glucose_counts=count(_of(glucose, known), glucose_edges()),
+            insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
+            glucose_mg_dl=glucose.astype(np.float32) if traces else None,
+            insulin_mU_min=insulin.astype(np.float32) if traces else None,
+        )
 
     return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
-
-
-def _run_block(
-    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64], n: int, *, traces: bool
-) -> PeopleResult:
-    """Results of the first n people of a full block."""
-    trial, grid = prepared.trial, prepared.grid
-    with one_at_a_time:
-        people, drawn, first_meal_min = _drawn(prepared, of_case, person)
-    run = of_case.loop.cohort.run(people)
-    with one_at_a_time:
-        metrics: Metrics = prepared.fold.finish(
-            run.fold,
-            samples=grid.samples,
-            sample_time_min=grid.sample_time_min,
-            meal_t_min=first_meal_min,
-            precision=of_case.loop.cohort.precision,
-        )
-    feasible = drawn.feasible[:n]
-    glucose, insulin = run.glucose_mg_dl[:, :n], run.insulin_mU_min[:, :n]
-    # the metrics are not numbers where anything in the run was not
-    known = (
-        feasible
-        & np.isfinite(np.asarray(metrics.mean_mg_dl)[:n])
-        & np.isfinite(np.asarray(metrics.insulin_total_mU)[:n])
-    )
-    return PeopleResult(
-        person=person[:n],
-        feasible=feasible,
-        drawn={name: values[:n] for name, values in drawn.draw.values.items()},
-        basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
-        metrics={name: np.asarray(values)[:n] for name, values in metrics.by_name().items()},
-        glucose_counts=count(_of(glucose, known), glucose_edges()),
-        insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
-        glucose_mg_dl=glucose.astype(np.float32) if traces else None,
-        insulin_mU_min=insulin.astype(np.float32) if traces else None,
-    )
 
 
 def _of(values: Array, people: Array) -> Array:
@@ -269,7 +194,7 @@ def _drawn(
         meals = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
     announced_g = None if meals is None else announced_to(trial, meals, person)
-    around = None if of_case.around is None else of_case.around(person.size)
+    around = of_case.surroundings.of_people(of_case.alike, person.size) if of_case.alike else None
     people = of_case.loop.people(
         drawn,
         keys_of_people(trial.seed, person),
@@ -298,19 +223,14 @@ def _joined(parts: list[PeopleResult]) -> PeopleResult:
     """Results of blocks joined in their order."""
     if len(parts) == 1:
         return parts[0]
-    first = parts[0]
 
-    def traces(name: str) -> Any:
-        return None if getattr(first, name) is None else np.concatenate([getattr(p, name) for p in parts], axis=1)
+    def joined(name: str) -> Any:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        if isinstance(values[0], Mapping):
+            return {key: np.concatenate([of[key] for of in values]) for key in values[0]}
+        return np.sum(values, axis=0) if name.endswith("_counts") else np.concatenate(values, axis=-1)
 
-    return PeopleResult(
-        person=np.concatenate([p.person for p in parts]),
-        feasible=np.concatenate([p.feasible for p in parts]),
-        drawn={name: np.concatenate([p.drawn[name] for p in parts]) for name in first.drawn},
-        basal_insulin_mU_min=np.concatenate([p.basal_insulin_mU_min for p in parts]),
-        metrics={name: np.concatenate([p.metrics[name] for p in parts]) for name in first.metrics},
-        glucose_counts=np.sum([p.glucose_counts for p in parts], axis=0),
-        insulin_counts=np.sum([p.insulin_counts for p in parts], axis=0),
-        glucose_mg_dl=traces("glucose_mg_dl"),
-        insulin_mU_min=traces("insulin_mU_min"),
-    )
+    names = (field.name for field in dataclasses.fields(PeopleResult) if field.name != "yes_or_no")
+    return PeopleResult(**{name: joined(name) for name in names})

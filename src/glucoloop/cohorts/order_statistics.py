@@ -1,24 +1,26 @@
 """Exact quantiles of many numbers that come in parts, in memory that does not grow with their number.
 
-Some of the numbers are taken as marks. A first reading counts the numbers at each mark and between neighbouring marks,
-which gives the place of every wanted rank: at a mark, so that it is known, or in a gap. A second reading gathers the
-numbers of these gaps; a gap with too many numbers gets marks of its own, and is searched in the same way.
+Few numbers are gathered and sorted. Of many, those that are wanted are found digit by digit: finite floating-point
+numbers are in the order of whole numbers made of their bits, so a reading that counts the numbers by the first digit of
+that whole number gives the first digit of each wanted rank, the next reading counts by the next digit those that begin
+alike, and the last one leaves the number itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-MARKS: Final = 2048
-FEW: Final = 8192
-"""Largest number of values that are gathered in a gap."""
-_SAMPLED: Final = 64
-"""Number of values of a part that are taken as marks in a gap with too many."""
+_BITS: Final = 11
+"""Bits of a digit: six readings for 64 bits."""
+_FEW: Final = 8192
+"""Largest number of values in a column that are gathered and sorted."""
+_DIGIT: Final = np.uint64((1 << _BITS) - 1)
+_SIGN: Final = np.uint64(1 << 63)
 
 Floats = npt.NDArray[np.float64]
 Parts = Callable[[], Iterable[Sequence[Floats]]]
@@ -62,152 +64,60 @@ def finite(values: Floats) -> Floats:
     return kept
 
 
-def moments(parts: Parts, columns: int) -> list[Moments]:
-    """Moments of each column."""
-    found = [Moments() for _ in range(columns)]
-    for part in parts():
-        for moment, values in zip(found, part, strict=True):
-            moment.add(finite(values))
+def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float]) -> Floats:
+    """Quantiles ``(columns, probabilities)`` of the finite numbers of each column, linear as by `numpy.quantile`.
+
+    There are `counts` of them in each column; a column without any has NaN.
+    """
+    places = np.maximum(np.array(counts, float) - 1.0, 0.0)[:, None] * np.array(probabilities)
+    sides = np.floor(places).astype(int), np.ceil(places).astype(int)
+    ranks = [np.union1d(*of).tolist() if count else [] for count, *of in zip(counts, *sides, strict=True)]
+    by_rank = (_gathered if max(counts, default=0) <= _FEW else _searched)(parts, ranks)
+    found = np.full(places.shape, np.nan)
+    for row, value in enumerate(by_rank):
+        if value:
+            low, high = (np.array([value[rank] for rank in side[row].tolist()]) for side in sides)
+            found[row] = low + (high - low) * (places[row] - sides[0][row])
     return found
 
 
-def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float]) -> Floats:
-    """Quantiles of the finite numbers of each column, interpolated linearly as by `numpy.quantile`.
-
-    Parameters
-    ----------
-    parts : callable
-    counts : sequence of int
-        Number of finite values in each column.
-    probabilities : sequence of float
-
-    Returns
-    -------
-    (columns, probabilities) array
-        NaN for a column without numbers.
-    """
-    searches = [_Search(count, probabilities) for count in counts]
-    for part in parts():
-        for search, values in zip(searches, part, strict=True):
-            search.begin(np.sort(finite(values)))
-        if all(search.begun for search in searches):
-            break
-    while any(search.intervals for search in searches):
-        for reads in (_Search.count, _Search.gather):
-            for part in parts():
-                for search, values in zip(searches, part, strict=True):
-                    if search.intervals:
-                        reads(search, np.sort(finite(values)))
-            for search in searches:
-                search.next()
-    return np.array([search.quantiles() for search in searches])
+def _gathered(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, float]]:
+    """Numbers of each column by their ranks, from all of its numbers."""
+    read = [[finite(values) for values in part] for part in parts()]
+    together = (np.sort(np.concatenate(column)) for column in zip(*read, strict=True))
+    return [{rank: float(values[rank]) for rank in of} for values, of in zip(together, ranks, strict=True)]
 
 
-def _marks(values: Floats, most: int) -> Floats:
-    """A selection of sorted numbers, without repetition."""
-    return np.unique(values[np.linspace(0, values.size - 1, min(most, values.size)).astype(np.intp)])
+def _searched(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, float]]:
+    """Numbers of each column by their ranks, digit by digit."""
+    # by rank: its first digits, and the rank among the numbers that begin with them
+    wanted = [{rank: (0, rank) for rank in of} for of in ranks]
+    for shift in range(_BITS * (63 // _BITS), -1, -_BITS):
+        counted = [{first: np.zeros(1 << _BITS, np.int64) for first, _ in of.values()} for of in wanted]
+        for part in parts():
+            for values, by_first in zip(part, counted, strict=True):
+                if by_first:
+                    digits = _ordered(finite(values)) >> np.uint64(shift)
+                    first_digits, last = digits >> np.uint64(_BITS), (digits & _DIGIT).astype(np.intp)
+                    for first, number in by_first.items():
+                        number += np.bincount(last[first_digits == np.uint64(first)], minlength=number.size)
+        for of, by_first in zip(wanted, counted, strict=True):
+            for rank, (first, among) in of.items():
+                number = by_first[first]
+                ends = np.cumsum(number)
+                digit = int(np.searchsorted(ends, among, "right"))
+                of[rank] = (first << _BITS) + digit, among - int(ends[digit] - number[digit])
+    return [dict(zip(of, _numbers([digits for digits, _ in of.values()]), strict=True)) for of in wanted]
 
 
-def _between(values: Floats, low: float, high: float) -> Floats:
-    """Sorted numbers strictly between two limits."""
-    return values[np.searchsorted(values, low, "right") : np.searchsorted(values, high, "left")]
+def _ordered(values: Floats) -> npt.NDArray[np.uint64]:
+    """Whole numbers in the order of finite numbers; a zero has no sign."""
+    bits = (values + 0.0).view(np.uint64)
+    return np.where(bits & _SIGN, ~bits, bits | _SIGN)
 
 
-@dataclass
-class _Gap:
-    """The numbers between two marks, among which ranks are wanted."""
-
-    low: float
-    high: float
-    below: int
-    """Count of the numbers up to the lower mark."""
-    count: int
-    ranks: list[int]
-    taken: list[Floats] = field(default_factory=list)
-
-    def take(self, values: Floats) -> None:
-        inside = _between(values, self.low, self.high)
-        if self.count <= FEW:
-            self.taken.append(inside.copy())
-        elif inside.size and sum(taken.size for taken in self.taken) < MARKS:
-            self.taken.append(_marks(inside, _SAMPLED))
-
-
-class _Interval:
-    """The numbers between two limits, counted at marks and between them."""
-
-    def __init__(self, low: float, high: float, below: int, ranks: list[int], marks: Floats) -> None:
-        self.low, self.high, self.below, self.ranks, self.marks = low, high, below, ranks, marks
-        self.counts = np.zeros(2 * marks.size + 1, np.int64)
-        """Counts below the first mark, at it, between it and the second, and so on."""
-
-    def count(self, values: Floats) -> None:
-        inside = _between(values, self.low, self.high)
-        ends = np.empty(self.counts.size + 1, np.int64)
-        ends[0], ends[-1] = 0, inside.size
-        ends[1:-1:2], ends[2:-1:2] = (np.searchsorted(inside, self.marks, side) for side in ("left", "right"))
-        self.counts += np.diff(ends)
-
-    def divide(self, found: dict[int, float]) -> Iterator[_Gap]:
-        """Record the ranks that are at a mark, and yield the gaps that hold the others."""
-        ends = self.below + np.cumsum(self.counts)
-        places = np.searchsorted(ends, self.ranks, "right")
-        for place in np.unique(places).tolist():
-            ranks = [rank for rank, of_rank in zip(self.ranks, places, strict=True) if of_rank == place]
-            after, at_mark = divmod(place, 2)
-            if at_mark:
-                found.update(dict.fromkeys(ranks, float(self.marks[after])))
-                continue
-            low = self.low if after == 0 else float(self.marks[after - 1])
-            high = self.high if after == self.marks.size else float(self.marks[after])
-            count = int(self.counts[place])
-            yield _Gap(low, high, int(ends[place]) - count, count, ranks)
-
-
-class _Search:
-    """The wanted ranks of one column."""
-
-    def __init__(self, count: int, probabilities: Sequence[float]) -> None:
-        self.places = [max(0, count - 1) * probability for probability in probabilities]
-        self.ranks = sorted({rank for place in self.places for rank in (int(place), int(np.ceil(place)))})
-        self.begun = not count
-        self.found: dict[int, float] = {}
-        self.intervals: list[_Interval] = []
-        self.gaps: list[_Gap] | None = None
-        """Gaps that are gathered, or None while numbers are counted."""
-
-    def begin(self, values: Floats) -> None:
-        if not self.begun and values.size:
-            self.begun = True
-            self.intervals = [_Interval(-np.inf, np.inf, 0, self.ranks, _marks(values, MARKS))]
-
-    def count(self, values: Floats) -> None:
-        for interval in self.intervals:
-            interval.count(values)
-
-    def gather(self, values: Floats) -> None:
-        for gap in self.gaps or ():
-            gap.take(values)
-
-    def next(self) -> None:
-        """Proceed from counting to gathering, or from gathering to intervals for gaps with too many numbers."""
-        if self.gaps is None:
-            self.gaps = [gap for interval in self.intervals for gap in interval.divide(self.found)]
-            return
-        self.intervals = []
-        for gap in self.gaps:
-            values = np.sort(np.concatenate(gap.taken))
-            if gap.count <= FEW:
-                self.found.update({rank: float(values[rank - gap.below]) for rank in gap.ranks})
-            else:
-                self.intervals.append(_Interval(gap.low, gap.high, gap.below, gap.ranks, _marks(values, MARKS)))
-        self.gaps = None
-
-    def quantiles(self) -> list[float]:
-        if not self.found:
-            return [float("nan")] * len(self.places)
-        return [self._quantile(place) for place in self.places]
-
-    def _quantile(self, place: float) -> float:
-        low, high = self.found[int(place)], self.found[int(np.ceil(place))]
-        return low + (high - low) * (place - int(place))
+def _numbers(ordered: Sequence[int]) -> list[float]:
+    """The numbers of which `_ordered` made these whole numbers."""
+    whole = np.array(ordered, np.uint64)
+    found: list[float] = np.where(whole & _SIGN, whole ^ _SIGN, ~whole).view(np.float64).tolist()
+    return found

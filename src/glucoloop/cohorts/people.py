@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ class PeopleRows:
     """(n,) basal rates, NaN for people without one."""
     drawn: Mapping[str, Floats]
     """(n,) drawn values of each parameter."""
-    metrics: Mapping[str, Floats]
+    metrics: Mapping[str, npt.NDArray[Any]]
     """(n,) values of each metric by its name in `parts.metrics`; NaN for people without a basal rate."""
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""

@@ -115,8 +115,8 @@ def simulate_people(
     usual = usual_limits(people.patient)
     limits = usual if limits is None else limits
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    told_g = announced_g(scenario.meals)
-    told_otherwise = bool(scenario.announced and np.any(told_g != scenario.eaten().carbs_g))
+    announced_carbs_g = announced_g(scenario.meals)
+    announced_otherwise = bool(scenario.announced and np.any(announced_carbs_g != scenario.eaten().carbs_g))
     loop = PeopleLoop(
         Situation(
             patient=patient_entry(people.name).partial({}, asked=people.name),
@@ -129,7 +129,7 @@ def simulate_people(
         grid,
         fold,
         meals=scenario.eaten(),
-        own_announcements=told_otherwise,
+        own_announcements=announced_otherwise,
         own=with_basal_of_each(controller),
         around=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
@@ -142,8 +142,8 @@ def simulate_people(
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        told = np.repeat(told_g[:, None], place.size, axis=1) if told_otherwise else None
-        return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=told)
+        carbs_g = np.repeat(announced_carbs_g[:, None], place.size, axis=1) if announced_otherwise else None
+        return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=carbs_g)
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
     kept = people.feasible.size

@@ -6,8 +6,9 @@ numbers are exact, and depend only on the shards.
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -36,13 +37,18 @@ DISTRIBUTIONS: Final = (
 _BINS: Final = 60
 
 
-@dataclass(frozen=True)
+@dataclass
 class AffectedPeople:
     """People for whom a condition holds."""
 
-    count: int
-    person: tuple[int, ...]
+    count: int = 0
+    person: list[int] = field(default_factory=list)
     """Numbers of the people, at most the first 1000."""
+
+    def add(self, person: npt.NDArray[np.int64]) -> None:
+        """Include more people."""
+        self.count += person.size
+        self.person += person[: max(0, MOST_NAMED - len(self.person))].tolist()
 
 
 @dataclass(frozen=True)
@@ -56,141 +62,72 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class CaseSummary:
-    """Results of one controller."""
-
-    metrics: Mapping[str, Mapping[str, float]]
-    """Statistics of each metric: mean, sd, min, p1 to p99 and max, and the number of people where some have no value;
-    for one that is 0 or 1, the number of people with 1, and their share.
-    """
-    ever_below: Mapping[int, Mapping[str, float]]
-    """Number and share of people who were ever below a glucose, by that glucose [mg/dl]."""
-    below_validity: AffectedPeople
-    """People whose glucose was ever below the range in which their model is valid; it means severe hypoglycemia, not a
-    number.
-    """
-    not_finite: AffectedPeople
-    """People with a basal rate whose glucose or insulin was not finite at some time; they are in no other number."""
-    worst: Sequence[Mapping[str, Any]]
-    """The ten people with the least glucose, the least first: number, basal rate, parameters and metrics."""
-    cvga_counts: npt.NDArray[np.int64]
-    """People in each cell of the control-variability grid."""
-    distributions: Mapping[str, Histogram]
-    """Histogram of each metric in `DISTRIBUTIONS`."""
-
-
-@dataclass(frozen=True)
 class TrialSummary:
     """Results of a trial."""
 
-    people: int
-    infeasible: AffectedPeople
-    """People for whom no basal rate holds the setpoint."""
-    beyond_pump: AffectedPeople
-    """People whose basal rate exists but exceeds the largest rate of the pump."""
-    cases: Mapping[str, CaseSummary]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "people": self.people,
-            "able": self.people - self.infeasible.count,
-            "unable": _affected(self.infeasible),
-            "basal_beyond_pump": _affected(self.beyond_pump),
-            "controllers": {
-                label: {
-                    "metrics": {name: dict(values) for name, values in case.metrics.items()},
-                    "ever_below": {f"{limit}_mg_dl": dict(of) for limit, of in case.ever_below.items()},
-                    "below_validity": _affected(case.below_validity),
-                    "not_finite": _affected(case.not_finite),
-                    "worst": [dict(person) for person in case.worst],
-                }
-                for label, case in self.cases.items()
-            },
-        }
-
-
-def _affected(people: AffectedPeople) -> dict[str, Any]:
-    return {"count": people.count, "person": list(people.person)}
-
-
-@dataclass
-class _Naming:
-    count: int = 0
-    person: list[int] = field(default_factory=list)
-
-    def add(self, person: npt.NDArray[np.int64]) -> None:
-        self.count += person.size
-        self.person += person[: max(0, MOST_NAMED - len(self.person))].tolist()
-
-    def affected(self) -> AffectedPeople:
-        return AffectedPeople(self.count, tuple(self.person))
+    plain: dict[str, Any]
+    """Numbers as plain values for JSON: of the people, those who are ``unable`` to rest at the setpoint and those whose
+    basal rate is beyond the pump; of each controller its ``metrics`` (mean, sd, min, p1 to p99 and max, and the number
+    of people where some have no value; for one that is 0 or 1, the number of people with 1, and their share), those
+    who were ``ever_below`` a glucose, those below the range in which their model is valid, which means severe
+    hypoglycemia and not a number, those whose glucose or insulin was not finite, who are in no other number, and the
+    ten with the least glucose, the least first.
+    """
+    cvga_counts: Mapping[str, npt.NDArray[np.int64]]
+    """People in each cell of the control-variability grid, by controller."""
+    distributions: Mapping[str, Mapping[str, Histogram]]
+    """Histogram of each metric in `DISTRIBUTIONS`, by controller."""
 
 
 class _Case:
     """Counts of one controller from the first reading."""
 
     def __init__(self, people: PeopleRows) -> None:
-        self.names = list(people.metrics)
         self.yes_or_no = people.yes_or_no
-        self.moments = [Moments() for _ in self.names]
-        self.below_validity = _Naming()
-        self.not_finite = _Naming()
+        self.moments = {name: Moments() for name in people.metrics}
+        self.below_validity = AffectedPeople()
+        self.not_finite = AffectedPeople()
         self.worst: list[tuple[float, int, dict[str, Any]]] = []
         self.ever_below = dict.fromkeys(LOW_MG_DL, 0)
         self.cvga = np.zeros((3 * CELLS, 3 * CELLS), np.int64)
 
     def add(self, people: PeopleRows) -> None:
-        whole = _whole(people)
-        self.not_finite.add(people.person[people.feasible & ~whole])
-        self.below_validity.add(people.person[whole & people.below_validity])
-        for moment, values in zip(self.moments, columns(people), strict=True):
-            moment.add(finite(values))
-        minimum = people.metrics["minimum_mg_dl"][whole]
-        self.cvga += grid_counts(minimum, people.metrics["peak_mg_dl"][whole])
+        known = _known(people)
+        self.not_finite.add(people.person[people.feasible & ~known])
+        self.below_validity.add(people.person[known & people.below_validity])
+        for name, values in _columns(people).items():
+            self.moments[name].add(finite(values))
+        minimum = people.metrics["minimum_mg_dl"][known]
+        self.cvga += grid_counts(minimum, people.metrics["peak_mg_dl"][known])
         for limit in LOW_MG_DL:
             self.ever_below[limit] += int((minimum < limit).sum())
-        rows = np.flatnonzero(whole)[np.argsort(minimum, kind="stable")[:WORST]]
+        rows = np.flatnonzero(known)[np.argsort(minimum, kind="stable")[:WORST]]
         found = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
         self.worst = heapq.nsmallest(WORST, [*self.worst, *found], key=lambda one: one[:2])
 
-    def summary(self, found: Floats, distributions: Mapping[str, Histogram]) -> CaseSummary:
-        feasible = self.moments[0].count
-        return CaseSummary(
-            metrics={
-                name: _share(moment) if name in self.yes_or_no else _spread(moment, values, feasible)
-                for name, moment, values in zip(self.names, self.moments, found.tolist(), strict=True)
+    def plain(self, found: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+        people = next(iter(self.moments.values())).count
+        return {
+            "metrics": {
+                name: _share(round(moment.mean * moment.count), moment.count)
+                if name in self.yes_or_no
+                else _spread(moment, found[name], people)
+                for name, moment in self.moments.items()
             },
-            ever_below={limit: _of(count, feasible) for limit, count in self.ever_below.items()},
-            below_validity=self.below_validity.affected(),
-            not_finite=self.not_finite.affected(),
-            worst=[row for _, _, row in self.worst],
-            cvga_counts=self.cvga,
-            distributions=distributions,
-        )
+            "ever_below": {f"{limit}_mg_dl": _share(count, people) for limit, count in self.ever_below.items()},
+            "below_validity": dataclasses.asdict(self.below_validity),
+            "not_finite": dataclasses.asdict(self.not_finite),
+            "worst": [row for _, _, row in self.worst],
+        }
 
 
 def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSummary:
-    """Summary of a trial from its shards.
+    """Summary of a trial from its shards, which are read in order; the bound is the greatest rate of the pump.
 
-    Parameters
-    ----------
-    shards : callable
-        Function that reads the shards, in order.
-    max_insulin_mU_min : float
-        Greatest rate of the pump.
-
-    Returns
-    -------
-    TrialSummary
-
-    Raises
-    ------
-    ValueError
-        If there is no shard.
+    Refusal if there is no shard.
     """
     cases: dict[str, _Case] = {}
-    infeasible, beyond = _Naming(), _Naming()
+    infeasible, beyond = AffectedPeople(), AffectedPeople()
     people = 0
     for shard in shards():
         for label, of_label in shard.items():
@@ -201,61 +138,69 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
         raise Refusal("there is nobody to summarise; finish a shard first")
+    found = _quantiles(shards, cases)
     return TrialSummary(
-        people=people,
-        infeasible=infeasible.affected(),
-        beyond_pump=beyond.affected(),
-        cases=dict(zip(cases, _summaries(shards, cases), strict=True)),
+        plain={
+            "people": people,
+            "able": people - infeasible.count,
+            "unable": dataclasses.asdict(infeasible),
+            "basal_beyond_pump": dataclasses.asdict(beyond),
+            "controllers": {label: case.plain(found[label]) for label, case in cases.items()},
+        },
+        cvga_counts={label: case.cvga for label, case in cases.items()},
+        distributions=_distributions(shards, found),
     )
 
 
-def _summaries(shards: Shards, cases: Mapping[str, _Case]) -> Iterator[CaseSummary]:
-    """Summaries of all controllers, whose columns are read together."""
+def _quantiles(shards: Shards, cases: Mapping[str, _Case]) -> dict[str, dict[str, dict[str, float]]]:
+    """Quantiles of each metric by controller; the columns of all controllers are read together."""
 
     def parts() -> Iterator[list[Floats]]:
         for shard in shards():
-            yield [values for label in cases for values in columns(shard[label])]
+            yield [values for label in cases for values in _columns(shard[label]).values()]
 
-    together = [moment.count for case in cases.values() for moment in case.moments]
-    found = quantiles(parts, together, list(QUANTILES.values()))
-    ends = np.cumsum([len(case.names) for case in cases.values()])
-    of_case = dict(zip(cases, np.split(found, ends[:-1]), strict=True))
-    counted = _distributions(shards, cases, of_case)
-    for label, case in cases.items():
-        yield case.summary(of_case[label], counted[label])
+    counts = [
+        0 if name in case.yes_or_no else moment.count
+        for case in cases.values()
+        for name, moment in case.moments.items()
+    ]
+    found = iter(quantiles(parts, counts, list(QUANTILES.values())).tolist())
+    return {
+        label: {name: dict(zip(QUANTILES, next(found), strict=True)) for name in case.moments}
+        for label, case in cases.items()
+    }
 
 
 def _distributions(
-    shards: Shards, cases: Mapping[str, _Case], found: Mapping[str, Floats]
+    shards: Shards, found: Mapping[str, Mapping[str, Mapping[str, float]]]
 ) -> dict[str, dict[str, Histogram]]:
-    """Histograms between edges that all controllers share."""
-    first, last = (list(QUANTILES).index(name) for name in ("p1", "p99"))
-    counted: dict[str, dict[str, Histogram]] = {label: {} for label in cases}
+    """Histograms between edges that all controllers share, from the quantiles of each."""
+    counted: dict[str, dict[str, Histogram]] = {label: {} for label in found}
     for metric in DISTRIBUTIONS:
-        rows = [found[label][case.names.index(metric)] for label, case in cases.items()]
-        ends = np.array([[row[first], row[last]] for row in rows])
+        ends = np.array([[of[metric]["p1"], of[metric]["p99"]] for of in found.values()])
         low, high = (ends[:, 0].min(), ends[:, 1].max()) if np.isfinite(ends).all() else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
-        for label in cases:
+        for label in found:
             counted[label][metric] = Histogram(edges, np.zeros(_BINS, np.int64))
     for shard in shards():
         for label, histograms in counted.items():
-            values = dict(zip(shard[label].metrics, columns(shard[label]), strict=True))
+            values = _columns(shard[label])
             for metric, histogram in histograms.items():
                 clipped = np.clip(values[metric], histogram.edges[0], histogram.edges[-1])
                 histogram.counts[:] += np.histogram(clipped, histogram.edges)[0]
     return counted
 
 
-def columns(people: PeopleRows) -> list[Floats]:
+def _columns(people: PeopleRows) -> dict[str, Floats]:
     """Values of each metric for the people all of whose metrics are known."""
-    whole = _whole(people)
-    return [values[whole] for values in people.metrics.values()]
+    known = _known(people)
+    return {name: values[known] for name, values in people.metrics.items()}
 
 
-def _whole(people: PeopleRows) -> npt.NDArray[np.bool_]:
-    known: npt.NDArray[np.bool_] = people.feasible & np.isfinite(people.metrics["minimum_mg_dl"])
-    return known & np.isfinite(people.metrics["insulin_total_mU"])
+def _known(people: PeopleRows) -> npt.NDArray[np.bool_]:
+    finite_of = (np.isfinite(people.metrics[name]) for name in ("minimum_mg_dl", "insulin_total_mU"))
+    known: npt.NDArray[np.bool_] = np.logical_and.reduce([people.feasible, *finite_of])
+    return known
 
 
 def _row(people: PeopleRows, index: int) -> dict[str, Any]:
@@ -270,22 +215,11 @@ def _row(people: PeopleRows, index: int) -> dict[str, Any]:
     }
 
 
-def _of(count: int, total: int) -> dict[str, float]:
+def _share(count: int, total: int) -> dict[str, float]:
     return {"people": count, "share_pct": 100.0 * count / total if total else float("nan")}
 
 
-def _share(moment: Moments) -> dict[str, float]:
-    return _of(round(moment.mean * moment.count), moment.count)
-
-
-def _spread(moment: Moments, values: Sequence[float], people: int) -> dict[str, float]:
-    nobody = not moment.count
-    nan = float("nan")
-    return {
-        "mean": nan if nobody else moment.mean,
-        "sd": moment.sd,
-        "min": nan if nobody else moment.least,
-        **dict(zip(QUANTILES, values, strict=True)),
-        "max": nan if nobody else moment.greatest,
-        **({} if moment.count == people else {"people": moment.count}),
-    }
+def _spread(moment: Moments, found: Mapping[str, float], people: int) -> dict[str, float]:
+    mean, least, greatest = (moment.mean, moment.least, moment.greatest) if moment.count else (float("nan"),) * 3
+    having = {} if moment.count == people else {"people": moment.count}
+    return {"mean": mean, "sd": moment.sd, "min": least, **found, "max": greatest, **having}

@@ -65,12 +65,6 @@ class Trial(ControlledSituation):
 
     Person i of a seed is the same, and meets the same meals and noise, under every controller and in every trial of
     the same population, meals and sensor; the division into shards does not change them.
-
-    Raises
-    ------
-    Refusal
-        For numbers of people or a size of shards out of bounds, traces of more people than there are, a population of
-        another patient, a meal that does not fit into its day, or a label that two cases have.
     """
 
     kind: ClassVar = "trial"
@@ -224,13 +218,7 @@ class Trial(ControlledSituation):
 
     @functools.cached_property
     def plan(self) -> MealPlan:
-        """Meals and the length of the run; of the usual meals those within it.
-
-        Raises
-        ------
-        Refusal
-            For a meal that does not fit into its day.
-        """
+        """Meals and the length of the run, of the usual meals those within it; Refusal for one beyond its day."""
         from glucoloop.meals.plan import MealPlan
         from glucoloop.situations.meal_text import parse_meal, same_meals
 

@@ -12,11 +12,10 @@ from glucoloop.control import Controller
 from glucoloop.control.protocol import gives_boluses, settled
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
-from glucoloop.metrics import ClinicalSummary, Metrics, clinical_summary, summarise
-from glucoloop.parts.grammar import Tree
+from glucoloop.identification import Identification
+from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
-from glucoloop.pumps import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Exponential, Trace
@@ -38,28 +37,19 @@ class Outcome:
     """Model of the controller; None for a controller that uses none."""
     trace: Trace
     metrics: Metrics
-    limits: DoseLimits
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
     settled: Mapping[str, float] = field(default_factory=dict)
     """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
 
-    @property
-    def summary(self) -> ClinicalSummary:
-        """Times in ranges, extremes and insulin, as a clinician reads them first."""
-        return clinical_summary(self.trace, self.metrics)
-
-    def _of_a_run(self) -> Tree:
-        """Settings of the run by itself, without those of a comparison around it."""
-        return {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
-
     def report(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Plain values for JSON; the settings are those of the run by itself, without a comparison around it."""
+        config = {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
         return {
-            "config": {**self._of_a_run(), "controller": self.case.tree(whole=True)},
+            "config": {**config, "controller": self.case.tree(whole=True)},
             "settled": dict(self.settled),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
-            "summary": self.summary.as_dict(),
+            "summary": clinical_summary(self.trace, self.metrics).as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
         }
@@ -68,10 +58,7 @@ class Outcome:
 def close_the_loop(run: Run, case: Case) -> Outcome:
     """Identify or read the model of a case, design its controller, and simulate the loop of the run.
 
-    Raises
-    ------
-    ValueError
-        For a configuration that is not possible, in one sentence.
+    Refusal for a configuration that is not possible, in one sentence.
     """
     model = model_for(run, case)
     controller = controller_of(run, case, **model_arguments(model))
@@ -88,7 +75,6 @@ def outcome_of(run: Run, case: Case, model: ModelFile | None, controller: Contro
         model=model,
         trace=trace,
         metrics=metrics,
-        limits=run.limits,
         settled=settled(controller),
         notes=(
             *notes_on(run, case, model),
@@ -107,15 +93,10 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
     identification = nominal_model(situation, case)
     settings = case.identified.values()
     variance = settings["noise_variance"]
-    noise = f"with noise of variance {variance:g}" if variance else "free of noise"
-    smooth = f"{settings['laguerre_functions']} Laguerre functions with pole {settings['laguerre_pole']:.4g}"
     return model_file(
         identification,
         operating_point=situation.place,
-        source=(
-            f"identified from a record of {2 * settings['memory']} samples {noise}, "
-            f"{smooth if settings['laguerre_functions'] else 'not smoothed'}"
-        ),
+        source=f"{source_of(2 * settings['memory'], variance)}, {smoothing_of(identification)}",
         dead_time_min=0.0,
         settings={
             "model_noise_variance": variance,
@@ -123,6 +104,20 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
             "seed": situation.seed,
             "noise_bound_mg_dl": situation.noise_bound_mg_dl,
         },
+    )
+
+
+def source_of(samples: int, noise_variance: float) -> str:
+    """Source of a model of the simulated patient, in words."""
+    noise = f"with noise of variance {noise_variance:g}" if noise_variance else "free of noise"
+    return f"identified from a record of {samples} samples {noise}"
+
+
+def smoothing_of(identification: Identification) -> str:
+    """Smoothing of a model, in words."""
+    functions = identification.laguerre_coefficients.size
+    return (
+        f"{functions} Laguerre functions with pole {identification.laguerre_pole:.4g}" if functions else "not smoothed"
     )
 
 

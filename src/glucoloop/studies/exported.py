@@ -46,13 +46,7 @@ class Export(ControlledSituation):
 
 
 def exported_controller(asked: Any, case: Case, controller: Controller, stepper: Stepper) -> Exported:
-    """Write the controller of a case in C, for the observations of a stepper.
-
-    Raises
-    ------
-    Refusal
-        If the controller cannot be written in C.
-    """
+    """Write the controller of a case in C, for the observations of a stepper; Refusal if that is not possible."""
     from glucoloop.firmware.exported import export
     from glucoloop.firmware.samples import example
 

@@ -24,13 +24,7 @@ WITH_GUARD: Final[Mapping[Guards, tuple[bool, ...]]] = {"both": (False, True), "
 
 
 class GuardedTrial(Trial):
-    """A trial whose controllers are tried with a guard, without one, or both; `guard` has the settings of the guard.
-
-    Raises
-    ------
-    Refusal
-        For a guard that is none, which `guards` says.
-    """
+    """A trial whose controllers are tried with a guard, without one, or both; `guard` has the settings of the guard."""
 
     kind: ClassVar = "guarded trial"
     refused: ClassVar[tuple[str, ...]] = ("traces", "metrics")
@@ -48,9 +42,8 @@ class GuardedTrial(Trial):
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The trial with everything that is usual."""
         asked: tuple[GuardedTrial | Case, ...] = (self, *self.controller)
-        for of in asked:
-            if "guard" in of.given and of.guard is None:
-                raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
+        if any("guard" in of.given and of.guard is None for of in asked):
+            raise Refusal("--guard is none; let --guards say whether there is one, like --guards without")
         return super().completed(usual, noisy=noisy)
 
     def with_guard(self, case: Case, guarded: bool) -> Case:

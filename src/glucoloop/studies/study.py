@@ -10,24 +10,25 @@ To add a study
    that class, complete and checked.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
-Every module has
+Every module has ``tables(asked, found)``, which makes tables for the terminal, as by `report.columns.terminal_table`;
+where the study keeps files, also ``drawn(asked, found)``: pages and figures by the names of their files. It may have
 
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
-- ``tables(asked, found)``: tables for the terminal; ``report.columns.terminal_table`` makes one from columns.
 - ``sentences(asked, found)``: conclusions, for the terminal and the page.
-- ``drawn(asked, found)``: pages and figures by the names of their files.
+- ``how_to_go_on(found, files)``: sentences on the use of the files, whose paths it gets by their names.
 
-and, by its kind:
+By its kind it has
 
 - `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``trial_of(asked)`` is that trial;
   ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
-  ``search(asked)`` prepares a `RowSearch`, which makes the missing rows and sums them up. Example:
-  ``studies/adversary``.
-- `PlainStudy`: it is carried out in one go by ``found(asked, progress)``. A folder is written whole or not at all, with
-  what was found, what was drawn and the configuration. Where ``holds`` is False among the findings, the exit code is
-  1; where ``interrupted`` is true, 130. Examples: ``studies/tuning``, and ``studies/verification``, which counts its
-  loops and keeps nothing.
+  ``search(asked)`` prepares the search, which may take long: its ``missing(rows)`` yields the rows that follow those
+  that are there, and its ``found(rows)`` sums up all. Example: ``studies/adversary``.
+- `PlainStudy`: it is carried out in one go by ``found(asked, progress)``, where `progress` is called with a text for
+  what was done or, in a study that counts units, with their number; ``amount(asked)`` is that of all. A folder is
+  written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` is False
+  among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples: ``studies/tuning``, and
+  ``studies/verification``, which counts its loops and keeps nothing.
 
 What was found is a `storage.findings.Findings`: plain values, which are the summary and the JSON, and tables by the
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
@@ -39,18 +40,11 @@ computes it from people, and files, JSON, terminal and page follow. ``report/hea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any, Final
 
 from glucoloop.parts.part import Part
-
-if TYPE_CHECKING:
-    from glucoloop.cohorts.trial import Trial
-    from glucoloop.storage.findings import Findings
-    from glucoloop.storage.rows import Rows
-    from glucoloop.storage.trials.folder import TrialFolder
-
 
 PARTS_TOLD: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
@@ -78,8 +72,6 @@ class Study:
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
     """Name of the file with everything that was found, as JSON."""
-    says_how_to_go_on: bool = False
-    """Whether the module has ``how_to_go_on(found, files)``: sentences on the use of the files."""
     in_mmol: bool = False
     """Whether glucose is told in mmol/l as well: by ``mmol_lines(found)`` of the module, and by ``mmol`` of `drawn`."""
 
@@ -110,79 +102,3 @@ class PlainStudy(Study):
     """Name of the units that are counted while it works, also among its findings: ``"loops"``; none by default."""
     keeps_files: bool = True
     """Whether it can write a folder, and read a configuration file."""
-
-
-class Module(Protocol):
-    """Module of a study of any kind."""
-
-    def notes(self, asked: Any) -> Iterable[str]:
-        """Sentences on a request that is possible and hardly meant, before the work begins."""
-        ...
-
-    def tables(self, asked: Any, found: Findings) -> Iterable[object]:
-        """Tables for the terminal."""
-        ...
-
-    def sentences(self, asked: Any, found: Findings) -> Iterable[str]:
-        """Conclusions from what was found."""
-        ...
-
-
-class TrialModule(Module, Protocol):
-    """Module of a study whose cells are cases of a trial."""
-
-    def trial_of(self, asked: Any) -> Trial:
-        """The trial with a case for each cell."""
-        ...
-
-    def found(self, asked: Any, folder: TrialFolder) -> Findings:
-        """Sum up the people of a folder whose shards are done."""
-        ...
-
-    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
-        """Pages and figures, by the names of their files."""
-        ...
-
-
-class RowSearch(Protocol):
-    """A search that was prepared."""
-
-    def missing(self, rows: Sequence[Any]) -> Iterator[Any]:
-        """The rows that follow those that are there, in their order."""
-        ...
-
-    def found(self, rows: Sequence[Any]) -> Findings:
-        """Sum up all rows."""
-        ...
-
-
-class SearchModule(Module, Protocol):
-    """Module of a study that keeps a row for each of its steps."""
-
-    def rows(self, asked: Any) -> Rows[Any]:
-        """Describe the rows that are kept."""
-        ...
-
-    def search(self, asked: Any) -> RowSearch:
-        """Prepare the search, which may take long."""
-        ...
-
-    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
-        """Pages and figures, by the names of their files."""
-        ...
-
-
-class PlainModule(Module, Protocol):
-    """Module of a study that is carried out in one go."""
-
-    def amount(self, asked: Any) -> int:
-        """Amount of work in units of the study; only for one that counts them."""
-        ...
-
-    def found(self, asked: Any, progress: Callable[[Any], None]) -> Findings:
-        """Carry it out; `progress` is called with the number of units, or with a text for what was done."""
-        ...
-
-    def drawn(self, asked: Any, found: Findings) -> Mapping[str, bytes]:
-        """Pages and figures, by the names of their files; only for a study that keeps files."""
-        ...

@@ -1,24 +1,35 @@
-"""A bound carried out: the best doses by the knowledge of the meals, and those under sensor noise."""
+"""A bound carried out: the best doses by the knowledge of the meals, and those under sensor noise, and their figure."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+import numpy as np
+import numpy.typing as npt
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
+from glucoloop.meals import Meal
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.report import _style
+from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.validity import validity_told
 from glucoloop.situations.run import Run
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.bound import BoundRequest
-from glucoloop.studies.bound.figure import plot_bound
 
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_PANELS_MM: Final = 115.0
 _COURSES: Final = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
 """Values of a plan over time."""
 
@@ -52,11 +63,6 @@ class Bounds:
         )
 
 
-def notes(asked: BoundRequest) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the plans."""
-    return ()
-
-
 def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
     """Compute every plan that was asked for; Refusal for a situation that is not possible."""
     bounds = _bounds(asked, progress)
@@ -72,9 +78,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
         "hedged": [
             {
                 "information": label,
-                "error": of.error,
-                "told_after_min": of.told_after_min,
-                "deviation_mg_dl": of.deviation_mg_dl,
+                **{name: getattr(of, name) for name in ("error", "told_after_min", "deviation_mg_dl")},
                 "undershoot_mg_dl": of.meal.undershoot_mg_dl,
                 "peak_mg_dl": of.meal.peak_mg_dl,
                 "other_undershoot_mg_dl": of.other.undershoot_mg_dl,
@@ -97,10 +101,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
 def bound_of_run(run: Run) -> OptimalDoses:
     """The bound for every controller in the situation of a run, whatever its faults and the steps of its pump.
 
-    Raises
-    ------
-    ValueError
-        For a situation that is not possible, or too long for a plan.
+    Refusal for a situation that is not possible, or too long for a plan.
     """
     return bound_of_situation(
         run.nominal,
@@ -212,12 +213,78 @@ def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table("Information", [("", lines)], _COLUMNS)
 
 
-def sentences(asked: BoundRequest, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes say what the numbers mean."""
-    return ()
-
-
 def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
     """The figure of all plans."""
     title = f"The best that could be done at {asked.place}"
     return figure_files("figure", plot_bound(found.extra.drawn, asked.eaten(), title=title, limits=asked.limits))
+
+
+def plot_bound(
+    plans: Mapping[str, OptimalDoses],
+    meals: Sequence[Meal] = (),
+    *,
+    title: str | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+) -> Figure:
+    """Draw plans over each other: glucose with the setpoint and the meals above, the doses as steps below.
+
+    A plan ends where it is followed to. The pump's limits are drawn where they come into view.
+    """
+    figure = _style.new_figure("double", _PANELS_MM, title)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
+    horizon_min = max(float(plan.fine_t_min[-1]) for plan in plans.values())
+    divisor, unit, tick = _style.time_axis(horizon_min, "double")
+    first = next(iter(plans.values()))
+    entries: dict[str, Artist] = {}
+    setpoint = above.axhline(first.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=1)
+    basal = below.axhline(first.basal_insulin_mU_min, color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
+    for index, (label, plan) in enumerate(plans.items()):
+        style = _style.line_style(index)
+        entries[label] = above.plot(plan.fine_t_min / divisor, plan.glucose_mg_dl, **style, zorder=3)[0]
+        t_min = np.append(plan.t_min, plan.fine_t_min[-1])
+        doses = np.append(plan.insulin_mU_min, plan.insulin_mU_min[-1])
+        below.step(t_min / divisor, doses, where="post", **style, zorder=3)
+    entries[f"setpoint {first.setpoint_mg_dl:.4g} mg/dl"] = setpoint
+    entries[f"basal {first.basal_insulin_mU_min:.4g} mU/min"] = basal
+    _mark_meals(above, meals, divisor)
+    above.set_ylim(*_extent([plan.glucose_mg_dl for plan in plans.values()], 0.08))
+    low, high = _extent([np.zeros(1), *(plan.insulin_mU_min for plan in plans.values())], 0.06)
+    for limit in (float(limits.min_mU_min), float(limits.max_mU_min)):
+        if low <= limit <= high:
+            line = below.axhline(limit, color="black", linewidth=0.6, linestyle=(0, (6, 2, 1, 2)), zorder=1)
+            entries["pump limits"] = line
+    below.set_ylim(low, high)
+    below.set_xlim(0.0, horizon_min / divisor)
+    below.xaxis.set_major_locator(_style.every(tick))
+    above.set_ylabel("Glucose (mg/dl)")
+    below.set_ylabel("Insulin (mU/min)")
+    below.set_xlabel(f"Time ({unit})")
+    for axes in (above, below):
+        _style.dress(axes)
+    figure.align_ylabels([above, below])
+    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    return figure
+
+
+def _extent(shown: Iterable[npt.NDArray[np.float64]], margin: float) -> tuple[float, float]:
+    values = np.concatenate(list(shown))
+    low, high = float(values.min()), float(values.max())
+    room = margin * max(high - low, 0.1)
+    return low - room, high + room
+
+
+def _mark_meals(axes: Axes, meals: Sequence[Meal], divisor: float) -> None:
+    """Mark each meal at the upper edge with its carbohydrate above."""
+    for meal in meals:
+        place, upper_edge = (meal.t_min / divisor, 1.0), axes.get_xaxis_transform()
+        axes.plot(*place, "v", markersize=4, color="black", transform=upper_edge, clip_on=False)
+        axes.annotate(
+            f"{meal.carbs_g:.4g} g",
+            place,
+            xycoords=upper_edge,
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=FONT_PT,
+        )

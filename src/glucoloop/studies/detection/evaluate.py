@@ -1,35 +1,240 @@
-"""Evaluation of estimators: days are simulated, estimators replayed over them, and scored."""
+"""Days of people under a controller, recorded as an estimator would see them, estimates along them, and their scores.
+
+Scores are by a threshold on the probability that a meal is being served. A meal counts as *under way* from its
+beginning to 60 min after its end: a probability above the threshold in that time is not a false alarm, and a rise above
+it later does not count as its detection. Times are on the leading axis, days trail.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+import dataclasses
+import functools
+import itertools
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import polars as pl
 
-from glucoloop.meals import absorb, emptying_mg_min, meal_model_of
+from glucoloop._pytree import pytree, static
+from glucoloop.cohorts.blocks import in_blocks
+from glucoloop.cohorts.trial import Trial
+from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
+from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.random_keys import keys_of_people
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
+from glucoloop.meals.plan import draw_meals
+from glucoloop.meals.stomach import SERVED_G_PER_MIN
+from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
+from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.loop import Sampled
+from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.days import Days, people_of, recorded_days, who_and_when, with_estimates
-from glucoloop.studies.detection.scores import (
-    AFTERMATH_MIN,
-    Array,
-    days_of,
-    delays_min,
-    end_min,
-    false_alarms,
-    followed_min,
-    told_at,
-    under_way,
-)
+from glucoloop.units import MIN_PER_DAY
 
+T = TypeVar("T")
+Array = npt.NDArray[Any]
+Truths = npt.NDArray[np.bool_]
+Numbers = npt.NDArray[np.int64]
+
+ENGINE: Final = {"engine": "xla", "not_native": "the replay of estimators, which runs in JAX alone"}
+"""Engine of the days and of the estimates, as `PeopleLoop.engine_told` has it."""
+_MOST_AT_ONCE: Final = 64
+AFTERMATH_MIN: Final = 60.0
+"""Time after a meal's end for which it is still under way, and after which its size is judged."""
 THRESHOLDS: Final = (*(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99, 0.995)
 QUANTILES: Final = (0.1, 0.5, 0.9)
-TOLD_AFTER_MIN: Final = (30, 60, 90, 120)
+JUDGED_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
 LONGEST_AFTER_MIN: Final = 240.0
+
+
+def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
+    """People of a trial at rest at its target, by their numbers."""
+    return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+
+
+@pytree
+class Recorder:
+    """Record of the sensor and the pump, sample by sample, in place of metrics."""
+
+    sample_time_min: float = static()
+    samples: int = static()
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
+        """State of an empty record."""
+        del glucose_mg_dl, insulin_mU_min
+        return {"reading": jnp.full(self.samples, jnp.nan), "reported": jnp.full(self.samples, jnp.nan)}
+
+    def step(self, record: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
+        """Record one more sample."""
+        index = jnp.round(t_min / self.sample_time_min).astype(int)
+        reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
+        values = {"reading": reading, "reported": happened.delivery.reported_mU_min}
+        return {name: jax.lax.dynamic_update_index_in_dim(record[name], of, index, 0) for name, of in values.items()}
+
+
+@pytree
+class Days:
+    """Recorded days; days trail."""
+
+    person: Numbers
+    day: Numbers
+    meals: Eaten
+    basal_insulin_mU_min: Array
+    reading_mg_dl: Array
+    """(samples, days) readings, NaN where there was none."""
+    insulin_mU_min: Array
+    """(samples, days) rates as the pump reported them, from each sample to the next."""
+    glucose_mg_dl: Array
+    """(samples, days) glucose free of noise."""
+    estimates: Any = None
+    """`MealEstimates` along them, of an estimator."""
+
+
+def recorded_days(
+    detection: Detection, case: Case, person: Numbers, day: Numbers, progress: Callable[[str], None]
+) -> dict[bool, Days]:
+    """Days of people under a controller, by whether they are fasting days, which have noise of their own."""
+    trial, grid = detection.trial, detection.grid
+    controller = controller_of(trial, case)
+    loop = PeopleLoop(
+        trial,
+        controller,
+        people_of(trial, [trial.first_person]),
+        grid,
+        Recorder(sample_time_min=grid.sample_time_min, samples=grid.samples),
+        meals=None,
+        own=with_basal_of_each(controller),
+        around=surroundings_of(trial, case.faults),
+        engine=ENGINE["engine"],
+    )
+
+    def block(fasting: bool, place: Numbers) -> Days:
+        whose, which = person[place], day[place]
+        with one_at_a_time:
+            drawn = people_of(trial, whose)
+            meals = _meals(detection, whose, which, fasting=fasting)
+            keys = jax.vmap(jax.random.fold_in)(keys_of_people(trial.seed, whose), jnp.asarray(2 * which + fasting))
+        run = loop.run(drawn, keys, meals=meals)
+        return Days(
+            person=whose,
+            day=which,
+            meals=meals,
+            basal_insulin_mU_min=drawn.basal_insulin_mU_min,
+            reading_mg_dl=run.fold["reading"],
+            insulin_mU_min=run.fold["reported"],
+            glucose_mg_dl=np.asarray(run.glucose_mg_dl, np.float64)[:-1],
+        )
+
+    # without meals in the plan, days with meals would be fasting days too
+    kinds = {False: "days", True: "fasting days"} if trial.plan.meals else {True: "fasting days"}
+    return {
+        fasting: _in_blocks(person.size, functools.partial(block, fasting), progress, f"{case.label}: {what}")
+        for fasting, what in kinds.items()
+    }
+
+
+def _in_blocks(n: int, run: Callable[[Numbers], T], progress: Callable[[str], None], what: str) -> T:
+    """Results at n places, which trail, in blocks as even as can be."""
+    blocks, done = -(-n // _MOST_AT_ONCE), itertools.count(1)
+    parts = in_blocks(
+        lambda place, _: run(place),
+        np.arange(n),
+        -(-n // blocks),
+        threads=1,
+        done=lambda _: progress(f"{what}, {next(done)} of {blocks} blocks"),
+    )
+    together: T = jax.tree.map(lambda *of: np.concatenate(of, axis=-1)[..., :n], *parts)
+    return together
+
+
+def _meals(detection: Detection, person: Numbers, day: Numbers, *, fasting: bool) -> Eaten:
+    """Meals of days, ``(meals, days)``; a fasting day has as many of 0 g, so that it is the same program."""
+    number = len(detection.all_days.meals)
+    if fasting or not number:
+        none = np.zeros((max(1, number), person.size))
+        return Eaten(t_min=none, carbs_g=none, eating_min=none)
+    drawn = draw_meals(detection.all_days, detection.trial.seed, person)
+    rows, columns = day * number + np.arange(number)[:, None], np.arange(person.size)
+    of_day = jax.tree.map(lambda part: part[rows, columns], drawn)
+    return in_order(dataclasses.replace(of_day, t_min=of_day.t_min - MIN_PER_DAY * day))
+
+
+def in_order(meals: Eaten) -> Eaten:
+    """Meals of days ``(meals, days)``, sorted by their beginning within each day."""
+    order = np.argsort(meals.t_min, axis=0, kind="stable")
+    ordered: Eaten = jax.tree.map(lambda part: np.take_along_axis(np.asarray(part), order, 0), meals)
+    return ordered
+
+
+def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
+    """Person and day of every run of people with a basal rate, and the number of people without one."""
+    trial = detection.trial
+    person = trial.first_person + np.arange(trial.people, dtype=np.int64)
+    feasible = people_of(trial, person).feasible
+    held = person[feasible]
+    day = np.arange(detection.number_of_days, dtype=np.int64)
+    return np.repeat(held, day.size), np.tile(day, held.size), int((~feasible).sum())
+
+
+def with_estimates(
+    detection: Detection, name: str, recorded: Mapping[bool, Days], progress: Callable[[str], None]
+) -> dict[bool, Days]:
+    """Days with the estimates of an estimator, with the settings of the controller that uses it."""
+    trial, t_min = detection.trial, jnp.asarray(detection.grid.t_min)
+    known, estimating = trial.cases[0].known_dead_time, detection.estimating
+    controller = dataclasses.replace(typing.cast(Any, estimating), estimator=name)
+    case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
+    controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
+
+    def estimated(days: Days) -> Days:
+        basal, rates = days.basal_insulin_mU_min, _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
+
+        def block(place: Numbers) -> Any:
+            own = (jnp.asarray(of[..., place]) for of in (basal, days.reading_mg_dl, rates))
+            return _of_days(controller, t_min, *own, trial.start_min, late=late)
+
+        return dataclasses.replace(days, estimates=_in_blocks(days.person.size, block, progress, f"{name}: estimates"))
+
+    with one_at_a_time:
+        return {fasting: estimated(days) for fasting, days in recorded.items()}
+
+
+@functools.partial(jax.jit, static_argnames="late")
+def _of_days(
+    controller: Any,
+    t_min: jax.Array,
+    basal: jax.Array,
+    readings: jax.Array,
+    insulin: jax.Array,
+    start_min: float | None,
+    late: int,
+) -> MealEstimates:
+    """Estimates of the controller's estimator, with each person's basal rate, along days that trail."""
+
+    def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
+        own = controller.with_basal(basal)
+        none = jnp.zeros_like(readings)
+        return replay(own.model, own.estimator, t_min, readings, insulin, none, basal, late, start_min)
+
+    found: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
+    return found
+
+
+def _believed(reported: Array, basal: Array) -> Array:
+    """Rates that a controller assumes: the previous one where the pump reports none."""
+    rates = np.array(reported)
+    for k in range(rates.shape[0]):
+        rates[k] = np.where(np.isfinite(rates[k]), rates[k], rates[k - 1] if k else basal)
+    return rates
 
 
 class Score(NamedTuple):
@@ -79,8 +284,8 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     """Score of an estimator on days with meals, if there are any, and on as many without."""
     day = _day(detection, fasted if fed is None else fed)
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
-    grid, meals, eating = detection.grid, fed.meals, fed.told.eating
-    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.told.eating.shape, bool)
+    grid, meals, eating = detection.grid, fed.meals, fed.estimates.eating
+    quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
     fasting_days, between_days = (days_of(of, grid.sample_time_min) for of in (always, quiet))
     rows = {}
     for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
@@ -93,7 +298,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
             "delay_p90_min": np.quantile(delay[found], QUANTILES[-1]) if found.any() else None,
             "missed_pct": 100.0 * (~found & ~already).sum() / delay.size if delay.size else None,
             "already_pct": 100.0 * already.sum() / delay.size if delay.size else None,
-            "false_alarms_fasting_per_day": false_alarms(fasted.told.eating, always, threshold) / fasting_days,
+            "false_alarms_fasting_per_day": false_alarms(fasted.estimates.eating, always, threshold) / fasting_days,
             "false_alarms_between_per_day": between / between_days if between_days else None,
         }
     at = rows[detection.threshold]
@@ -112,17 +317,17 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
 
 def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     """Each meal, and the error of the size over time."""
-    grid, told, horizon_min = detection.grid, fed.told, detection.trial.plan.horizon_min
+    grid, estimates, horizon_min = detection.grid, fed.estimates, detection.trial.plan.horizon_min
     begin_min: Any = fed.meals.t_min
     carbs_g: Any = fed.meals.carbs_g
-    delay, already = delays_min(told.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
+    delay, already = delays_min(estimates.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
     over = followed_min(fed.meals, horizon_min)
 
     def estimate(values: Any, at_min: Array) -> Array:
-        return told_at(values, grid.t_min, at_min, begin_min + delay, over)
+        return estimate_at(values, grid.t_min, at_min, begin_min + delay, over)
 
     def expected(after_min: float) -> Array:
-        return estimate(told.carbs_g + told.remaining_g, begin_min + after_min)
+        return estimate(estimates.carbs_g + estimates.remaining_g, begin_min + after_min)
 
     columns: dict[str, Any] = {
         "person": fed.person,
@@ -132,8 +337,8 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
         "delay_min": delay,
         "already": already,
         "missed": ~np.isfinite(delay) & ~already,
-        "estimated_g": estimate(told.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
-        **{f"expected_{after}_min_g": expected(after) for after in TOLD_AFTER_MIN},
+        "estimated_g": estimate(estimates.carbs_g, end_min(fed.meals) + AFTERMATH_MIN),
+        **{f"expected_{after}_min_g": expected(after) for after in JUDGED_AFTER_MIN},
     }
     # day by day
     meals = pl.DataFrame({name: np.broadcast_to(of, begin_min.shape).T.ravel() for name, of in columns.items()})
@@ -159,10 +364,72 @@ def _day(detection: Detection, days: Days) -> pl.DataFrame:
             "glucose_mg_dl": first.glucose_mg_dl,
             "reading_mg_dl": first.reading_mg_dl,
             "insulin_mU_min": first.insulin_mU_min,
-            "eating": first.told.eating,
+            "eating": first.estimates.eating,
             "emptying_mg_min": np.asarray(jax.vmap(lambda t: emptying_mg_min(t, meals))(t_min))[:, 0],
-            "estimated_emptying_mg_min": first.told.emptying_mg_min,
-            "carbs_g": first.told.carbs_g,
-            "remaining_g": first.told.remaining_g,
+            "estimated_emptying_mg_min": first.estimates.emptying_mg_min,
+            "carbs_g": first.estimates.carbs_g,
+            "remaining_g": first.estimates.remaining_g,
         }
     )
+
+
+def end_min(meals: Eaten) -> Array:
+    """Time at which each meal has been served, ``(meals, days)``."""
+    return np.asarray(meals.t_min + np.maximum(meals.carbs_g / SERVED_G_PER_MIN, meals.eating_min))
+
+
+def followed_min(meals: Eaten, horizon_min: float) -> Array:
+    """Time at which each meal's period ends, by the next meal or the end of the day, ``(meals, days)``."""
+    after = np.full((1, meals.t_min.shape[1]), horizon_min)
+    followed: Array = np.minimum(np.concatenate([meals.t_min[1:], after]), horizon_min)
+    return followed
+
+
+def under_way(meals: Eaten, t_min: Array) -> Truths:
+    """Whether a meal is being served, or was within the last 60 min, ``(samples, days)``."""
+    t = t_min[:, None, None]
+    way: Truths = np.any((meals.t_min <= t) & (t <= end_min(meals) + AFTERMATH_MIN), axis=1)
+    return way
+
+
+def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, horizon_min: float) -> tuple[Array, Truths]:
+    """Delay of the first sample after each meal's beginning at which the probability is above the threshold.
+
+    It is ``(meals, days)``, with NaN for a meal that was missed, or that began with the probability above the threshold
+    already, which is told beside it. Meals of a day are in their order.
+    """
+    above = eating > threshold
+    last = np.minimum(end_min(meals) + AFTERMATH_MIN, followed_min(meals, horizon_min))
+    delay, already = np.full(meals.t_min.shape, np.nan), np.zeros(meals.t_min.shape, bool)
+    for row, (begin, until) in enumerate(zip(meals.t_min, last, strict=True)):
+        before = np.searchsorted(t_min, begin, side="right") - 1
+        already[row] = above[before, np.arange(begin.size)]
+        found = above & (t_min[:, None] > begin) & (t_min[:, None] <= until)
+        first = t_min[np.argmax(found, axis=0)] - begin
+        delay[row] = np.where(found.any(axis=0) & ~already[row], first, np.nan)
+    return delay, already
+
+
+def false_alarms(eating: Array, quiet: Truths, threshold: float) -> int:
+    """Number of rises of the probability above the threshold that begin in a quiet time, ``(samples, days)``."""
+    above = eating > threshold
+    before = np.concatenate([np.zeros_like(above[:1]), above[:-1]])
+    return int((above & ~before & quiet).sum())
+
+
+def days_of(quiet: Truths, sample_time_min: float) -> float:
+    """Length of the quiet time, in days."""
+    return float(quiet.sum() * sample_time_min / MIN_PER_DAY)
+
+
+def estimate_at(values: Array, t_min: Array, at_min: Array, since_min: Array, until_min: Array) -> Array:
+    """Estimate for each meal at the first sample from a time on, all ``(meals, days)``.
+
+    It is NaN where that sample is before the detection, until when an estimate is about the meal before, or not before
+    the end of the meal's period.
+    """
+    sample = np.searchsorted(t_min, at_min, side="left")
+    index = np.minimum(sample, t_min.size - 1)
+    at_sample = np.take_along_axis(values, index, axis=0)
+    counts = (sample < t_min.size) & (t_min[index] >= since_min) & (t_min[index] < until_min)
+    return np.where(counts, at_sample, np.nan)

@@ -10,7 +10,7 @@ import polars as pl
 
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.report.columns import (
     Column,
     FittingTable,
@@ -22,10 +22,11 @@ from glucoloop.report.columns import (
     terminal_table,
     whole,
 )
+from glucoloop.report.facts import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
-from glucoloop.studies.detection.evaluate import QUANTILES, TOLD_AFTER_MIN, Scores, evaluate
+from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
@@ -35,11 +36,6 @@ if TYPE_CHECKING:
 
 SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
 """Limits between small, middling and large meals."""
-
-
-def notes(asked: Detection) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from what is found."""
-    return ()
 
 
 def _spread(name: str, of: pl.Expr, unit: str, group: str, text: Callable[[float], str]) -> list[Column]:
@@ -78,7 +74,7 @@ _SIZES: Final = (
     *_size_error("after_end", "estimated_g", "  60 min after the end"),
     *(
         column
-        for after in TOLD_AFTER_MIN
+        for after in JUDGED_AFTER_MIN
         for column in _size_error(
             f"at_{after}_min", f"expected_{after}_min_g", f"Error of the size, {after} min after the beginning"
         )
@@ -107,6 +103,7 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
+        "engines": dict.fromkeys(scores.of, ENGINE),
         "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.of.items()},
         "notes": list(_notes(asked, scores)),
     }
@@ -140,6 +137,7 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
         yield (
             f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
         )
+    yield f"Engine: {engine_facts(dict.fromkeys(scores.of, ENGINE))['Engine']}."
 
 
 def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
@@ -172,11 +170,6 @@ def _size(of: Row) -> str:
     return f"{of['from_g']:g} to {of['to_g']:g} g" if of["from_g"] else f"up to {of['to_g']:g} g"
 
 
-def sentences(asked: Detection, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
-
-
 def drawn(asked: Detection, found: Findings) -> dict[str, bytes]:
     """Figure, by the names of its files."""
     return figure_files("figure", plot_detection(found, title=_title(asked)))
@@ -196,7 +189,7 @@ _FEWEST: Final = 0.1
 """Share of the meals that must be detected for quantiles to be meaningful."""
 
 
-def plot_detection(found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
     """Draw delay against false alarms, the error of the size over time, and a day.
 
     The first panel has a point for each threshold, the one that was asked for filled: the median delay of the meals
@@ -204,12 +197,9 @@ def plot_detection(found: Findings, *, title: str | None = None, width: Width = 
     expected of a meal's size less the true size, by the time since its beginning, of the meals detected by then:
     median, and from the 10 % to the 90 % quantile. The others show the first day of the first person.
     """
-    figure = _style.new_figure(width, 130.0 if width == "double" else 210.0, title)
-    rows = [["curve", "size"], ["eating", "eating"], ["emptying", "emptying"]]
-    ratios = [1.5, 1.0, 1.0]
-    if width == "single":
-        rows, ratios = [["curve"], ["size"], ["eating"], ["emptying"]], [1.4, 1.2, 1.0, 1.0]
-    panels = figure.subplot_mosaic(rows, height_ratios=ratios)  # type: ignore[arg-type, unused-ignore]
+    figure = _style.new_figure("double", 130.0, title)
+    rows: Any = [["curve", "size"], ["eating", "eating"], ["emptying", "emptying"]]
+    panels = figure.subplot_mosaic(rows, height_ratios=[1.5, 1.0, 1.0])
     threshold = found.plain["config"]["threshold"]
     entries: dict[str, Artist] = {}
     for index, name in enumerate(found.plain["estimators"]):
@@ -224,11 +214,11 @@ def plot_detection(found: Findings, *, title: str | None = None, width: Width = 
         panels["emptying"].plot(hours, day["estimated_emptying_mg_min"], **{**style, "linewidth": 0.9})
     true = panels["emptying"].plot(hours, day["emptying_mg_min"], color="black", linewidth=0.9, zorder=1)
     entries["true rate"] = true[0]
-    _label(panels, threshold, float(size["after_min"][-1]), width)
+    _label(panels, threshold, float(size["after_min"][-1]))
     for axes in panels.values():
         _style.dress(axes)
     figure.align_ylabels([panels["eating"], panels["emptying"]])
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, list(entries.values()), list(entries), "double")
     return figure
 
 
@@ -262,7 +252,7 @@ def _draw_size(axes: Axes, size: pl.DataFrame, style: Mapping[str, Any]) -> None
     axes.plot(size["after_min"], middle, **style)
 
 
-def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float, width: Width) -> None:
+def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float) -> None:
     curve, size, eating, emptying = (panels[name] for name in ("curve", "size", "eating", "emptying"))
     # Few false alarms are worth as much room as many, and there may be none.
     curve.set_xscale("symlog", linthresh=0.1)
@@ -278,4 +268,4 @@ def _label(panels: Mapping[str, Axes], threshold: float, longest_min: float, wid
     emptying.set(xlabel="Time (h)", ylabel="Emptying of\nthe stomach\n(mg/min)")
     for axes in (eating, emptying):
         axes.set_xlim(0.0, MIN_PER_DAY / MIN_PER_H)
-        axes.xaxis.set_major_locator(_style.every(2.0 if width == "double" else 6.0))
+        axes.xaxis.set_major_locator(_style.every(2.0))

@@ -144,5 +144,4 @@ IDENTIFY: Final = PlainStudy(
     module="glucoloop.studies.identification.study",
     request=ModelRequest,
     summary="fit.json",
-    says_how_to_go_on=True,
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -45,6 +44,7 @@ from glucoloop.storage.files import read_text
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import read_record_columns
+from glucoloop.studies.closed_loop import smoothing_of, source_of
 from glucoloop.studies.identification import ModelRequest
 
 VALIDATION_SAMPLES: Final = 100
@@ -68,65 +68,6 @@ class Identified:
     validation_insulin_mU_min: jax.Array
     validated_on: str
     notes: tuple[str, ...]
-
-    @property
-    def run_hint(self) -> str:
-        """Options of ``glucoloop run`` that go with the model."""
-        options = {"--sample-time": (self.config.sample_time_min, 5.0), "--dead-time": (self.config.dead_time_min, 0.0)}
-        hint = "".join(f" {option} {value:g}" for option, (value, default) in options.items() if value != default)
-        return f"{hint} --controller known_dead_time=true" if self.config.dead_time_min else hint
-
-    def rows(self) -> Iterator[tuple[str, str, str]]:
-        """Name, value and unit of each property of the model."""
-        yield "Gain", f"{float(self.identification.model.gain):.4f}", "mg/dl per mU/min"
-        yield "Gain, 95 % confidence", f"± {self.identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
-        yield "Time constant, first-order fit", _time_constant(self.identification), "min"
-        yield "Memory", f"{self.identification.model.memory}", f"samples of {self.record.sample_time_min:g} min"
-        if self.model.realisation is not None:
-            late_pct = 100.0 * (1.0 - self.model.step_response[-1] / self.model.gain)
-            yield "Gain after the memory, by the Laguerre functions", f"{late_pct:.1f}", "% of the gain"
-        yield "Basal insulin", f"{self.identification.basal_insulin_mU_min:.3f}", "mU/min"
-        yield "Glucose at that rate", f"{self.identification.baseline_glucose_mg_dl:.2f}", "mg/dl"
-        yield "Laguerre pole", f"{self.identification.laguerre_pole:.4g}", ""
-        yield "Laguerre functions", f"{self.identification.laguerre_coefficients.size}", ""
-        yield "Misfit of the record, rms", f"{self.identification.model_rms_mg_dl:.3f}", "mg/dl"
-        yield "Variance explained, cross-validated", f"{self.identification.reliability.explained_percent:.1f}", "%"
-        yield "Check: sum of |residual|", f"{float(self.validation.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
-        yield "Check: worst residual", f"{float(self.validation.worst_residual_mg_dl):.2f}", "mg/dl"
-        yield "Check: fit", f"{float(self.validation.fit_percent):.1f}", "%"
-
-    def report(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        validation = {
-            field.name: float(value)
-            for field in dataclasses.fields(self.validation)
-            if np.ndim(value := getattr(self.validation, field.name)) == 0
-        }
-        return {
-            "config": self.config.tree(whole=True),
-            "model": self.model.model_dump(mode="json"),
-            "fit": {
-                "gain_mg_dl_per_mU_min": float(self.identification.model.gain),
-                "gain_margin_mg_dl_per_mU_min": self.identification.reliability.gain_margin,
-                "explained_percent": self.identification.reliability.explained_percent,
-                "record_rms_mg_dl": self.identification.model_rms_mg_dl,
-                "laguerre_pole": self.identification.laguerre_pole,
-                "laguerre_coefficients": np.asarray(self.identification.laguerre_coefficients).tolist(),
-            },
-            "validation": {"on": self.validated_on, **validation},
-            "doubts": self.model.doubts(),
-        }
-
-
-def identify(config: ModelRequest) -> Identified:
-    """Identify from the patient or from the record.
-
-    Raises
-    ------
-    ValueError
-        For a configuration or a record that is not possible, in one sentence.
-    """
-    return _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
 
 
 def _from_patient(config: ModelRequest) -> Identified:
@@ -161,8 +102,7 @@ def _from_patient(config: ModelRequest) -> Identified:
         truth = quiet.impulse_response
     sequence = random_binary_sequence(VALIDATION_SAMPLES, VALIDATION_SHARE * basal, config.seed)
     answer = excite(person, basal + np.asarray(sequence), quiet_sensor, sample_time_min=config.sample_time_min)
-    noise = f"with noise of variance {config.noise_variance:g}" if config.noise_variance else "free of noise"
-    source = f"identified from a record of {pulses.size} samples {noise}"
+    source = source_of(pulses.size, config.noise_variance)
     return Identified(
         config=config,
         record=record,
@@ -199,7 +139,7 @@ def _from_data(config: ModelRequest, path: Path) -> Identified:
             starts_at_rest=not config.not_from_rest,
         )
     except Refusal as error:
-        raise Refusal(_in_file(_in_options(str(error)), path)) from error
+        raise Refusal(_as_asked(str(error), path)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
@@ -213,10 +153,7 @@ def _from_data(config: ModelRequest, path: Path) -> Identified:
         )
     notes = (why, *notes, *_about_meals(record, identification))
     if config.not_from_rest:
-        notes = (
-            *notes,
-            "The check shows the first readings worse than they are: insulin before the record is unknown.",
-        )
+        notes += ("The check shows the first readings worse than they are: insulin before the record is unknown.",)
     return Identified(
         config=config,
         record=record,
@@ -264,10 +201,9 @@ def _basis(config: ModelRequest, record: Record) -> Basis:
 
 def _method(config: ModelRequest, basis: Basis, record: Record) -> tuple[str, str]:
     """Method for a record, and the reason in a sentence."""
-    eaten = record.carbs_g is not None and bool(record.carbs_g.any())
     if config.method != "auto":
         return config.method, f"Method: {config.method}, as asked."
-    if eaten:
+    if record.carbs_g is not None and record.carbs_g.any():
         return "least-squares", "Method: least squares, since cross-correlation takes the patient to fast."
     try:
         if not config.not_from_rest:
@@ -279,10 +215,8 @@ def _method(config: ModelRequest, basis: Basis, record: Record) -> tuple[str, st
             )
             return "csrs", "Method: cross-correlation, since the record is one of balanced pulses."
     except Refusal:
-        return (
-            "least-squares",
-            "Method: least squares, since the record is not one of the balanced pulses that cross-correlation needs.",
-        )
+        why = "the record is not one of the balanced pulses that cross-correlation needs"
+        return "least-squares", f"Method: least squares, since {why}."
     return "least-squares", "Method: least squares, since the record does not start at rest."
 
 
@@ -314,25 +248,15 @@ def _fit(
 
 
 def _model_file(config: ModelRequest, identification: Identification, source: str, notes: tuple[str, ...]) -> ModelFile:
-    smooth = (
-        f"{identification.laguerre_coefficients.size} Laguerre functions with pole {identification.laguerre_pole:.4g}"
-        if identification.laguerre_coefficients.size
-        else "not smoothed"
-    )
+    plain = {key: value for key, value in config.tree(whole=True).items() if isinstance(value, int | float | str)}
     return model_file(
         identification,
         operating_point=None if config.data is not None else config.place,
-        source=f"{source}, {smooth}",
+        source=f"{source}, {smoothing_of(identification)}",
         dead_time_min=config.dead_time_min,
-        settings=_settings(config),
+        settings={**plain, "noise_variance": config.noise_variance, "dead_time_min": config.dead_time_min},
         notes=notes,
     )
-
-
-def _settings(config: ModelRequest) -> dict[str, Any]:
-    """Settings that are written with a model: numbers and texts."""
-    plain = {key: value for key, value in config.tree(whole=True).items() if isinstance(value, int | float | str)}
-    return {**plain, "noise_variance": config.noise_variance, "dead_time_min": config.dead_time_min}
 
 
 def _time_constant(identification: Identification) -> str:
@@ -356,52 +280,83 @@ _OPTIONS_OF: Final = {
 }
 
 
-def _in_options(message: str) -> str:
-    """Sentence of the library with the names of options in place of arguments."""
+def _as_asked(message: str, path: Path) -> str:
+    """Sentence of the library with options in place of arguments, and the row as its file has it."""
     for word, option in _OPTIONS_OF.items():
         message = message.replace(word, option)
-    return message
-
-
-def _in_file(message: str, path: Path) -> str:
-    """Sentence of the library with the row as its file has it."""
-    words = rf"in row (\d+){re.escape(FROM_ZERO)}"
-    return re.sub(words, lambda row: f"in row {int(row[1]) + 1} of {path}, below its first line,", message)
+    row = rf"in row (\d+){re.escape(FROM_ZERO)}"
+    return re.sub(row, lambda found: f"in row {int(found[1]) + 1} of {path}, below its first line,", message)
 
 
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 
-def notes(asked: ModelRequest) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the record and the fit."""
-    return ()
-
-
 def found(asked: ModelRequest, progress: Callable[[str], None]) -> Findings:
     """Identify a model, and check it."""
-    identified = identify(asked)
+    identified = _from_patient(asked) if asked.data is None else _from_data(asked, Path(asked.data))
     progress("the model")
-    plain = {**identified.report(), "notes": [*identified.notes, *_warning(identified)]}
+    plain = {**_plain(identified), "notes": [*identified.notes, *_warning(identified)]}
     return Findings(plain, {"record.csv": stored.record_table(identified.record)}, identified)
+
+
+def _plain(identified: Identified) -> dict[str, Any]:
+    identification, validation = identified.identification, identified.validation
+    return {
+        "config": identified.config.tree(whole=True),
+        "model": identified.model.model_dump(mode="json"),
+        "fit": {
+            "gain_mg_dl_per_mU_min": float(identification.model.gain),
+            "gain_margin_mg_dl_per_mU_min": identification.reliability.gain_margin,
+            "explained_percent": identification.reliability.explained_percent,
+            "record_rms_mg_dl": identification.model_rms_mg_dl,
+            "laguerre_pole": identification.laguerre_pole,
+            "laguerre_coefficients": np.asarray(identification.laguerre_coefficients).tolist(),
+        },
+        "validation": {
+            "on": identified.validated_on,
+            **{name: float(of) for name, of in vars(validation).items() if np.ndim(of) == 0},
+        },
+        "doubts": identified.model.doubts(),
+    }
 
 
 def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
     """Properties of the model with their units."""
     columns = [Column(name="value", short="Value", text=str), Column(name="unit", short="Unit", text=str, left=True)]
-    lines: list[Line] = [(name, [{"value": value, "unit": unit}]) for name, value, unit in found.extra.rows()]
+    lines: list[Line] = [(name, [{"value": value, "unit": unit}]) for name, value, unit in _properties(found.extra)]
     yield terminal_table("Model", [("", lines)], columns)
 
 
-def sentences(asked: ModelRequest, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
+def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:
+    """Name, value and unit of each property of the model."""
+    of, model, check = identified.identification, identified.model, identified.validation
+    yield "Gain", f"{float(of.model.gain):.4f}", "mg/dl per mU/min"
+    yield "Gain, 95 % confidence", f"± {of.reliability.gain_margin:.4f}", "mg/dl per mU/min"
+    yield "Time constant, first-order fit", _time_constant(of), "min"
+    yield "Memory", f"{of.model.memory}", f"samples of {identified.record.sample_time_min:g} min"
+    if model.realisation is not None:
+        late_pct = 100.0 * (1.0 - model.step_response[-1] / model.gain)
+        yield "Gain after the memory, by the Laguerre functions", f"{late_pct:.1f}", "% of the gain"
+    yield "Basal insulin", f"{of.basal_insulin_mU_min:.3f}", "mU/min"
+    yield "Glucose at that rate", f"{of.baseline_glucose_mg_dl:.2f}", "mg/dl"
+    yield "Laguerre pole", f"{of.laguerre_pole:.4g}", ""
+    yield "Laguerre functions", f"{of.laguerre_coefficients.size}", ""
+    yield "Misfit of the record, rms", f"{of.model_rms_mg_dl:.3f}", "mg/dl"
+    yield "Variance explained, cross-validated", f"{of.reliability.explained_percent:.1f}", "%"
+    yield "Check: sum of |residual|", f"{float(check.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
+    yield "Check: worst residual", f"{float(check.worst_residual_mg_dl):.2f}", "mg/dl"
+    yield "Check: fit", f"{float(check.fit_percent):.1f}", "%"
 
 
 def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
     """Command that uses the model, unless no controller should be designed on it."""
-    identified: Identified = found.extra
-    if "model.json" in files and not identified.model.doubts():
-        yield f"Use it: glucoloop run --model {files['model.json']}{identified.run_hint}"
+    config: ModelRequest = found.extra.config
+    if "model.json" not in files or found.plain["doubts"]:
+        return
+    options = {"--sample-time": (config.sample_time_min, 5.0), "--dead-time": (config.dead_time_min, 0.0)}
+    hint = "".join(f" {option} {value:g}" for option, (value, usual) in options.items() if value != usual)
+    late = " --controller known_dead_time=true" if config.dead_time_min else ""
+    yield f"Use it: glucoloop run --model {files['model.json']}{hint}{late}"
 
 
 def drawn(asked: ModelRequest, found: Findings) -> dict[str, bytes]:

@@ -10,10 +10,9 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.robust.objectives import OBJECTIVES
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -22,20 +21,17 @@ if TYPE_CHECKING:
 
     from glucoloop.studies.robust import Search
 
-_PANEL_MM: Final = 70.0
-_AROUND_MM: Final = 24.0
+_HEIGHT_MM: Final = 94.0
 _SHOWN: Final = 0.9
 """Share of the tunings within the bounds that each axis must show; a few are far away."""
 _ROOM: Final = 0.06
 _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 
 
-def plot_robust(asked: Search, found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_robust(asked: Search, found: Findings, *, title: str | None = None) -> Figure:
     """Draw the two objectives of every tuning with the front, and undershoot on subjects that were not searched on."""
-    across = 1 if width == "single" else 3
-    figure = _style.new_figure(width, 3 // across * _PANEL_MM + _AROUND_MM, title)
-    ratios = {"width_ratios": [1.5, 1.0, 1.0]} if across == 3 else {}
-    trade, people, noise = figure.subplots(3 // across, across, gridspec_kw=ratios)
+    figure = _style.new_figure("double", _HEIGHT_MM, title)
+    trade, people, noise = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})
     styles = _styles([CHOSEN, AS_IT_WAS, *found.plain["beside"]])
     entries = _draw_trade(trade, asked, found, styles)
     check = found.tables["check.parquet"]
@@ -43,12 +39,11 @@ def plot_robust(asked: Search, found: Findings, *, title: str | None = None, wid
     _draw_check(noise, check.filter(group="noise"), "seeds", styles)
     for axes in (people, noise):
         axes.set_xlim(0.0, 1.04 * check["undershoot_mg_dl"].to_numpy().max())
-    if across == 3:
-        noise.tick_params(labelleft=False)
-        noise.set_ylabel("")
+    noise.tick_params(labelleft=False)
+    noise.set_ylabel("")
     for axes in (trade, people, noise):
         _style.dress(axes)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, list(entries.values()), list(entries), "double")
     return figure
 
 

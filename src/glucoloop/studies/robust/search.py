@@ -1,24 +1,29 @@
-"""Search for a tuning that is robust to people and noise, and its result on subjects that it never saw."""
+"""Search for a tuning that is robust to people and noise, and its result on subjects that it never saw.
+
+Of an objective less is better. Of the tunings that keep the bounds, those that no other beats in both objectives are
+the Pareto front, of which one is chosen.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.parts.setting import known_names
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.report.columns import Column, decimals
+from glucoloop.report.facts import engine_facts
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust import Search
-from glucoloop.studies.robust.front import Bound, judged
-from glucoloop.studies.robust.loop import TuningLoop
-from glucoloop.studies.robust.objectives import NO_SCORES, OBJECTIVES, Scores, scores
-from glucoloop.studies.robust.subjects import draw_subjects
+from glucoloop.studies.robust import BOTH, Search
+from glucoloop.studies.robust.loop import TuningLoop, draw_subjects
 from glucoloop.tuning.samplers import Told, make_sampler
 
 CHOSEN: Final = "chosen"
@@ -26,6 +31,126 @@ AS_IT_WAS: Final = "as it was"
 _MOST_CANDIDATES: Final = 1_000_000
 Candidate = dict[str, Any]
 """A tuning that was tried, as a row: its number, its round, the tuned numbers, and its scores."""
+LOW_MG_DL: Final = 60.0
+
+
+def _objective(name: str, head: str, short: str, digits: int = 1) -> Column:
+    return Column(name=name, head=head, short=short, text=decimals(digits))
+
+
+OBJECTIVES: Final = {
+    "undershoot-median": _objective("undershoot_median_mg_dl", "Undershoot, median (mg/dl)", "Undershoot\nmedian"),
+    "undershoot-p95": _objective("undershoot_p95_mg_dl", "Undershoot, 95 % (mg/dl)", "Undershoot\n95 %"),
+    "peak-median": _objective("peak_median_mg_dl", "Peak, median (mg/dl)", "Peak\nmedian"),
+    "peak-p95": _objective("peak_p95_mg_dl", "Peak, 95 % (mg/dl)", "Peak\n95 %"),
+    "people-undershoot-p95": _objective(
+        "people_undershoot_p95_mg_dl", "Undershoot of people, 95 % (mg/dl)", "People's under-\nshoot, 95 %"
+    ),
+    "people-peak-p95": _objective("people_peak_p95_mg_dl", "Peak of people, 95 % (mg/dl)", "People's\npeak, 95 %"),
+    "people-below-60": _objective("people_below_60", "People below 60 mg/dl", "People\n< 60", digits=0),
+    "total-variation": _objective(
+        "total_variation_mU_min", "Total variation of insulin, median (mU/min)", "Travel\nmU/min", digits=0
+    ),
+}
+"""Objectives by the names that users write; they are about the nominal patient under noise unless it says people."""
+
+Scores = Mapping[str, float]
+"""The objectives of a controller by the names of their columns; NaN where a run had no finite number."""
+NO_SCORES: Final[Scores] = {of.name: float("nan") for of in OBJECTIVES.values()}
+
+
+def objective(name: str) -> Column:
+    """An objective by the name that users write; Refusal for an unknown one."""
+    if name not in OBJECTIVES:
+        raise Refusal(f"unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
+    return OBJECTIVES[name]
+
+
+def scores(metrics: Mapping[str, npt.NDArray[Any]], people: int) -> Scores:
+    """The objectives from values ``(subjects,)`` of each of `METRICS`; 95th percentiles are interpolated.
+
+    The first `people` of the subjects are people, and the others are the nominal patient under noise.
+    """
+    undershoot, peak = metrics["undershoot_mg_dl"], metrics["peak_mg_dl"]
+    lowest, variation = metrics["minimum_mg_dl"], metrics["insulin_total_variation_mU_min"]
+    of_people, nominal = slice(None, people), slice(people, None)
+    finite = bool(np.isfinite(lowest[of_people]).all())
+    return {
+        "undershoot_median_mg_dl": float(np.median(undershoot[nominal])),
+        "undershoot_p95_mg_dl": float(np.quantile(undershoot[nominal], 0.95)),
+        "peak_median_mg_dl": float(np.median(peak[nominal])),
+        "peak_p95_mg_dl": float(np.quantile(peak[nominal], 0.95)),
+        "people_undershoot_p95_mg_dl": float(np.quantile(undershoot[of_people], 0.95)),
+        "people_peak_p95_mg_dl": float(np.quantile(peak[of_people], 0.95)),
+        "people_below_60": float((lowest[of_people] < LOW_MG_DL).sum()) if finite else float("nan"),
+        "total_variation_mU_min": float(np.median(variation[nominal])),
+    }
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bound on an objective."""
+
+    objective: str
+    most: float
+    of: str | None = None
+    """Controller whose value is the bound, or None for a given number."""
+
+    def violation(self, scores: Any) -> Any:
+        """Relative excess of scores, or of columns of them, over the bound; 0 or less where it is kept."""
+        return (scores[OBJECTIVES[self.objective].name] - self.most) / max(abs(self.most), 1.0)
+
+
+def judged(tried: pl.DataFrame, bounds: Sequence[Bound], objectives: Sequence[str], prefer: str = BOTH) -> pl.DataFrame:
+    """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
+
+    If none keeps the bounds, the one that exceeds them least is chosen; Refusal if none has a controller.
+    """
+    values = tried.select(OBJECTIVES[name].name for name in objectives).to_numpy()
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.any():
+        raise Refusal("no tuning of the search has a controller that works; give other ranges")
+    over = np.array([bound.violation(tried).to_numpy() for bound in bounds]).reshape(-1, len(tried))
+    keeps = finite & np.all(over <= 0.0, axis=0)
+    front = np.zeros(len(tried), bool)
+    if keeps.any():
+        front[keeps] = pareto(values[keeps])
+        chosen = np.flatnonzero(front)[choose(values[front], objectives, prefer)]
+    else:
+        excess = np.maximum(over, 0.0).sum(axis=0)
+        chosen = np.argmin(np.where(finite & np.isfinite(excess), excess, np.inf))
+    return tried.with_columns(
+        pl.Series("keeps_the_bounds", keeps),
+        pl.Series("on_the_front", front),
+        pl.Series("chosen", np.arange(len(tried)) == chosen),
+    )
+
+
+def pareto(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Whether each row of ``(n, 2)`` is on the Pareto front: no row is better in one column and as good in both."""
+    order = np.lexsort((values[:, 1], values[:, 0]))
+    front = np.zeros(len(values), bool)
+    least, at = np.inf, np.inf
+    for place in order:
+        first, second = values[place]
+        if second < least or (second == least and first == at):
+            front[place] = True
+            least, at = second, first
+    return front
+
+
+def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: str) -> int:
+    """Index of the row of a front ``(n, 2)`` that is chosen.
+
+    It has the least value of the preferred objective; or, for ``"both"``, it is nearest to the least of both, each
+    measured by its range over the front.
+    """
+    if prefer in objectives:
+        first = list(objectives).index(prefer)
+        return int(np.lexsort((values[:, 1 - first], values[:, first]))[0])
+    least, reach = values.min(axis=0), np.ptp(values, axis=0)
+    away = (values - least) / np.where(reach > 0.0, reach, 1.0)
+    return int(np.argmin(np.hypot(away[:, 0], away[:, 1])))
 
 
 def tuning_of(asked: Search, candidate: Candidate) -> dict[str, float]:
@@ -60,9 +185,9 @@ class SearchEngine:
     """
 
     def __init__(self, asked: Search) -> None:
-        self.asked = own = asked
+        self.asked = asked
         self.subjects = draw_subjects(
-            asked.trial, people=own.people, people_seed=own.people_seed, seeds=own.seeds, first_seed=own.first_seed
+            asked.trial, asked.people, asked.people_seed, seeds=asked.seeds, first_seed=asked.first_seed
         )
         self._loops: dict[str, TuningLoop] = {}
         self.references = {
@@ -82,37 +207,39 @@ class SearchEngine:
         Refusal for a sampler that asks for other tunings than it did before.
         """
         asked, known = self.asked, list(before)
-        own = asked
         start = None
         if all(of.holds(asked.initial[of.name]) for of in asked.space):
             start = {of.name: of.rounded(asked.initial[of.name]) for of in asked.space}
-        sampler = make_sampler(own.sampler, asked.space, own.sampler_seed, batch=own.batch, start=start)
-        for first in range(0, asked.rounds * own.batch, own.batch):
-            tunings = sampler.ask(own.batch)
-            held = known[first : first + own.batch]
+        sampler = make_sampler(asked.sampler, asked.space, asked.sampler_seed, batch=asked.batch, start=start)
+        for first in range(0, asked.rounds * asked.batch, asked.batch):
+            tunings = sampler.ask(asked.batch)
+            held = known[first : first + asked.batch]
             for candidate, tuning in zip(held, tunings, strict=False):
                 if tuning_of(asked, candidate) != tuning:
                     raise Refusal(
-                        f"candidate {candidate['candidate']} of the search was another tuning than {own.sampler} "
+                        f"candidate {candidate['candidate']} of the search was another tuning than {asked.sampler} "
                         "proposes now; go on with the libraries with which it was begun, or begin again with "
                         "--overwrite"
                     )
             todo = tunings[len(held) :]
-            if todo:
-                for tuning, metrics in zip(todo, self._loop(asked.tuned).run(self.subjects, todo), strict=True):
-                    number = len(known)
-                    known.append({"candidate": number, "round": number // own.batch, **tuning, **self._scores(metrics)})
-                    yield known[-1]
-            sampler.tell([self._told(candidate) for candidate in known[first : first + own.batch]])
+            runs = self._loop(asked.tuned).run(self.subjects, todo) if todo else ()
+            for tuning, metrics in zip(todo, runs, strict=True):
+                place = {"candidate": len(known), "round": first // asked.batch}
+                known.append({**place, **tuning, **self._scores(metrics)})
+                yield known[-1]
+            sampler.tell([self._told(candidate) for candidate in known[first : first + asked.batch]])
 
     def found(self, rows: Sequence[Candidate]) -> Findings:
         """Choose a tuning, and check it."""
-        own = asked = self.asked
-        table = judged(rows_of(asked).table(rows), self.bounds, own.objectives, asked.prefer)
+        asked = self.asked
+        table = judged(rows_of(asked).table(rows), self.bounds, asked.objectives, asked.prefer)
         kept, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
-        front = front.sort(OBJECTIVES[own.objectives[0]].name, maintain_order=True)
+        front = front.sort(OBJECTIVES[asked.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
-        check, scores = self.check(tuning_of(asked, chosen))
+        check, scores_of_check = self.check(tuning_of(asked, chosen))
+        left, people = self.subjects.infeasible, how_many(asked.people, "person", "people")
+        has, was = ("has", "was") if left == 1 else ("have", "were")
+        left_out = [f"{left} of {people} {has} no basal rate and {was} left out."] if left else []
         plain = {
             "config": asked.tree(whole=True),
             "candidates": len(table),
@@ -122,8 +249,9 @@ class SearchEngine:
             "front": [self._plain(row) for row in front.to_dicts()],
             "as_it_was": self._plain(rows[0]) if tuning_of(asked, rows[0]) == asked.initial else None,
             "beside": self.references,
-            "check": scores,
-            "notes": self._left_out(),
+            "check": scores_of_check,
+            "engines": (engines := {label: loop.engine_told for label, loop in self._loops.items()}),
+            "notes": [*left_out, f"Engine: {engine_facts(engines)['Engine']}."],
         }
         return Findings(plain, {"candidates.csv": table, "check.parquet": check})
 
@@ -132,13 +260,13 @@ class SearchEngine:
 
         Nothing is told of a tuning that the design refuses.
         """
-        own = asked = self.asked
+        asked = self.asked
         subjects = draw_subjects(
             asked.trial,
-            people=own.check_people,
-            people_seed=own.check_people_seed,
-            seeds=own.check_seeds,
-            first_seed=own.check_first_seed,
+            asked.check_people,
+            asked.check_people_seed,
+            seeds=asked.check_seeds,
+            first_seed=asked.check_first_seed,
         )
         runs = dict(
             zip((CHOSEN, AS_IT_WAS), self._loop(asked.tuned).run(subjects, [tuning, asked.initial]), strict=True)
@@ -168,11 +296,6 @@ class SearchEngine:
 
     def _scores(self, metrics: Mapping[str, npt.NDArray[Any]] | None) -> Scores:
         return NO_SCORES if metrics is None else scores(metrics, self.subjects.people)
-
-    def _left_out(self) -> list[str]:
-        left, people = self.subjects.infeasible, how_many(self.asked.people, "person", "people")
-        has, was = ("has", "was") if left == 1 else ("have", "were")
-        return [f"{left} of {people} {has} no basal rate and {was} left out."] if left else []
 
     def _plain(self, row: Candidate) -> dict[str, Any]:
         scores = {name: row[name] for name in NO_SCORES}

@@ -11,17 +11,15 @@ from glucoloop.control.catalogue import SEARCHED
 from glucoloop.parts.setting import known_names
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
-from glucoloop.report.columns import Column, FittingTable, Line, Row, terminal_table
+from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
-from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
-from glucoloop.studies.robust.objectives import OBJECTIVES, objective
-from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, Candidate, SearchEngine, rows_of
+from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
 from glucoloop.tuning.samplers import library
 
 
@@ -37,24 +35,18 @@ def notes(asked: Search) -> tuple[str, ...]:
     return ()
 
 
-def rows(asked: Search) -> Rows[Candidate]:
-    """The rows that are kept: each candidate with its round, its tuning and its objectives."""
-    return rows_of(asked)
-
-
-def search(asked: Search) -> SearchEngine:
-    """Draw the people, and try the reference controllers."""
-    return SearchEngine(asked)
+rows = rows_of
+search = SearchEngine
 
 
 def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
     """The front in order of its first objective, the initial tuning and the references; and all on others."""
     of = found.plain
     columns = [
-        Column(name="candidate", short="Candidate", text=str, only=_is_candidate),
+        Column(name="candidate", short="Candidate", text=str, only=lambda row: "candidate" in row),
         *(
-            Column(name=of.name, short=of.name.replace("_", "\n"), text="{:.4g}".format, only=_is_candidate)
-            for of in asked.space
+            Column(name=name, short=name.replace("_", "\n"), text="{:.4g}".format, only=lambda row: "candidate" in row)
+            for name in (tuned.name for tuned in asked.space)
         ),
         *OBJECTIVES.values(),
     ]
@@ -68,10 +60,6 @@ def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table("", [("", lines) for lines in sections if lines], columns)
     check = [(label, [scores]) for label, scores in of["check"].items()]
     yield terminal_table("Never seen before", [("", check)], columns)
-
-
-def _is_candidate(row: Row) -> bool:
-    return "candidate" in row
 
 
 def _line(name: str, of: Mapping[str, Any]) -> Line:
@@ -93,14 +81,14 @@ def sentences(asked: Search, found: Findings) -> Iterator[str]:
         most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
         yield f"Bound: {bound['objective']} at most {most}{whose}."
     chosen, tried = of["chosen"]["candidate"], how_many(of["candidates"], "tuning")
-    told = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
+    keeping = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
     if not of["chosen"]["keeps_the_bounds"]:
-        yield f"{told}; chosen is the one that exceeds them least, candidate {chosen}."
+        yield f"{keeping}; chosen is the one that exceeds them least, candidate {chosen}."
         return
     preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
     front = f"{how_many(len(of['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
-        f"{f'{told}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
+        f"{f'{keeping}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
         f"chosen is candidate {chosen}, {preferred}."
     )
 

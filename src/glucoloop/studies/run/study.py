@@ -54,7 +54,7 @@ class ClosedLoops:
 
 
 def notes(asked: Run) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the loops. Several controllers are compared."""
+    """Refuse several controllers outside a comparison, and a bound over too many samples, before a loop is closed."""
     if not isinstance(asked, Comparison):
         _ = asked.case
     elif asked.bound:
@@ -177,12 +177,12 @@ def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    figure = plot(traces, title=title, mmol=mmol, units_per_hour=asked.patient.under_the_skin, limits=first.limits)
+    figure = plot(traces, title=title, mmol=mmol, units_per_hour=asked.patient.under_the_skin, limits=asked.limits)
     page = interactive_page(
         traces if len(traces) > 1 else first.trace,
         metrics if len(metrics) > 1 else first.metrics,
         title=title,
-        limits=first.limits,
+        limits=asked.limits,
         faults=asked.fault_texts,
         facts=facts,
         repeat=again,

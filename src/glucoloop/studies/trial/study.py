@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from glucoloop.cohorts import engine
-from glucoloop.cohorts.counts import BAND_QUANTILES, quantiles_of_counts
-from glucoloop.cohorts.summary import CaseSummary, summarise_people
+from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.parts.metrics import result_named
@@ -25,7 +25,7 @@ from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import Counts, add_counts, edges, no_counts, times
-from glucoloop.units import MIN_PER_H, MU_PER_U, mmol_l_from_mg_dl
+from glucoloop.units import mmol_l_from_mg_dl
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -35,22 +35,34 @@ _FILES: Final = {
     BANDS: "percentiles over time",
 }
 """Files with the data of a trial, beside its page."""
-_TABLE: Final = (
-    ("time_70_180_pct", ("mean", "p5")),
-    ("time_above_180_pct", ("mean", "p95")),
-    ("time_above_250_pct", ("mean", "p95")),
-    ("time_below_70_pct", ("mean", "p95")),
-    ("time_below_54_pct", ("mean", "p95")),
-    ("minimum_mg_dl", ("median", "min")),
-    ("undershoot_mg_dl", ("median", "p95", "max")),
-    ("peak_mg_dl", ("median", "p95")),
-    ("mean_mg_dl", ("median",)),
-    ("insulin_total_mU", ("median",)),
-    ("insulin_off_min", ("median", "p95")),
-)
+_HEADLINES: Final = {
+    "time_70_180_pct": ("mean", "p5"),
+    "time_above_180_pct": ("mean", "p95"),
+    "time_above_250_pct": ("mean", "p95"),
+    "time_below_70_pct": ("mean", "p95"),
+    "time_below_54_pct": ("mean", "p95"),
+    "minimum_mg_dl": ("median", "min"),
+    "undershoot_mg_dl": ("median", "p95", "max"),
+    "peak_mg_dl": ("median", "p95"),
+    "mean_mg_dl": ("median",),
+    "insulin_total_mU": ("median",),
+    "insulin_off_min": ("median", "p95"),
+    _SETTLING: ("median",),
+}
 """Metrics and their statistics over the people, in the order in which a clinician reads them."""
+_ON_THE_PAGE: Final = {
+    **{"mean": ", mean", "median": ", median", "p5": " of the worst 5 %", "p95": " of the worst 5 %"},
+    **dict.fromkeys(("min", "max"), " of the worst person"),
+}
+"""Statistics in words, after the name of a metric."""
 _EVER_BELOW: Final = {"time_below_70_pct": "70", "time_below_54_pct": "54"}
 """Glucose below which people are counted, after the row of a metric."""
+_LOST: Final = {
+    "below_validity": "was lower than the model is valid for: {}. Read it as severe hypoglycemia; "
+    "its depth means nothing.",
+    "not_finite": "did not stay finite: {}.",
+}
+"""Sentences on glucose, by the name of the people affected."""
 _NAMED: Final = 10
 
 
@@ -68,22 +80,22 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
     bands, origin, engines = _bands(folder), folder.recorded, engine.prepare(asked).engines
-    told = summary.as_dict()
-    for label, of_label in summary.cases.items():
-        told["controllers"][label] |= engines[label]
-        told["controllers"][label]["control_variability_pct"] = zone_pct(of_label.cvga_counts)
-    plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **told}
+    numbers = summary.plain
+    for label, of_label in numbers["controllers"].items():
+        of_label |= engines[label]
+        of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
+    plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **numbers}
     report = TrialReport(
         title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
         setpoint_mg_dl=asked.target_mg_dl,
         units_per_hour=asked.patient.under_the_skin,
-        people=summary.people,
-        infeasible=summary.infeasible.count,
+        people=numbers["people"],
+        infeasible=numbers["unable"]["count"],
         facts={**controllers_facts(asked.cases), **trial_facts(asked), **engine_facts(engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
         faults=asked.fault_texts,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
-        cases={label: _case_report(asked, label, of_label, bands[label]) for label, of_label in summary.cases.items()},
+        cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )
     return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
 
@@ -97,12 +109,7 @@ def drawn(asked: Trial, found: Findings, *, mmol: bool = False) -> dict[str, byt
 
 def tables(asked: Trial, found: Findings) -> Iterator[object]:
     """Statistics of the metrics over the people, one column for each controller."""
-    yield lines_table("Over the people", found.plain["controllers"], list(_rows(found.plain)))
-
-
-def sentences(asked: Trial, found: Findings) -> tuple[str, ...]:
-    """Return no sentence; the notes among what was found say all."""
-    return ()
+    yield lines_table("Over the people", found.plain["controllers"], list(_rows(asked, found.plain)))
 
 
 def _bands(folder: TrialFolder) -> Bands:
@@ -126,9 +133,9 @@ def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
             yield table.select(pl.lit(label).alias("controller"), pl.lit(quantity).alias("quantity"), pl.all())
 
 
-def _case_report(trial: Trial, label: str, summary: CaseSummary, bands: Mapping[str, Any]) -> CaseReport:
-    t_min = times(trial)
-    metrics = summary.metrics
+def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping[str, Any]) -> CaseReport:
+    t_min, of = times(trial), summary.plain["controllers"][label]
+    metrics, low = of["metrics"], {int(name.removesuffix("_mg_dl")): share for name, share in of["ever_below"].items()}
     return CaseReport(
         bands_t_min=t_min["glucose"],
         glucose_quantiles=dict(zip(BAND_QUANTILES, bands["glucose"], strict=True)),
@@ -140,15 +147,15 @@ def _case_report(trial: Trial, label: str, summary: CaseSummary, bands: Mapping[
                 counts=counted.counts,
                 **{name: metrics[metric][name] for name in ("p5", "median", "p95")},
             )
-            for metric, counted in summary.distributions.items()
+            for metric, counted in summary.distributions[label].items()
             if metric != _SETTLING or _one_meal(trial)
         },
-        cvga_counts=summary.cvga_counts,
+        cvga_counts=summary.cvga_counts[label],
         time_in_range_pct=ranges_pct(lambda metric: metrics[metric]["mean"]),
-        table=_headlines(summary, setpoint_mg_dl=trial.target_mg_dl, settling=_one_meal(trial)),
-        worst=_worst(trial, label, summary),
-        ever_below={limit: (int(of["people"]), float(of["share_pct"])) for limit, of in summary.ever_below.items()},
-        not_finite=summary.not_finite.count,
+        table=dict(_page_numbers(trial, of)),
+        worst=_worst(trial, label, of["worst"]),
+        ever_below={limit: (share["people"], share["share_pct"]) for limit, share in low.items()},
+        not_finite=of["not_finite"]["count"],
     )
 
 
@@ -157,44 +164,30 @@ def _one_meal(trial: Trial) -> bool:
     return len(trial.plan.nominal()) == 1
 
 
-def _headlines(summary: CaseSummary, *, setpoint_mg_dl: float, settling: bool) -> dict[str, float | str]:
-    """Numbers over the people in the order in which a clinician reads them."""
-    metrics = summary.metrics
-    undershoot = metrics["undershoot_mg_dl"]
-
-    def valid(glucose_mg_dl: float, *, fall: bool = False) -> float | str:
-        lowest = setpoint_mg_dl - glucose_mg_dl if fall else glucose_mg_dl
-        return NOT_VALID if lowest < 0.0 else glucose_mg_dl
-
-    return {
-        "Time from 70 to 180 mg/dl, mean (%)": metrics["time_70_180_pct"]["mean"],
-        "Time above 180 mg/dl, mean (%)": metrics["time_above_180_pct"]["mean"],
-        "Time above 250 mg/dl, mean (%)": metrics["time_above_250_pct"]["mean"],
-        "Time below 70 mg/dl, mean (%)": metrics["time_below_70_pct"]["mean"],
-        "Time below 70 mg/dl of the worst 5 % (%)": metrics["time_below_70_pct"]["p95"],
-        "Time below 54 mg/dl, mean (%)": metrics["time_below_54_pct"]["mean"],
-        "Time below 54 mg/dl of the worst 5 % (%)": metrics["time_below_54_pct"]["p95"],
-        "People ever below 70 mg/dl (%)": summary.ever_below[70]["share_pct"],
-        "People ever below 54 mg/dl (%)": summary.ever_below[54]["share_pct"],
-        "People ever below the valid range of the model": str(summary.below_validity.count),
-        "Lowest glucose of all people (mg/dl)": valid(metrics["minimum_mg_dl"]["min"]),
-        "Greatest fall below the setpoint, median (mg/dl)": undershoot["median"],
-        "Greatest fall below the setpoint of the worst 5 % (mg/dl)": valid(undershoot["p95"], fall=True),
-        "Highest glucose, median (mg/dl)": metrics["peak_mg_dl"]["median"],
-        "Highest glucose of the worst 5 % (mg/dl)": metrics["peak_mg_dl"]["p95"],
-        "Mean glucose, median (mg/dl)": metrics["mean_mg_dl"]["median"],
-        "Insulin delivered, median (U)": metrics["insulin_total_mU"]["median"] / MU_PER_U,
-        "Time without insulin, median (h)": metrics["insulin_off_min"]["median"] / MIN_PER_H,
-        "Time without insulin of the worst 5 % (h)": metrics["insulin_off_min"]["p95"] / MIN_PER_H,
-        **({"Settling to 5 %, median (min)": metrics[_SETTLING]["median"]} if settling else {}),
-    }
+def _headlines(trial: Trial) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Metrics and their statistics; settling only after one meal."""
+    yield from ((metric, of) for metric, of in _HEADLINES.items() if metric != _SETTLING or _one_meal(trial))
 
 
-def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
+def _page_numbers(trial: Trial, of: Mapping[str, Any]) -> Iterator[tuple[str, float | str]]:
+    """Headline numbers of one controller by their names on the page, from its plain values."""
+    for metric, statistics in _headlines(trial):
+        how = result_named(metric)
+        for statistic in statistics:
+            value = of["metrics"][metric][statistic]
+            valid = how.text(value, trial.target_mg_dl) != NOT_VALID
+            yield f"{how.title}{_ON_THE_PAGE[statistic]} ({how.unit})", value / how.divisor if valid else NOT_VALID
+        if metric in _EVER_BELOW:
+            limit = _EVER_BELOW[metric]
+            yield f"People ever below {limit} mg/dl (%)", of["ever_below"][f"{limit}_mg_dl"]["share_pct"]
+    yield "People ever below the valid range of the model", str(of["below_validity"]["count"])
+
+
+def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
     """People with the worst outcomes, with their traces; a person is the same in every simulation."""
-    if not summary.worst:
+    if not people:
         return []
-    worst = np.array([person["person"] for person in summary.worst], np.int64)
+    worst = np.array([person["person"] for person in people], np.int64)
     again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
@@ -209,13 +202,13 @@ def _worst(trial: Trial, label: str, summary: CaseSummary) -> list[WorstPerson]:
             insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
             note=person_in_words(trial.population, person),
         )
-        for column, person in enumerate(summary.worst)
+        for column, person in enumerate(people)
     ]
 
 
-def _rows(summary: Mapping[str, Any]) -> Iterator[Row]:
+def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[Row]:
     controllers = summary["controllers"].values()
-    for metric, statistics in _TABLE:
+    for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for position, statistic in enumerate(statistics):
             values = (of["metrics"][metric][statistic] for of in controllers)
@@ -249,19 +242,11 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
         )
     yield from engine_notes(summary["controllers"])
     for label, of in summary["controllers"].items():
-        below = of.get("below_validity", {"count": 0})  # earlier versions did not measure it
-        if below["count"]:
-            yield (
-                f"{label}: glucose of {_people(below['count'])} was lower than the model is valid for: "
-                f"{_persons(below)}. Read it as severe hypoglycemia; its depth means nothing."
-            )
-        if of["not_finite"]["count"]:
-            lost = of["not_finite"]
-            yield f"{label}: glucose of {_people(lost['count'])} did not stay finite: {_persons(lost)}."
-
-
-def _people(count: int) -> str:
-    return "one person" if count == 1 else f"{count} people"
+        for name, happened in _LOST.items():
+            named = of.get(name, {"count": 0})  # earlier versions did not measure validity
+            if named["count"]:
+                who = how_many(named["count"], "person", "people")
+                yield f"{label}: glucose of {who} {happened.format(_persons(named))}"
 
 
 def _persons(named: Mapping[str, Any]) -> str:

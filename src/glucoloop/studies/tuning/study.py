@@ -65,11 +65,6 @@ class Searched:
     model: ModelFile | None = None
 
 
-def notes(asked: GridSearch) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the model."""
-    return ()
-
-
 def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
     case = asked.case
@@ -173,7 +168,7 @@ def _line(surface: TuningSurface, point: int, printed: TuningRank) -> Line:
         "filter": getattr(tuning, "reference_filter", None),
         "sse": float(surface.sse[point]),
         "undershoot": float(surface.undershoot_mg_dl[point]),
-        "settling": f"{surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'}",
+        "settling": _settling(surface, point),
         "travel": float(surface.insulin_total_variation_mU_min[point]),
         "remarks": ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)]),
         "printed": is_printed,
@@ -249,13 +244,6 @@ _SYMBOLS: Final = {
     "move_weight": "Γ_u",
     "output_weight": "Γ_y",
 }
-_NAMES: Final = {
-    "prediction_horizon": "prediction horizon p, samples",
-    "reference_filter": "reference filter φ_r",
-    "move_horizon": "move horizon m",
-    "move_weight": "move weight Γ_u",
-    "output_weight": "output weight Γ_y",
-}
 _WITHOUT_NUMBER: Final = {
     "impossible": "p < m, no such tuning",
     "refused": "no controller can be designed",
@@ -263,16 +251,8 @@ _WITHOUT_NUMBER: Final = {
 }
 
 
-@dataclass(frozen=True)
-class SurfaceCell:
-    """A cell of the surface on the page."""
-
-    kind: str
-    hover: str
-    text: str = ""
-    marks: str = ""
-    ground: str = ""
-    ink: str = ""
+_EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
+"""A cell of the surface without a number."""
 
 
 def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
@@ -297,8 +277,8 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         values["why_not"] = str(error)
     else:
         values |= {
-            "across": _NAMES[places.x],
-            "upwards": _NAMES[places.y],
+            "across": _axis(places.x),
+            "upwards": _axis(places.y),
             "corner": f"{_SYMBOLS[places.y]} \\ {_SYMBOLS[places.x]}",
             "foot": [f"{value:g}" for value in places.levels[places.x]],
             "panels": list(_panels(shown, printed, places)),
@@ -306,15 +286,20 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
     return render(Path(__file__).with_name("page.html"), title, **common, **values)
 
 
+def _axis(name: str) -> str:
+    unit = ", samples" if name == "prediction_horizon" else ""
+    return f"{name.replace('_', ' ')} {_SYMBOLS[name]}{unit}"
+
+
 def _panels(
     surface: TuningSurface, printed: TuningRank, places: SurfaceLayout
-) -> Iterator[tuple[str, list[tuple[str, list[SurfaceCell]]]]]:
+) -> Iterator[tuple[str, list[tuple[str, list[dict[str, str]]]]]]:
     """Caption of each panel, and its rows of cells from the top down."""
     colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
     for combination in places.combinations():
         rows = [
-            (f"{value:g}", [_cell(surface, best, printed.tuning, colours, cell) for cell in row])
+            (f"{value:g}", [_EMPTY | _cell(surface, best, printed.tuning, colours, cell) for cell in row])
             for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
         ]
         yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
@@ -326,29 +311,33 @@ def _cell(
     printed: MPCTuning,
     colours: Sequence[tuple[str, str]],
     cell: Cell,
-) -> SurfaceCell:
+) -> dict[str, str]:
+    """Class, hover text, number, marks and colours of a cell, by the names that the page has for them."""
     point = cell.point
     if point is None:
-        told = _WITHOUT_NUMBER[cell.kind] + (f": {cell.reason}" if cell.reason else "")
-        return SurfaceCell(cell.kind.replace(" ", "-"), told)
+        reason = f": {cell.reason}" if cell.reason else ""
+        return {"kind": cell.kind.replace(" ", "-"), "hover": _WITHOUT_NUMBER[cell.kind] + reason}
     tuning = surface.tunings[point]
     if not np.isfinite(surface.sse[point]):
-        return SurfaceCell("refused", f"{tuning_text(tuning)}: glucose left the finite numbers")
-    told = ", ".join(
-        [
-            f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
-            f"undershoot {surface.undershoot_mg_dl[point]:.1f} mg/dl",
-            f"settling {surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'} min",
-            *_faults(surface, point),
-        ]
+        return {"kind": "refused", "hover": f"{tuning_text(tuning)}: glucose left the finite numbers"}
+    numbers = (
+        f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
+        f"undershoot {surface.undershoot_mg_dl[point]:.1f} mg/dl",
+        f"settling {_settling(surface, point)} min",
     )
-    return SurfaceCell(
-        "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
-        told,
-        _short(float(surface.sse[point])),
-        ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),
-        *colours[point],
-    )
+    ground, ink = colours[point]
+    return {
+        "kind": "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
+        "hover": ", ".join([*numbers, *_faults(surface, point)]),
+        "text": _short(float(surface.sse[point])),
+        "marks": ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),
+        "ground": ground,
+        "ink": ink,
+    }
+
+
+def _settling(surface: TuningSurface, point: int) -> str:
+    return f"{surface.settling_2pct_min[point]:.0f}{'' if surface.settled_2pct[point] else '+'}"
 
 
 def _short(value: float) -> str:
