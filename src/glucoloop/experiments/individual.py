@@ -51,26 +51,9 @@ _BY_FILTER: Final = ("held-innovation", "none")
 def individual_design(
     situation: Situation, case: Case, controller: Controller, example: VirtualPeople
 ) -> Design | None:
-    """Function that designs controllers of people's own.
+    """Function that designs controllers of people's own; None for a controller that is the same for all people.
 
-    Parameters
-    ----------
-    situation : Situation
-    case : Case
-    controller : Controller
-        Controller of the case, designed for the nominal patient.
-    example : VirtualPeople
-        Some of the people, which show the values that vary.
-
-    Returns
-    -------
-    callable or None
-        Design function; None for a controller that is the same for all people.
-
-    Raises
-    ------
-    ValueError
-        For an unknown controller, or one that cannot be designed.
+    `controller` is that of the case for the nominal patient, and `example` some of the people, which show what varies.
     """
     designer = case.controller.individual_designer()
     if designer is None:

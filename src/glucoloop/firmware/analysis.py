@@ -163,12 +163,9 @@ def change_proved(exported: Exported) -> Rung:
 
 
 def firmware_proved(files: Mapping[str, str]) -> Rung:
-    """Proof that a firmware has no run-time error, however long it runs, for any bytes on its line and in its memory.
+    """Proof that a firmware of these files, which every board uses as they are, has no run-time error.
 
-    Parameters
-    ----------
-    files : mapping
-        Files that every board uses as they are.
+    It holds however long the firmware runs, for any bytes on its line and in its memory.
     """
     name = "firmware for any bytes on the line and in memory, by Frama-C EVA"
     return _analysed(name, {**files, "board.c": _BOARD}, "whatever is received", 0)

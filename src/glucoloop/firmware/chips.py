@@ -111,13 +111,7 @@ LINK: Final = ("-nostdlib", "-nostartfiles", "-fno-builtin", "-fno-math-errno", 
 
 
 def chip_of(target: str) -> Chip | None:
-    """The chip of a target; None for C alone.
-
-    Raises
-    ------
-    ValueError
-        For an unknown target.
-    """
+    """The chip of a target; None for C alone."""
     if target == HOST:
         return None
     if target not in CHIPS:

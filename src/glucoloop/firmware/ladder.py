@@ -26,20 +26,7 @@ CHECKED: Final = {"unrolled": None, "compact": 60}
 def ladder(
     exported: Exported, record: SampleRecord, chips: list[Chip], *, samples: int | None, deep: bool
 ) -> Iterator[Rung]:
-    """Run the checks in order.
-
-    Parameters
-    ----------
-    exported : Exported
-    record : SampleRecord
-        Samples and the expected decisions.
-    chips : list of Chip
-        Chips that are emulated.
-    samples : int or None
-        Number of samples that are computed in NumPy, or None for all.
-    deep : bool
-        Whether Frama-C and cppcheck are run too, which takes minutes.
-    """
+    """Run the checks in order, the first for so many samples in NumPy, None for all; the deep ones take minutes."""
     yield interpreted(exported, record, samples)
     yield native(exported, record)
     yield here(exported, record)

@@ -60,11 +60,7 @@ class SampleRecord:
     def wrong_step(self, init: Init, step: Step, samples: int | None = None) -> int | None:
         """First sample at which another implementation gives another decision or state; None if there is none.
 
-        Parameters
-        ----------
-        init, step : callable
-        samples : int, optional
-            Number of samples that are computed, spread over the record; all by default.
+        So many samples are computed, spread over the record; all by default.
         """
         last = len(self.observations) - 1
         for i in range(last + 1) if samples is None else spread(samples, last):
@@ -166,18 +162,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
 def record(
     exported: Exported, controller: Controller, situation: Situation, init: Init, step: Step, *, samples: int, seed: int
 ) -> SampleRecord:
-    """Run the loop of a controller with faults, and give it absurd numbers at the end.
-
-    Parameters
-    ----------
-    exported : Exported
-    controller : Controller
-    situation : Situation
-    init, step : callable
-        Functions that compute the decisions, such as `arithmetic` or a `Library`.
-    samples : int
-    seed : int
-    """
+    """Run the loop of a controller with faults, decided by `init` and `step`, and give it absurd numbers at the end."""
     stepper, rng = stepper_of(situation, seed), np.random.default_rng(seed)
     seen = example(controller, stepper)
     observations: list[Leaves] = []

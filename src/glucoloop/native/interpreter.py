@@ -39,12 +39,7 @@ def interpret(lowered: Lowered, **groups: Array) -> tuple[Array, Array]:
 
 
 class Interpreter:
-    """A lowered function, computed for many people at one sample after another; the order of operations is found once.
-
-    Parameters
-    ----------
-    lowered : Lowered
-    """
+    """A lowered function, computed for many people at one sample after another; operations are put in order once."""
 
     def __init__(self, lowered: Lowered) -> None:
         program, layout = lowered.program, lowered.layout
@@ -74,21 +69,9 @@ class Interpreter:
         self._results = [[place[value] for value in of] for of in (layout.next_carry, layout.outputs)]
 
     def __call__(self, **groups: Array) -> tuple[Array, Array]:
-        """The next state and the outputs.
+        """The next state and the outputs, ``(numbers, people)``, of the groups `person`, `carry`, `own` and `shared`.
 
-        Parameters
-        ----------
-        **groups : (numbers, people) array
-            ``person``, ``carry``, ``own`` and ``shared``; a group without numbers may be left out.
-
-        Returns
-        -------
-        next_carry, outputs : (numbers, people) array
-
-        Raises
-        ------
-        ValueError
-            For a group with another number of rows than the function takes.
+        A group without numbers may be left out; one with another number of rows than the function takes is refused.
         """
         people = next((np.shape(rows)[-1] for rows in groups.values()), 1)
         values: list[Any] = [None] * self._size

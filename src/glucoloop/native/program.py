@@ -65,10 +65,8 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
 class Program:
     """Operations in the order in which they were requested.
 
-    Parameters
-    ----------
-    as_written : bool
-        Whether every operation is rounded as it is requested: no factors are gathered, and no divisions shared.
+    Of a program `as_written` every operation is rounded as it is requested: no factors are gathered, no divisions
+    shared.
     """
 
     def __init__(self, *, as_written: bool = False) -> None:

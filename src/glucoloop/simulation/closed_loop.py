@@ -218,13 +218,7 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
 
 
 def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
-    """Samples of a run.
-
-    Raises
-    ------
-    ValueError
-        Unless the horizon is a whole number of samples.
-    """
+    """Samples of a run, whose horizon has to be a whole number of them."""
     samples = round(horizon_min / sample_time_min)
     if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
         nearest = max(1, samples) * sample_time_min

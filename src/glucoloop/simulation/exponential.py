@@ -122,21 +122,11 @@ def design(
     state: jax.Array,
     kept: npt.NDArray[np.bool_] | None = None,
 ) -> Matrices:
-    """Compute the matrices of one step.
+    """Compute the matrices of one step of one person, whose slow block is linearised at a state.
 
-    Parameters
-    ----------
-    patient : SemilinearPatient
-        One person.
-    step_min : float
-        Length of the step.
-    dense_times_min : sequence of (times,) arrays
-        Moments inside each substep of a sample, counted from its start, at which glucose is wanted.
-    state : (states,) array
-        State at which the slow block is linearised.
-    kept : (n, n) array of bool, optional
-        Entries of the Jacobian of the kinetics that the exponentials contain; all of them by default. The others are
-        left to the Runge-Kutta method, at the same order.
+    `dense_times_min` are the moments inside each substep of a sample, counted from its start, at which glucose is
+    wanted. `kept` are the entries of the Jacobian of the kinetics, ``(n, n)``, that the exponentials contain, all of
+    them by default; the others are left to the Runge-Kutta method, at the same order.
     """
     T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
     K = K if kept is None else np.where(kept, K, 0.0)
@@ -202,27 +192,10 @@ def step(
     insulin_mU_min: jax.Array,
     meal_moments: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Advance the state by one step.
+    """Advance the state ``(states, ...)`` by one step, and read glucose at the moments inside it, ``(times, ...)``.
 
-    Parameters
-    ----------
-    patient, matrices
-        The patient, and the matrices made for that patient.
-    dense : (times, 4, n) array
-        Rows that read glucose inside the step.
-    x : (states, ...) array
-        State at the start.
-    insulin_mU_min : (...) array
-        Infusion held over the step.
-    meal_moments : (3, ...) array
-        Legendre moments of the meal's appearance, mg/min.
-
-    Returns
-    -------
-    x : (states, ...) array
-        State at the end.
-    glucose_mg_dl : (times, ...) array
-        Glucose at the moments inside.
+    `dense` are the rows ``(times, 4, n)`` that read glucose inside the step, and `meal_moments` the Legendre moments of
+    the meal's appearance, ``(3, ...)`` [mg/min]. The infusion is held over the step.
     """
     y, z = patient.split(x)
     drive = jnp.concatenate([z, insulin_mU_min[None]])
@@ -287,19 +260,9 @@ minute."""
 def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL) -> int:
     """Steps of one sample for an accuracy, by the measured error of rough insulin.
 
-    With steps of h min and insulin that jumps at every sample, the largest error of glucose in a day is at most about
-    ``0.06 (h / 5)^2.4`` mg/dl. The page of the integrator compares this with measured errors.
-
-    Parameters
-    ----------
-    sample_time_min : float
-    accuracy_mg_dl : float
-        Largest error that is accepted under such insulin; smooth insulin has a much smaller one.
-
-    Raises
-    ------
-    ValueError
-        For an accuracy that is not positive.
+    Smooth insulin has a much smaller error. With steps of h min and insulin that jumps at every sample, the largest
+    error of glucose in a day is at most about ``0.06 (h / 5)^2.4`` mg/dl. The page of the integrator compares this with
+    measured errors.
     """
     if not 0.0 < accuracy_mg_dl < math.inf:
         raise Refusal(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")

@@ -21,15 +21,7 @@ _NUMBERS = (jax.Array, np.ndarray, np.generic, float, complex, int)
 
 
 def sample_time_of(controller: Controller) -> float:
-    """Sample time of a controller [min], which has to be known before anything is computed.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number, or JAX traces it.
-    ValueError
-        Unless it is positive and finite.
-    """
+    """Sample time of a controller [min], which has to be a number above 0 before anything is computed."""
     sample_time: Any = controller.sample_time_min
     if not isinstance(sample_time, _NUMBERS):
         raise ArgumentTypeError(f"the controller's sample_time_min is {sample_time!r}; give a number in min, such as 5")
@@ -58,13 +50,7 @@ class Fixed:
 
 
 def apart(tree: Any) -> tuple[list[Any], Fixed]:
-    """Split a tree into its numbers and its fixed part.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For an object that JAX does not know.
-    """
+    """Split a tree into its numbers and its fixed part; an object that JAX does not know is refused."""
     numbers, places, functions = [], [], []
     leaves, structure = jax.tree_util.tree_flatten_with_path(tree)
     for place, (path, leaf) in enumerate(leaves):
@@ -140,11 +126,7 @@ def _place(path: tuple[Any, ...]) -> str:
 def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()) -> Callable[..., Any]:
     """`jax.jit` of a function of a patient, which also keeps apart classes that have the same fields (see `Fixed`).
 
-    Parameters
-    ----------
-    function : callable
-    static : tuple of int
-        Places of the arguments after the patient, from 0 on, that are part of the program.
+    `static` are the places of the arguments after the patient, from 0 on, that are part of the program.
     """
 
     @functools.partial(jax.jit, static_argnums=(0, *(place + 2 for place in static)))

@@ -53,20 +53,8 @@ def scenario_stepper(
 def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gives_boluses: bool = False) -> Trace:
     """Run a scenario with decisions from outside; the trace is that of `simulate` with the same decisions.
 
-    Parameters
-    ----------
-    stepper : Stepper
-        Stepper of the scenario, at its start; see `scenario_stepper`.
-    scenario : Scenario
-    decide : callable
-        Function that decides on each sample; the numbers of its decision need not be finite.
-    gives_boluses : bool
-        Whether its decisions hold boluses.
-
-    Raises
-    ------
-    ValueError
-        If the horizon is not a whole number of samples.
+    The stepper is at the start of the scenario (see `scenario_stepper`); the numbers of a decision need not be finite,
+    and its bolus counts if `gives_boluses` says so.
     """
     grid = sample_grid(scenario.horizon_min, stepper.sample_time_min)
     on_grid = on_the_grid(scenario, grid)

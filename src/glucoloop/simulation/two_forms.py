@@ -26,13 +26,7 @@ _ROUNDING: Final = 1e-6
 
 
 def refuse_two_patients(patient: SemilinearPatient) -> None:
-    """Refuse a patient whose two forms differ at random states and times of a day.
-
-    Raises
-    ------
-    ValueError
-        With the rate that differs, the time, and what to do.
-    """
+    """Refuse a patient whose two forms differ at random states and times of a day."""
     found = _compared(patient)
     if found is None or not found[0]:
         return

@@ -88,13 +88,7 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
 
 
 def refuse_missing_tools(chip: str) -> None:
-    """Refuse an emulated chip whose tools are not installed.
-
-    Raises
-    ------
-    ValueError
-        With the package that brings the first missing tool.
-    """
+    """Refuse an emulated chip whose tools are not installed, with the package that brings the first missing one."""
     if chip == HOST:
         if compiler() is None:
             raise Refusal("there is no C compiler on this machine; Debian's package gcc brings one")
@@ -103,23 +97,7 @@ def refuse_missing_tools(chip: str) -> None:
 
 
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
-    """Write and compile the firmware for an emulated chip.
-
-    Parameters
-    ----------
-    exported : Exported
-    chip : str
-        One of `EMULATED`.
-    folder : Path
-        An empty folder for the files and the program.
-    extra : tuple of str
-        More options of the compiler.
-
-    Raises
-    ------
-    ValueError
-        If a tool is not installed, or the compiler refuses the code.
-    """
+    """Write and compile the firmware for one of the chips `EMULATED` in an empty folder; `extra` is for the compiler."""
     refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():

@@ -52,26 +52,7 @@ class Exchange:
     A sample's observation is sent until its decision comes. Observations that could not be delivered are sent later, in
     their order, so that the controller misses none; the pump does not wait for their decisions.
 
-    Parameters
-    ----------
-    link : Link
-    design : str
-        SHA-256 of the controller's design, in hexadecimal.
-    sizes : tuple of int
-        Number of bytes of an observation and of a decision.
-    clock : callable
-        Time in seconds.
-
-    Attributes
-    ----------
-    answers : dict
-        Payload of the decision of each sample that was answered, also late.
-    sessions : list of int
-        Sample with which each session began; the controller starts anew with each.
-    repeated : int
-        Number of frames that were sent again.
-    contradictions : int
-        Number of decisions that differ from an earlier one on the same sample; a chip gives none.
+    `sizes` are the numbers of bytes of an observation and of a decision.
     """
 
     def __init__(
@@ -89,8 +70,11 @@ class Exchange:
         self._doubted = False
         """Whether the chip seems to have lost its memory, and was asked about it."""
         self.answers: dict[int, bytes] = {}
+        """Payload of the decision of each sample that was answered, also late."""
         self.sessions: list[int] = []
+        """Sample with which each session began; the controller starts anew with each."""
         self.repeated = self.contradictions = 0
+        """Numbers of frames that were sent again, and of decisions that differ from an earlier one on their sample."""
 
     @property
     def refused(self) -> int:
@@ -98,13 +82,7 @@ class Exchange:
         return self._decoder.refused
 
     def begin(self) -> Hello:
-        """Find the chip, and begin a session with sample 0.
-
-        Raises
-        ------
-        ValueError
-            If the chip does not answer, or runs another controller.
-        """
+        """Find the chip, and begin a session with sample 0; a silent chip and another controller are refused."""
         hello: list[Hello] = []
 
         def asked() -> None:
@@ -133,13 +111,7 @@ class Exchange:
             del self._kept[min(self._kept)]
 
     def decide(self, sample: int, observation: bytes, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
-        """Decision on a sample; None if the chip did not answer in time.
-
-        Raises
-        ------
-        ValueError
-            If the chip runs another controller.
-        """
+        """Decision on a sample; None if the chip did not answer in time. Another controller is refused."""
         self.keep(sample, observation)
         return self._settle(sample, within_s)
 

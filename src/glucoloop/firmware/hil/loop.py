@@ -41,15 +41,7 @@ class Fallback:
     basal_mU_min: float
 
     def rate_mU_min(self, last_mU_min: float, silent_min: float) -> float:
-        """Rate of a sample.
-
-        Parameters
-        ----------
-        last_mU_min : float
-            The last decided rate [mU/min].
-        silent_min : float
-            Time since that decision was due to be followed by another [min].
-        """
+        """Rate of a sample, from the last decided rate and the time since the next decision was due."""
         if self.kind == "suspend":
             return 0.0
         return min(last_mU_min, self.basal_mU_min) if silent_min < HOLD_MIN else self.basal_mU_min
@@ -117,30 +109,8 @@ def run_on_chip(
 ) -> OnChip:
     """Run a scenario with the controller on a chip, and compare its decisions with those without a chip.
 
-    Parameters
-    ----------
-    exported : Exported
-    stepper : Stepper
-        The patient, at the start of the scenario.
-    scenario : Scenario
-    link : Link
-        Link to a chip with the firmware of this controller.
-    gives_boluses : bool
-        Whether the controller decides on boluses.
-    disturbances : Disturbances
-    seed : int
-        Seed of the disturbances.
-    fallback : {"basal", "suspend"}
-        See `Fallback`.
-    pace : Pace, optional
-        As fast as it goes by default.
-    progress : callable
-        Called with the number of samples that were done.
-
-    Raises
-    ------
-    ValueError
-        If the chip does not answer at the start, or runs another controller.
+    The patient is at the start of the scenario; the chip has the firmware of this controller, and is refused if it has
+    another or does not answer. The disturbances follow from the seed; the loop does not wait unless a pace is given.
     """
     samples = round(scenario.horizon_min / stepper.sample_time_min)
     events, silent = disturbances.draw(samples, seed)

@@ -68,13 +68,7 @@ class Frame:
 
 
 class Decoder:
-    """Frames from bytes in pieces of any size; whatever is no frame is skipped.
-
-    Attributes
-    ----------
-    refused : int
-        Number of beginnings of frames that were refused.
-    """
+    """Frames from bytes in pieces of any size; whatever is no frame is skipped, and `refused` counts its beginnings."""
 
     def __init__(self) -> None:
         self._held = bytearray()

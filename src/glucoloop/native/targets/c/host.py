@@ -28,15 +28,7 @@ def compiler() -> str | None:
 
 
 class Library:
-    """A controller in C, compiled for this machine.
-
-    Raises
-    ------
-    FileNotFoundError
-        Without a C compiler.
-    ValueError
-        If it refuses the code, with what it says.
-    """
+    """A controller in C, compiled for this machine; what the C compiler refuses is refused with its words."""
 
     def __init__(self, source: Source, precision: str, optimise: str = "-O1") -> None:
         found = compiler()

@@ -69,15 +69,7 @@ def declaration(
 ) -> list[str]:
     """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside.
 
-    Parameters
-    ----------
-    name : str
-    of : Structure
-    format : Format
-    comment : str
-        Meaning of the structure.
-    meanings : mapping of str to str, optional
-        Meanings of its fields; each of the others has its path in the tree as its comment.
+    A field without a meaning has its path in the tree as its comment.
     """
     held = [field for field in of.fields if field.size]
     reals = [field for field in held if field.kind == REAL]

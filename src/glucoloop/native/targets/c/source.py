@@ -116,16 +116,9 @@ class Source:
 
 
 def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observation: Any, precision: str) -> Traced:
-    """Trace a controller's functions in a precision.
+    """Trace ``state = init(observation)`` and ``state, decision = step(state, observation)`` in a precision.
 
-    Parameters
-    ----------
-    init, step : callable
-        ``state = init(observation)`` and ``state, decision = step(state, observation)``, whose own numbers have the
-        precision.
-    observation : pytree
-        An example, or shapes.
-    precision : {"float64", "float32"}
+    The numbers of both functions already have that precision.
     """
     with jax.enable_x64(precision == DOUBLE):
         first, state = jax.make_jaxpr(init, return_shape=True)(observation)
@@ -145,23 +138,7 @@ def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observati
 
 
 def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: LastClamp | None = None) -> Source:
-    """Write a controller in C.
-
-    Parameters
-    ----------
-    traced : Traced
-    title : sequence of str
-        Lines for the comment at the head of the files.
-    form : {"auto", "unrolled", "compact"}
-    last : LastClamp, optional
-
-    Raises
-    ------
-    UnsupportedError
-        If the controller does what the form cannot.
-    ValueError
-        For an unknown form.
-    """
+    """Write a controller in C, with a title at the head of its files, in the form auto, unrolled or compact."""
     if form not in (AUTO, UNROLLED, COMPACT):
         raise Refusal(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
     format, tables = FORMATS[traced.precision], Tables()

@@ -25,13 +25,7 @@ _CALLS: Final = {
 def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
     """Statements of a lowered function without a person and without random draws.
 
-    Parameters
-    ----------
-    lowered : Lowered
-    given : sequence
-        Places of the numbers of ``carry``, ``own`` and ``shared`` are, in this order.
-    returned : sequence
-        Places of the next state and the outputs.
+    `given` are the places of the numbers of carry, own and shared; `returned` those of the next state and the outputs.
     """
     layout = lowered.layout
     inputs = [*layout.carry, *layout.own, *layout.shared]

@@ -31,18 +31,7 @@ class Body:
 def compact(
     closed: Any, given: Sequence[Structure], returned: Sequence[Structure], precision: str, tables: Tables
 ) -> Body:
-    """Write a traced function in the compact form.
-
-    Parameters
-    ----------
-    closed : ClosedJaxpr
-        Traced in the precision.
-    given, returned : sequence of Structure
-        Records of its arguments and results, leaf by leaf.
-    precision : {"float64", "float32"}
-    tables : Tables
-        Tables of the file, to which constants are added.
-    """
+    """Write a traced function in the compact form, with its arguments and results in records, leaf by leaf."""
     writer = Writer(FORMATS[precision], tables)
     Translator(writer).translate(flatten(closed, precision), _places(given), _places(returned))
     lines, workspace = placed(_used(writer.lines), writer.arrays)

@@ -13,14 +13,7 @@ from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, SAME
 
 
 class Evaluation:
-    """A traced function in the compact form's arithmetic, for repeated evaluation.
-
-    Parameters
-    ----------
-    closed : ClosedJaxpr
-        Traced in the precision.
-    precision : {"float64", "float32"}
-    """
+    """A function that was traced in a precision, in the compact form's arithmetic, for repeated evaluation."""
 
     def __init__(self, closed: Any, precision: str) -> None:
         self._closed, self._arithmetic = closed, Arithmetic(precision)
