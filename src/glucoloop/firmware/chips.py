@@ -119,6 +119,6 @@ def chip_of(target: str) -> Chip | None:
     return CHIPS[target]
 
 
-def template(name: str) -> str:
-    """A file that every folder gets."""
-    return (importlib.resources.files("glucoloop.firmware") / "templates" / name).read_text(encoding="utf-8")
+def template(name: str, package: str = "glucoloop.firmware") -> str:
+    """A file in C that folders of a package get."""
+    return (importlib.resources.files(package) / "templates" / name).read_text(encoding="utf-8")

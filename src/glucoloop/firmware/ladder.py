@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +12,8 @@ from glucoloop.firmware.chips import CHIPS, Chip
 from glucoloop.firmware.emulation import emulated
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.rung import Rung
-from glucoloop.firmware.samples import SampleRecord, arithmetic, replayed
+from glucoloop.firmware.samples import SampleRecord, arithmetic, by_columns
+from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import STRICT
@@ -59,27 +60,22 @@ def native(exported: Exported, record: SampleRecord) -> Rung:
     name = "native engine (LLVM), strict products"
     if exported.source.lowered is None:
         return Rung(name, None, "the compact form has loops, which the native engine does not have", {})
-    first, each = (compile_kernel(of, products=STRICT) for of in exported.source.lowered)
-    real = np.dtype(exported.precision)
-    width = each.lanes
+    init, step = by_columns(exported, *map(_compiled, exported.source.lowered))
+    return _told(name, len(record.observations), record.wrong_decision(init, step))
 
-    def column(leaves: Any) -> Any:
-        flat = np.concatenate([np.ravel(leaf).astype(real) for leaf in leaves] + [np.zeros(0, real)])
-        return np.ascontiguousarray(np.repeat(flat[:, None], width, axis=1))
 
-    def run(kernel: Any, carry: Any, seen: Any) -> tuple[Any, Any]:
-        outputs = np.zeros((1, kernel.sizes["outputs"], width), real)
-        kernel.run(np.zeros((0, width), real), carry, column(seen)[None], np.zeros((1, 0), real), outputs)
-        return carry, outputs[0]
+def _compiled(lowered: Lowered) -> Callable[..., Any]:
+    """Native code of a function of one column of numbers, which stands in all lanes of a vector."""
+    kernel = compile_kernel(lowered, products=STRICT)
+    none = np.zeros((0, 1), kernel.dtype)
 
-    def init(seen: Any) -> Any:
-        return [run(first, np.zeros((0, width), real), seen)[1]]
+    def run(own: Any, carry: Any = none) -> tuple[Any, Any]:
+        person, held, seen = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
+        outputs = np.zeros((1, kernel.sizes["outputs"], kernel.lanes), kernel.dtype)
+        kernel.run(person, held, seen[None], np.zeros((1, 0), kernel.dtype), outputs)
+        return held, outputs[0]
 
-    def step(state: Any, seen: Any) -> Any:
-        carry, outputs = run(each, np.array(state[0]), seen)
-        return [carry], [row[0] for row in outputs]
-
-    return _told(name, len(record.observations), record.differs(replayed(record, init, step)))
+    return run
 
 
 def here(exported: Exported, record: SampleRecord) -> Rung:
@@ -88,7 +84,7 @@ def here(exported: Exported, record: SampleRecord) -> Rung:
     if compiler() is None:
         return Rung(name, None, "there is no C compiler; Debian's package gcc brings one", {})
     library = Library(exported.source, exported.precision, "-O3")
-    return _told(name, len(record.observations), record.differs(replayed(record, library.init, library.step)))
+    return _told(name, len(record.observations), record.wrong_decision(library.init, library.step))
 
 
 def chips_for(target: Chip | None) -> list[Chip]:

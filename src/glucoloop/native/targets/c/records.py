@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import numpy as np
+import numpy.typing as npt
 
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, identifier, kind_of
 
@@ -49,6 +51,28 @@ class Structure:
     def elements(self) -> list[tuple[str, str]]:
         """All elements in order: C text and kind."""
         return [(self.element(field, i), field.kind) for field in self.fields for i in range(field.size)]
+
+    def memory(self, precision: str) -> np.dtype[Any]:
+        """Places in memory: real numbers first, then whole ones of 32 bits, lowest byte first; see `declaration`."""
+        real = np.dtype(precision).newbyteorder("<")
+        held = sorted((field for field in self.fields if field.size), key=lambda field: field.kind != REAL)
+        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in held]
+        filling = [("reserved", np.dtype("<i4"), (1,))]
+        whole = np.dtype(parts or filling)
+        return np.dtype([*parts, *filling]) if whole.itemsize % real.itemsize else whole
+
+    def filled(self, leaves: Sequence[Any], precision: str) -> npt.NDArray[Any]:
+        """The structure in memory, with the leaves of the tree."""
+        room = np.zeros((), self.memory(precision))
+        for field, leaf in zip(self.fields, leaves, strict=True):
+            if field.size:
+                room[field.name] = np.ravel(leaf)
+        return room
+
+    def leaves(self, room: npt.NDArray[Any], precision: str) -> list[npt.NDArray[Any]]:
+        """Leaves of the tree of a structure in memory."""
+        none = np.zeros(0, precision)
+        return [np.array(room[f.name] if f.size else none).reshape(f.shape) for f in self.fields]
 
 
 def record(pointer: str, tree: Any) -> Structure:

@@ -163,7 +163,7 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
     records = {"state": state, "observation": observation, "decision": decision}
     design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
-    size = _size(state, format)
+    size = state.memory(traced.precision).itemsize
     head = [
         "/*",
         *(f" * {line}".rstrip() for line in title),
@@ -328,13 +328,3 @@ def _structures(
         "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
     )
     return "\n".join([*lines, f"/* {told_room} */", "typedef struct", "{", *room, "} gl_workspace;"])
-
-
-def _size(state: Structure, format: Format) -> int:
-    number = np.dtype(format.precision).itemsize
-    reals = sum(field.size for field in state.fields if field.kind == REAL)
-    others = sum(field.size for field in state.fields if field.kind != REAL)
-    size = number * reals + 4 * others
-    if not size:
-        return 4
-    return size + (4 if number == 8 and others % 2 else 0)
