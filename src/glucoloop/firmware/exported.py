@@ -12,7 +12,7 @@ import numpy as np
 
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.evaluate import Evaluation
+from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal

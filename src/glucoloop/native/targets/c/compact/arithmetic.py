@@ -276,6 +276,49 @@ class Arithmetic:
         return x if how.left else x.T
 
 
+class Evaluation:
+    """A function that was traced in a precision, in the compact form's arithmetic, for repeated evaluation.
+
+    It is the reference against which the C of that form is checked. Each value has a flag, whether it depends on
+    constants alone.
+    """
+
+    def __init__(self, closed: Any, precision: str) -> None:
+        self._closed, self._arithmetic = closed, Arithmetic(precision)
+
+    def __call__(self, arguments: Sequence[Any]) -> list[Array]:
+        """Results of the function for arrays."""
+        return [array for array, _ in self._run(self._closed, [self._value(argument)[0] for argument in arguments])]
+
+    def _value(self, array: Any) -> tuple[Array, bool]:
+        return constant(array, self._arithmetic.precision), True
+
+    def _run(self, closed: Any, given: Sequence[Array]) -> list[tuple[Array, bool]]:
+        """Results of a function of arrays that are not constants."""
+        return primitives.evaluated(closed, [(array, False) for array in given], self._value, self._equation)
+
+    def _equation(self, equation: Any, inputs: list[tuple[Array, bool]]) -> list[tuple[Array, bool]]:
+        name, called = equation.primitive.name, primitives.called(equation)
+        arrays, known = [array for array, _ in inputs], [is_known for _, is_known in inputs]
+        if name == "custom_linear_solve":
+            called, taken = primitives.solver(equation)
+            inputs = [inputs[i] for i in taken]
+        if name == "cond":
+            options = primitives.branches(equation)
+            called, inputs = options[min(max(int(arrays[0]), 0), len(options) - 1)], inputs[1:]
+            if not known[0]:
+                return [(array, False) for array, _ in self._run(called, arrays[1:])]
+        if called is not None:
+            return primitives.evaluated(called, inputs, self._value, self._equation)
+        if name == "scan":
+            loop = primitives.scan(equation)
+            rows = primitives.rounds(loop, arrays, lambda given: [array for array, _ in self._run(loop.round, given)])
+            return [(array, False) for array in rows]
+        results = self._arithmetic(name, equation, arrays, known)
+        small = name in SAME or all(result.size <= LARGEST_CONSTANT for result in results)
+        return [(result, small and all(known)) for result in results]
+
+
 _REDUCED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
     "reduce_sum": (0, np.add), "reduce_max": (-np.inf, larger), "reduce_min": (np.inf, smaller),
     "reduce_and": (True, np.logical_and), "reduce_or": (False, np.logical_or),
