@@ -9,8 +9,8 @@ from typing import Final
 
 from glucoloop.firmware.chips import SMALL, Chip
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.folder import build_command, run_command
-from glucoloop.firmware.rung import Rung, ran, written
+from glucoloop.firmware.folder import build_command, code_files, run_command
+from glucoloop.firmware.rung import Rung, ran
 from glucoloop.firmware.samples import SampleRecord
 
 _CLOCK_MHZ: Final = 64.0
@@ -25,7 +25,8 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
         return Rung(name, None, chip.missing, {})
     with tempfile.TemporaryDirectory(prefix="glucoloop-chip-") as made:
         folder = Path(made)
-        written(exported, record, chip, folder)
+        for file, text in code_files(exported, record, chip).items():
+            (folder / file).write_text(text)
         code, said = ran(build_command(chip, exported.precision), folder)
         if code:
             return Rung(name, False, f"the compiler refuses it: {said.strip()[:500]}", {})

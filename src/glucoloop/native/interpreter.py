@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, Program, Value
+from glucoloop.native.program import BOOL, DOES, Program, Value
 
 Array = npt.NDArray[Any]
-
-DOES: Final[dict[str, Callable[..., Any]]] = {
-    "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
-    "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "copy_sign": np.copysign, "lt": np.less,
-    "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite, "and": np.logical_and,
-    "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not, "select": np.where,
-}  # fmt: skip
-"""The operations of a program that NumPy has as they are."""
 
 
 def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:

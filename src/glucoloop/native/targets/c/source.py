@@ -14,13 +14,12 @@ import numpy.typing as npt
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
-from glucoloop.native.targets.c.compact.emit import Body, compact
+from glucoloop.native.targets.c.compact.translate import Body, compact
 from glucoloop.native.targets.c.compact.writer import Tables
-from glucoloop.native.targets.c.functions import elementary
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
-from glucoloop.native.targets.c.unrolled import unrolled
+from glucoloop.native.targets.c.unrolled import elementary, unrolled
 from glucoloop.refusal import Refusal
 
 UNROLLED: Final = "unrolled"

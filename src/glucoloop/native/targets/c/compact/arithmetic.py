@@ -18,9 +18,10 @@ from jax import lax
 
 from glucoloop.native import flatten, primitives
 from glucoloop.native.functions import FURTHEST_WHOLE
-from glucoloop.native.interpreter import DOES, interpret, larger, smaller
+from glucoloop.native.interpreter import interpret, larger, smaller
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.program import DOES
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, kind_of
 
 Array = npt.NDArray[Any]
