@@ -21,8 +21,7 @@ from glucoloop.meals.scenario import Scenario
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.source import UNROLLED
 from glucoloop.simulation import Trace
-from glucoloop.simulation.stepped import simulate_stepped
-from glucoloop.simulation.stepper import Stepper
+from glucoloop.simulation.stepper import Stepper, simulate_stepped
 
 HOLD_MIN: Final = 30.0
 """Time for which the fallback rate is no more than the last decided one; after it, it is the basal rate."""
