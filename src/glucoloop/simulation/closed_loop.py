@@ -23,9 +23,8 @@ from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
-from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
+from glucoloop.simulation.parts import Fixed, apart, follows_the_clock, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
-from glucoloop.simulation.two_forms import follows_the_clock
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:

@@ -89,7 +89,7 @@ def make_engine(
     lacking = None
     if name != "xla":
         try:
-            return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
+            return NativeEngine(step, (own, carry, reaching, shared, key), precision, products)
         except UnsupportedError as error:
             lacking = str(error)
             if name == "native":
@@ -110,21 +110,11 @@ class NativeEngine:
     name: Final = "native"
     not_native: Final = None
 
-    def __init__(
-        self,
-        step: Step,
-        own: Any,
-        carry: Any,
-        reaching: Any,
-        shared: Any,
-        key: jax.Array,
-        precision: str,
-        products: str = FUSED,
-    ) -> None:
+    def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
+        *groups, key = example
         rng = key, jnp.zeros((), int)
-        portable = products == STRICT
-        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=portable)
+        lowered = lower(step, *groups, rng, precision=precision, as_written=products == STRICT)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None

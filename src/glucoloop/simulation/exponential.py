@@ -33,9 +33,8 @@ from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.parts import Content, compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.two_forms import refuse_two_patients
 
 Matrix = npt.NDArray[np.float64]
 
@@ -130,52 +129,31 @@ def design(
     """
     T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
     K = K if kept is None else np.where(kept, K, 0.0)
-    return _design(*map(_Hashed, (T, K, A, b, row)), step_min, tuple(map(_Hashed, dense_times_min)))
-
-
-class _Hashed:
-    """An array as the key of a cache, compared by its content."""
-
-    def __init__(self, array: Matrix) -> None:
-        self.array = array
-        self._content = (array.shape, array.tobytes())
-
-    def __hash__(self) -> int:
-        return hash(self._content)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Hashed) and self._content == other._content
+    return _design(Content((T, K, A, b, row)), step_min, Content(tuple(dense_times_min)))
 
 
 @functools.lru_cache(maxsize=64)
-def _design(
-    transport: _Hashed,
-    kinetics: _Hashed,
-    driven: _Hashed,
-    entry: _Hashed,
-    output: _Hashed,
-    h: float,
-    dense_times: tuple[_Hashed, ...],
-) -> Matrices:
+def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matrices:
     """Cached design of the same patient, since matrix exponentials cost more than a day of closed loop."""
-    L, A, row = transport.array + kinetics.array, driven.array, output.array
+    T, K, A, b, row = linearisation.tree
+    L, dense_times = T + K, dense_times_min.tree
     d = A.shape[0]
     augmented = np.zeros((d + 1, d + 1))
-    augmented[:d, :d], augmented[:d, d] = A, entry.array
+    augmented[:d, :d], augmented[:d, d] = A, b
 
     path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * augmented)[:, :d]
     half_0, half_1, half_2, _ = _phi(h / 2.0 * L)
     full_0, full_1, full_2, _ = _phi(h * L)
-    most = max(times.array.size for times in dense_times)
+    most = max(times.size for times in dense_times)
     dense = np.zeros((len(dense_times), most, 4, L.shape[0]))
     for rows, times in zip(dense, dense_times, strict=True):
-        for position, t in enumerate(times.array):
+        for position, t in enumerate(times):
             rows[position] = row @ _quadratic_weights(L, h, t / h)
-    wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.array.size)]
+    wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.size)]
     return Matrices(
         driven_end=jnp.asarray(scipy.linalg.expm(h * augmented)[:d]),
         driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
-        beyond_transport=jnp.asarray(kinetics.array),
+        beyond_transport=jnp.asarray(K),
         half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
         full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
         end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),

@@ -20,9 +20,8 @@ from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.parts import compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.two_forms import refuse_two_patients
 
 
 class PeoplePlant:

@@ -185,11 +185,7 @@ class _Loops:
         example = {key: jnp.asarray(values[0, 0]) for key, values in told.items()}
         self._engine = NativeEngine(
             self._step,
-            jnp.asarray(20.0),
-            self._begin(jnp.asarray(20.0)),
-            example,
-            jnp.zeros(()),
-            jax.random.key(0),
+            (jnp.asarray(20.0), self._begin(jnp.asarray(20.0)), example, jnp.zeros(()), jax.random.key(0)),
             "float64",
         )
         self._begin_all = jax.jit(jax.vmap(self._begin, in_axes=-1, out_axes=-1))

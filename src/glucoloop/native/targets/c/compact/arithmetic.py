@@ -157,9 +157,13 @@ class Arithmetic:
 
     def _moved(self, equation: Any, given: Sequence[Array]) -> list[Array]:
         whole = np.concatenate([array.ravel() for array in given])
+        found = self._known_places(equation, lambda: places_of(equation, [array.shape for array in given]))
+        return [whole[places] for places in found]
+
+    def _known_places(self, equation: Any, find: Callable[[], list[npt.NDArray[np.int64]]]) -> Any:
         if id(equation) not in self._places:
-            self._places[id(equation)] = equation, places_of(equation, [array.shape for array in given])
-        return [whole[places] for places in self._places[id(equation)][1]]
+            self._places[id(equation)] = equation, find()
+        return self._places[id(equation)][1]
 
     def _reduced(self, name: str, equation: Any, a: Array) -> Array:
         start, of = _REDUCED[name]
@@ -225,27 +229,20 @@ class Arithmetic:
     def _gather(self, equation: Any, a: Array, indices: Array) -> Array:
         axis = primitives.gathered_axis(equation)
         if axis is None:  # by places that are constant, or else the translation refuses it
-            if id(equation) not in self._places:
-                self._places[id(equation)] = equation, [gather_places(equation, a.shape, indices)]
-            return a.ravel()[self._places[id(equation)][1][0]]
+            (places,) = self._known_places(equation, lambda: [gather_places(equation, a.shape, indices)])
+            return np.asarray(a.ravel()[places])
         bounded = np.clip(indices[..., 0], 0, a.shape[axis] - 1)
         found: Array = gathered_to(equation, np.take(a, bounded, axis=axis), axis, indices.ndim - 1)
         return found
 
-    def _goes(self, equation: Any, a: Array, indices: Array, updates: Array) -> npt.NDArray[np.int64]:
-        if id(equation) not in self._places:
-            self._places[id(equation)] = equation, [scatter_places(equation, a.shape, indices, updates.shape)]
-        return self._places[id(equation)][1][0]
-
-    def _scatter(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
-        found = a.copy()
-        found.ravel()[self._goes(equation, a, indices, updates)] = updates
+    def _scattered(self, equation: Any, a: Array, indices: Array, updates: Array, *, adds: bool) -> Array:
+        known = self._known_places(equation, lambda: [scatter_places(equation, a.shape, indices, updates.shape)])
+        found, (places,) = a.copy(), known
+        found.ravel()[places] = found.ravel()[places] + updates if adds else updates
         return found
 
-    def _scatter_add(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
-        found, places = a.copy(), self._goes(equation, a, indices, updates)
-        found.ravel()[places] = found.ravel()[places] + updates
-        return found
+    _scatter = functools.partialmethod(_scattered, adds=False)
+    _scatter_add = functools.partialmethod(_scattered, adds=True)
 
     def _lu(self, equation: Any, a: Array) -> list[Array]:
         del equation

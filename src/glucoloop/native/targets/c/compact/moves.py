@@ -14,7 +14,17 @@ from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of, scatter_places
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
 from glucoloop.native.targets.c.compact.settle import Environment, Settler, shape_of
-from glucoloop.native.targets.c.compact.values import Maker, Places, Scalar, Tree, Value, View, dense, regular_places
+from glucoloop.native.targets.c.compact.values import (
+    Maker,
+    Places,
+    Scalar,
+    Tree,
+    Value,
+    View,
+    dense,
+    places_at,
+    regular_places,
+)
 from glucoloop.native.targets.c.numbers import WHOLE
 
 
@@ -176,10 +186,7 @@ class Moves(Settler):
 
 def _part(to: View, first: int, strides: tuple[int, ...], shape: tuple[int, ...]) -> View:
     """A part of an array, given by places in the whole as if it stood row by row."""
-    places: Any = first
-    for axis, stride in enumerate(strides):
-        places = places + stride * np.arange(shape[axis]).reshape([-1 if i == axis else 1 for i in range(len(shape))])
-    part = to.moved(np.broadcast_to(np.asarray(places, np.int64), shape))
+    part = to.moved(places_at(first, strides, shape))
     if part is None:
         raise UnsupportedError("a part of an array at irregular places")
     return part
