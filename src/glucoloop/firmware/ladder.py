@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from glucoloop.firmware.analysis import BOUNDS, CHANGE, MISRA, bounds_proved, change_proved, misra
-from glucoloop.firmware.chips import CHIPS, Chip
-from glucoloop.firmware.emulation import emulated
+from glucoloop.firmware.chips import CHIPS, SMALL, Chip
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.rung import Rung
+from glucoloop.firmware.folder import build_command, code_files, run_command
+from glucoloop.firmware.rung import Rung, ran
 from glucoloop.firmware.samples import SampleRecord, arithmetic, by_columns
 from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.c.host import Library, compiler
@@ -22,6 +25,9 @@ INTERPRETED: Final = {"unrolled": 10_000, "compact": 12}
 """Largest number of samples that are computed in NumPy when a folder is written."""
 CHECKED: Final = {"unrolled": None, "compact": 60}
 """The same for `--check`; NumPy takes a second and more for one sample of the compact form."""
+_CLOCK_MHZ: Final = 64.0
+_CYCLES: Final = 1.5
+"""Assumed cycles per instruction; QEMU has no model of them."""
 
 
 def ladder(
@@ -42,7 +48,7 @@ def ladder(
         yield from (Rung(name, None, later, {}) for name in (MISRA, BOUNDS, CHANGE))
 
 
-def _told(name: str, samples: int, first: int | None, what: str = "dose and status") -> Rung:
+def _compared(name: str, samples: int, first: int | None, what: str = "dose and status") -> Rung:
     if first is not None:
         return Rung(name, False, f"sample {first} differs", {"samples": samples})
     return Rung(name, True, f"{samples} samples, every {what} equal to the bit", {"samples": samples})
@@ -52,7 +58,7 @@ def interpreted(exported: Exported, record: SampleRecord, samples: int | None) -
     """Compute samples, spread over the record, in NumPy as the form is defined; None for all."""
     name, number = "operation by operation in NumPy", len(record.observations)
     first = record.wrong_step(*arithmetic(exported), samples)
-    return _told(name, number if samples is None else min(samples, number), first, "dose, status and state")
+    return _compared(name, number if samples is None else min(samples, number), first, "dose, status and state")
 
 
 def native(exported: Exported, record: SampleRecord) -> Rung:
@@ -61,7 +67,7 @@ def native(exported: Exported, record: SampleRecord) -> Rung:
     if exported.source.lowered is None:
         return Rung(name, None, "the compact form has loops, which the native engine does not have", {})
     init, step = by_columns(exported, *map(_compiled, exported.source.lowered))
-    return _told(name, len(record.observations), record.wrong_decision(init, step))
+    return _compared(name, len(record.observations), record.wrong_decision(init, step))
 
 
 def _compiled(lowered: Lowered) -> Callable[..., Any]:
@@ -84,7 +90,61 @@ def here(exported: Exported, record: SampleRecord) -> Rung:
     if compiler() is None:
         return Rung(name, None, "there is no C compiler; Debian's package gcc brings one", {})
     library = Library(exported.source, exported.precision, "-O3")
-    return _told(name, len(record.observations), record.wrong_decision(library.init, library.step))
+    return _compared(name, len(record.observations), record.wrong_decision(library.init, library.step))
+
+
+def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
+    """Run the self-test on an emulated chip, and measure its size and its instructions."""
+    name = f"C on an emulated {chip.name}"
+    if chip.missing:
+        return Rung(name, None, chip.missing, {})
+    with tempfile.TemporaryDirectory(prefix="glucoloop-chip-") as made:
+        folder = Path(made)
+        for file, text in code_files(exported, record, chip).items():
+            (folder / file).write_text(text)
+        code, said = ran(build_command(chip, exported.precision), folder)
+        if code:
+            return Rung(name, False, f"the compiler refuses it: {said.strip()[:500]}", {})
+        code, said = ran(run_command(chip), folder)
+        sizes = _sizes_of(chip, folder)
+    found = dict(re.findall(r"(\w+)=(\d+)", said))
+    if code or "samples" not in found:
+        return Rung(name, False, f"the self-test fails: {' '.join(said.split())[:500]}", sizes)
+    instructions = int(found["instructions"])
+    ram = int(found["state"]) + int(found["workspace"])
+    milliseconds = instructions * _CYCLES / (_CLOCK_MHZ * 1e3)
+    measured = {
+        "samples": int(found["samples"]),
+        "instructions": instructions,
+        "ram_bytes": ram,
+        **sizes,
+        "ms_assumed": round(milliseconds, 3),
+    }
+    said = (
+        f"{found['samples']} samples, every dose and status equal to the bit; {sizes.get('flash_bytes', 0)} bytes of "
+        f"program and tables, {ram} bytes of state and workspace, {sizes.get('stack_bytes', 0)} bytes of stack; at "
+        f"most {instructions} instructions a step, which is {milliseconds:.3g} ms at {_CLOCK_MHZ:g} MHz if one takes "
+        f"{_CYCLES:g} cycles"
+    )
+    return Rung(name, True, said, measured)
+
+
+def _sizes_of(chip: Chip, folder: Path) -> dict[str, int]:
+    """Size of program, tables and stack of the controller alone."""
+    flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", *SMALL, "-fstack-usage", *chip.flags]
+    code, _ = ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
+    code_size, said = ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
+    if code or code_size:
+        return {}
+    text, data = said.splitlines()[1].split()[:2]
+    uses = {
+        line.split("\t")[0].split(":")[-1]: int(line.split("\t")[1])
+        for file in folder.glob("controller*.su")
+        for line in file.read_text().splitlines()
+    }
+    helpers = [size for name, size in uses.items() if name not in ("gl_step", "gl_init", "gl_save", "gl_restore")]
+    stack = uses.get("gl_step", 0) + max(helpers, default=0)
+    return {"flash_bytes": int(text) + int(data), "stack_bytes": stack}
 
 
 def chips_for(target: Chip | None) -> list[Chip]:

@@ -112,9 +112,9 @@ class NativeEngine:
 
     def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
-        *groups, key = example
+        own, carry, reaching, shared, key = example
         rng = key, jnp.zeros((), int)
-        lowered = lower(step, *groups, rng, precision=precision, as_written=products == STRICT)
+        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None

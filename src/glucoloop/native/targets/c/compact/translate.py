@@ -19,7 +19,7 @@ from glucoloop.native.targets.c.compact.loops import Loops
 from glucoloop.native.targets.c.compact.memory import placed
 from glucoloop.native.targets.c.compact.moves import Moves
 from glucoloop.native.targets.c.compact.reductions import Reductions
-from glucoloop.native.targets.c.compact.settle import Environment
+from glucoloop.native.targets.c.compact.stored import Environment
 from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, dense, views_of
 from glucoloop.native.targets.c.compact.writer import Tables, Writer
 from glucoloop.native.targets.c.numbers import FORMATS
