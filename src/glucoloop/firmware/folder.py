@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -103,45 +104,22 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
         return f"  equal = equal && (of->{field.name} == (int32_t)expected[i][{i}]);"
 
     limits = exported.limits
-    return "\n".join(
-        [
-            "/* Recorded samples: observations of a closed loop with faults, and absurd ones at the end. */",
-            '#include "controller.h"',
-            "",
-            "#include <stdbool.h>",
-            "#include <stdint.h>",
-            "#include <string.h>",
-            "",
-            f"#define SAMPLES {len(record.observations)}U",
-            f"#define RUN {record.run}U /* samples after which the controller is woken anew */",
-            f"#define LEAST {format.literal(float(limits.min_mU_min))}",
-            f"#define MOST {format.literal(float(limits.max_mU_min))}",
-            "",
-            f"/* The bits of: {', '.join(field.name for field in given)}. */",
-            f"static const {format.bits} given[SAMPLES][{len(given)}] = {{",
-            *rows(record.observations, given),
-            "};",
-            "",
-            f"/* The bits of: {', '.join(field.name for field in expected)}. */",
-            f"static const {format.bits} expected[SAMPLES][{len(expected)}] = {{",
-            *rows(record.decisions, expected),
-            "};",
-            "",
-            "static void samples_given(uint32_t i, gl_observation *to)",
-            "{",
-            *(read(field, i) for i, field in enumerate(given)),
-            "}",
-            "",
-            "static bool samples_expected(uint32_t i, const gl_decision *of)",
-            "{",
-            "  bool equal = true;",
-            f"  {format.bits} bits;",
-            *(compared(field, i) for i, field in enumerate(expected)),
-            "  return equal;",
-            "}",
-            "",
-        ]
-    )
+    words = {
+        "SAMPLES": f"{len(record.observations)}",
+        "RUN": f"{record.run}",
+        "LEAST": format.literal(float(limits.min_mU_min)),
+        "MOST": format.literal(float(limits.max_mU_min)),
+        "BITS": format.bits,
+        "GIVEN": f"{len(given)}",
+        "EXPECTED": f"{len(expected)}",
+        "GIVEN_NAMES": ", ".join(field.name for field in given),
+        "EXPECTED_NAMES": ", ".join(field.name for field in expected),
+        "GIVEN_ROWS": "\n".join(rows(record.observations, given)),
+        "EXPECTED_ROWS": "\n".join(rows(record.decisions, expected)),
+        "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
+        "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
+    }
+    return re.sub(r"@(\w+)@", lambda found: words[found[1]], template("samples.h"))
 
 
 def numbers_table(controller: Controller) -> str:

@@ -16,7 +16,7 @@ from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
 from glucoloop.native.targets.c.compact.translate import Body, compact
 from glucoloop.native.targets.c.compact.writer import Tables
-from glucoloop.native.targets.c.helpers import helpers
+from glucoloop.native.targets.c.helpers import helpers, template
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import elementary, unrolled
@@ -216,26 +216,8 @@ def _equations(jaxpr: Any) -> Iterator[Any]:
 
 
 def _before(format: Format) -> list[str]:
-    return [
-        f'#include "{HEADER}"',
-        "",
-        "#include <float.h>",
-        "#include <math.h> /* the constants NAN and INFINITY; no function of it is called */",
-        "#include <string.h>",
-        "",
-        "#ifdef __FAST_MATH__",
-        '#error "Results are equal to the bit only where the compiler keeps to IEEE 754: leave -ffast-math out."',
-        "#endif",
-        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)" if format.type == "float" else
-        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)",
-        '#error "This compiler computes in more digits than it stores; results would not be equal to the bit."',
-        "#endif",
-        "#if defined(__GNUC__) && !defined(__clang__) && defined(__AVX__)",
-        "/* gcc 12 may copy a table as wide constants, and loses zeros after numbers that are all alike. */",
-        '#pragma GCC optimize("no-tree-loop-distribute-patterns")',
-        "#endif",
-        "",
-    ]  # fmt: skip
+    allowed = "(FLT_EVAL_METHOD != 0)" if format.type == "float" else "(FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)"
+    return template("before.c").replace("@HEADER@", HEADER).replace("@DIGITS@", allowed).split("\n")
 
 
 def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence[str]) -> list[str]:
