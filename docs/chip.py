@@ -28,9 +28,8 @@ from glucoloop.cli.exported import made_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
-from glucoloop.firmware.emulation import emulated
 from glucoloop.firmware.exported import PRECISIONS
-from glucoloop.firmware.ladder import here, interpreted, native
+from glucoloop.firmware.ladder import emulated, here, interpreted, native
 from glucoloop.firmware.samples import joined
 from glucoloop.situations.situation import configured
 from glucoloop.studies.exported import Export

@@ -9,9 +9,8 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC
-from glucoloop.experiments import individual_meal_mpc
-from glucoloop.experiments.individual import individual_design
-from glucoloop.experiments.individual_meal_mpc import by_record, impulse_response, pulses
+from glucoloop.experiments import individual
+from glucoloop.experiments.individual import by_record, impulse_response, individual_design, pulses
 from glucoloop.models.individual import individual_model
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
@@ -83,8 +82,8 @@ def test_everybody_gets_his_own(people, true_gain, known, monkeypatch, by):
     model = nonlinear_model(one)
     own = individual_model(model, model.insulin_mU_min)
     blank = {field.name: None for field in dataclasses.fields(MealMPC)}
-    monkeypatch.setattr(individual_meal_mpc, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
-    monkeypatch.setattr(individual_meal_mpc, "by_record", lambda *_: known)
+    monkeypatch.setattr(individual, "controller_of", lambda *_: MealMPC(**{**blank, "model": own}))
+    monkeypatch.setattr(individual, "by_record", lambda *_: known)
     trial = trial_of(by)
     found = individual_design(trial, trial.cases[0], None, people)(people).model
     np.testing.assert_array_equal(found.insulin_mU_min, people.basal_insulin_mU_min)

@@ -21,7 +21,7 @@ from glucoloop.firmware.hil.protocol import Decoder, Frame, Plan, Type, record_b
 from glucoloop.firmware.samples import leaves_of
 from glucoloop.native.targets.c.host import compiler
 from glucoloop.simulation import simulate
-from glucoloop.simulation.stepped import simulate_stepped
+from glucoloop.simulation.stepper import simulate_stepped
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
 

@@ -50,7 +50,12 @@ SAME = {
         jax.lax.clamp(0.0, x[1], 2.0),
     ],
     "largest and least of several": lambda x: [x.max(), x.min(), x.sum(), jnp.max(x, axis=0), jnp.nanmax(x)],
-    "where the largest is": lambda x: [jnp.argmax(x), jnp.argmax(x > 1.0), jnp.argmax(x, axis=0)],
+    "where the largest is": lambda x: [
+        jnp.argmax(x),
+        jnp.argmax(x > 1.0),
+        jnp.argmax(x, axis=0),
+        jnp.argmax(jnp.stack([jnp.asarray(0.3), jnp.asarray(0.9), x[0]])),
+    ],
     "choice": lambda x: [
         jnp.where(jnp.isnan(x), -7.0, x),
         jnp.where(x > 0.0, x, jnp.nan),

@@ -13,9 +13,9 @@ from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.hovorka.patient import HovorkaPatient
 from glucoloop.patients.model import patient_model
 from glucoloop.simulation import Adaptive, Exponential
+from glucoloop.simulation.parts import follows_the_clock, refuse_two_patients
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.two_forms import follows_the_clock, refuse_two_patients
 
 DAY = Scenario(meals=(), horizon_min=720.0)
 

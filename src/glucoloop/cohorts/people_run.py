@@ -24,9 +24,8 @@ from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.closed_loop import sample_grid, usual_limits
 from glucoloop.simulation.cohort import CohortRun
-from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]

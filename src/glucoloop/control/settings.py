@@ -250,7 +250,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
 
     design: ClassVar = "glucoloop.control.meal_mpc:design"
     uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.experiments.individual_meal_mpc:individual_meal_mpc"
+    individual: ClassVar = "glucoloop.experiments.individual:individual_meal_mpc"
     slow: ClassVar = True
     searched: ClassVar = (
         Tuned("move_weight", 0.02, 2.0, log=True),

@@ -66,24 +66,8 @@ def close_loop(
 ) -> Trace:
     """Simulate one person in a situation under a controller.
 
-    Parameters
-    ----------
-    situation : Situation
-    controller : Controller
-    scenario : Scenario
-    patient : SemilinearPatient, optional
-        The person; the nominal patient of the situation by default.
-    around : Surroundings, optional
-        Sensor and pump; those of the situation by default.
-    key : jax.Array or int, optional
-        Key of the sensor; the seed of the situation by default.
-    integrator : Integrator, optional
-        Integrator; the exponential one by default.
-
-    Raises
-    ------
-    ValueError
-        For a fault, a site or a scenario that is not possible.
+    By default the person is the nominal patient, sensor, pump and key are those of the situation, and the integrator is
+    the exponential one.
     """
     around = surroundings_of(situation) if around is None else around
     return simulate(
@@ -100,28 +84,11 @@ def close_loop(
 def own_controllers(
     situation: Situation, case: Case, controller: Controller, example: VirtualPeople, *, individual: bool
 ) -> Own | None:
-    """Function that makes controllers of a case for people, individually designed or with individual basal rates.
+    """Function that makes controllers of a case for people.
 
-    Parameters
-    ----------
-    situation : Situation
-    case : Case
-    controller : Controller
-        Controller of the case, designed for the nominal patient.
-    example : VirtualPeople
-        Some of the people, which show the values that vary.
-    individual : bool
-        Whether the controller is designed for each person.
-
-    Returns
-    -------
-    callable or None
-        Function, or None for a controller with nothing to adapt to a person.
-
-    Raises
-    ------
-    ValueError
-        For a design that is not possible.
+    They are designed for each if `individual`, and else have the basal rate of each. `controller` is that of the
+    nominal patient, and `example` some of the people, which show the values that vary. None for a controller with
+    nothing to adapt to a person.
     """
     if not individual:
         return with_basal_of_each(controller)
@@ -145,34 +112,11 @@ def with_basal_of_each(controller: Controller) -> Own:
 class PeopleLoop:
     """The loop of one controller in a situation, compiled once for any people.
 
-    Parameters
-    ----------
-    situation : Situation
-        Situation with the patient, target, meal model and announcement, and sensor and pump unless they are given.
-    controller : Controller
-        Designed for the nominal patient.
-    example : VirtualPeople or another `AtRest`
-        Some people, to show which constants vary.
-    grid : SampleGrid
-    fold : Fold
-        Reduction of the loop as it runs.
-    meals : Eaten or None
-        Meals of all people, ``(meals,)``, or None if each person has individual meals.
-    own_announcements : bool
-        Whether people bring what is announced to each of them, as where carbohydrate is counted with an error.
-    own : callable, optional
-        Function for the controllers of people, see `own_controllers`, or None if all have the same.
-    around : Surroundings, optional
-        Sensor and pump of one person; by default those of the situation.
-    varied : Surroundings, optional
-        Sensors and pumps of some people, with differing numbers trailing; by default all have the same.
-    engine, precision, products, tell_decisions : optional
-        Arguments as for `simulation.cohort.Cohort`.
-
-    Raises
-    ------
-    ValueError
-        If the situation or the engine is not possible.
+    The situation gives patient, target, meal model and announcement, and sensor and pump unless `around` gives them.
+    The controller was designed for the nominal patient; `own` makes those of people (see `own_controllers`). `example`
+    and `varied` are some people, and sensors and pumps of some, to show which numbers vary. `meals` are those of all
+    people, ``(meals,)``, or None if each brings meals; with `own_announcements` each brings what is announced, as where
+    carbohydrate is counted with an error. The other arguments are as for `simulation.cohort.Cohort`.
     """
 
     def __init__(
@@ -240,21 +184,11 @@ class PeopleLoop:
         meals: Eaten | None = None,
         announced_g: Array | None = None,
     ) -> People:
-        """People prepared for a run of the cohort.
+        """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
-        Parameters
-        ----------
-        people : VirtualPeople or another `AtRest`
-        key : jax.Array
-            ``(people,)`` keys of the sensors.
-        controller : Controller, optional
-            Controllers of people, in place of those that `own` makes.
-        around : Surroundings, optional
-            Sensors and pumps of people.
-        meals : Eaten, optional
-            ``(meals, people)`` individual meals of people.
-        announced_g : array, optional
-            ``(meals, people)`` carbohydrate that is announced of the meals, in g; by default what is eaten.
+        Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
+        `announced_g`, ``(meals, people)``, is the carbohydrate that is announced of the meals [g], by default what is
+        eaten.
         """
         number = people.basal_insulin_mU_min.shape[0]
 

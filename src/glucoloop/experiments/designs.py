@@ -128,21 +128,9 @@ def design_of(
 ) -> Callable[[ControllerPart], Controller]:
     """Make the design of a case for any settings of its controller, on models that are made once.
 
-    Parameters
-    ----------
-    situation : Situation
-    case : Case
-    patient : Patient, optional
-        Patient for whom it is designed; the nominal one by default.
-    model : StepResponseModel, optional
-        Model on which it is designed, if it uses one; by default one is identified from the patient.
-    model_is_late : bool
-        Whether that model holds the dead time already.
-
-    Raises
-    ------
-    ValueError
-        If the controller cannot be designed.
+    The patient is the nominal one by default. A model is identified from the patient if the controller uses one and
+    none is given; `model_is_late` says that a given one holds the dead time already. What cannot be designed is
+    refused.
     """
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     if case.controller.uses_model and model is None:
@@ -177,13 +165,7 @@ def design_of(
 
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
-    """The model of a case, identified from the nominal patient.
-
-    Raises
-    ------
-    ValueError
-        If the experiment is not possible, or if no controller should be designed on the model and that is not allowed.
-    """
+    """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
     found = identified_model(situation, case, situation.nominal)
     reasons = found.doubts()
     if reasons and not situation.allow_unusual:
@@ -205,13 +187,7 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
 
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
-    """The model of a case, identified from the pulse experiment on a patient.
-
-    Raises
-    ------
-    ValueError
-        If the experiment is not possible.
-    """
+    """The model of a case, identified from the pulse experiment on a patient."""
     asked = case.identified
     return identify(
         patient,
@@ -237,14 +213,9 @@ def with_guard(
     limits: DoseLimits,
     basal_insulin_mU_min: jax.Array | None = None,
 ) -> Controller:
-    """A controller with the requested guard, if any.
+    """A controller with the requested guard, if any, which holds the given basal rates ``(people,)``.
 
-    The guard holds the given basal rates ``(people,)``, or for None the rate at which the loop starts.
-
-    Raises
-    ------
-    ValueError
-        For a limit out of its bounds.
+    Without them it holds the rate at which the loop starts.
     """
     if guard is None:
         return controller

@@ -17,13 +17,7 @@ _HAIR: Final = 1e-9
 
 
 def faulty_sensor(sensor: Sensor, faults: Iterable[FaultPart], sample_time_min: float) -> Sensor:
-    """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped.
-
-    Raises
-    ------
-    ValueError
-        If a fault is not possible.
-    """
+    """A sensor wrapped in faults, the first one innermost; faults of a pump are skipped."""
     for fault in faults:
         if fault.part == "sensor":
             sensor = put_around(sensor, fault, sample_time_min)
@@ -39,13 +33,7 @@ def faulty_pump(pump: Pump, faults: Iterable[FaultPart], sample_time_min: float,
 
 
 def put_around(inner: Any, fault: FaultPart, sample_time_min: float, limits: DoseLimits | None = None) -> Any:
-    """A sensor or pump wrapped in one fault.
-
-    Raises
-    ------
-    ValueError
-        If the fault is not possible.
-    """
+    """A sensor or pump wrapped in one fault."""
     return fault.made(
         inner=inner,
         sample_time_min=sample_time_min,

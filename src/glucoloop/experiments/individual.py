@@ -2,8 +2,11 @@
 
 The entry of a controller names the function that designs it. Linear MPC is designed on a model identified from each
 person's own pulse experiment, and MPC/SE on the person's own linearisation; both are computed for a block of people at
-once. The model of the meal-aware controller is scaled to each person's own record, in `individual_meal_mpc`. Other
-controllers are designed one by one.
+once. The model of the meal-aware controller has the person's basal rate, and the gain and lag of insulin of the
+person's own record. Other controllers are designed one by one.
+
+The information that a trial may have of a person is a record: some hours of fasting with two pulses, up and down, and
+readings as noisy as in the loop.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop.control import Controller
 from glucoloop.control.linear_mpc import linear_mpc_of_people
@@ -33,45 +37,42 @@ from glucoloop.identification import (
     laguerre_realisation,
     skin_coefficients,
 )
+from glucoloop.identification.gain_and_lag import identify_gain_and_lag
+from glucoloop.models.state_space import LinearModel
 from glucoloop.parts.code import loaded
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.internal_model import linear_model_at
+from glucoloop.simulation.internal_model import linear_model, linear_model_at
 from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 
+Floats = npt.NDArray[np.float64]
 Design = Callable[[VirtualPeople], Controller]
+Known = Callable[[VirtualPeople], tuple[Floats, Floats]]
+"""Estimated gain and lag ``(people,)``."""
 
 _BY_FILTER: Final = ("held-innovation", "none")
 """Ways of removing an offset in MPC/SE without a further state."""
+SHARE_OF_BASAL: Final = 0.25
+"""Amplitude of the pulses in basal rates. Larger ones leave the range in which the nominal response may be scaled."""
+PACE_MIN: Final = 180.0
+"""Time from one pulse to the next, the paper's memory."""
+HELD_MIN: Final = 30.0
+"""Length of a pulse. With pulses of a single sample, as in the paper, the small response would be lost in noise."""
+_LEAST_VARIANCE: Final = 0.01
+_DOUBLINGS: Final = 12
+"""Number of doublings, exact to rounding for filters that forget within two days."""
 
 
 def individual_design(
     situation: Situation, case: Case, controller: Controller, example: VirtualPeople
 ) -> Design | None:
-    """Function that designs controllers of people's own.
+    """Function that designs controllers of people's own; None for a controller that is the same for all people.
 
-    Parameters
-    ----------
-    situation : Situation
-    case : Case
-    controller : Controller
-        Controller of the case, designed for the nominal patient.
-    example : VirtualPeople
-        Some of the people, which show the values that vary.
-
-    Returns
-    -------
-    callable or None
-        Design function; None for a controller that is the same for all people.
-
-    Raises
-    ------
-    ValueError
-        For an unknown controller, or one that cannot be designed.
+    `controller` is that of the case for the nominal patient, and `example` some of the people, which show what varies.
     """
     place = case.controller.individual
     if place is None:
@@ -94,17 +95,26 @@ def _with_horizon(situation: Situation, case: Case, controller: Controller) -> C
     return dataclasses.replace(case, controller=dataclasses.replace(settings, prediction_horizon=round(horizon)))
 
 
+def _records(
+    situation: Situation, example: VirtualPeople, noise_variance: float
+) -> Callable[[VirtualPeople, Floats], Floats]:
+    """Function of people and their rates ``(samples, people)`` that gives the readings of their records."""
+    sensor = record_sensor(situation, noise_variance)
+    experiment = PulseExperiment(situation.nominal, example.patient, sensor, sample_time_min=situation.sample_time_min)
+
+    def read(people: VirtualPeople, rates_mU_min: Floats) -> Floats:
+        keys = keys_of_records(situation.seed, people.draw.person)
+        return experiment.run(people.patient, people.rest, rates_mU_min, keys)
+
+    return read
+
+
 def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     """Linear MPC on a model identified from each person's own pulse experiment."""
     asked = case.identified
     memory, functions = asked.memory or 0, asked.laguerre_functions
-    pulses = np.asarray(design_csrs(memory, 1.0))
-    experiment = PulseExperiment(
-        situation.nominal,
-        example.patient,
-        record_sensor(situation, asked.noise_variance or 0.0),
-        sample_time_min=situation.sample_time_min,
-    )
+    steps = np.asarray(design_csrs(memory, 1.0))
+    read = _records(situation, example, asked.noise_variance or 0.0)
     late = situation.dead_time_samples if case.known_dead_time else 0
     settings: Any = case.controller
     tuning = settings.longer(late)
@@ -112,17 +122,16 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
     def design(people: VirtualPeople) -> Controller:
         basal = people.basal_insulin_mU_min
         amplitude = np.minimum(situation.patient.pulse_mU_min, basal)  # insulin cannot be taken back
-        keys = keys_of_records(situation.seed, people.draw.person)
-        glucose = experiment.run(people.patient, people.rest, basal + amplitude * pulses[:, None], keys)
+        glucose = read(people, basal + amplitude * steps[:, None])
         # a person without a basal rate has no record; those of the others must not wait for it
         known = np.isfinite(glucose).all(axis=0)
         deviation = np.where(known, (glucose - glucose.mean(axis=0)) / np.where(known, amplitude, 1.0), 0.0)
-        response = cross_correlation(pulses, deviation, memory)
+        response = cross_correlation(steps, deviation, memory)
         smooth, network = response, None
         if functions:
             pole = asked.laguerre_pole or 0.0
             if situation.patient.under_the_skin:
-                columns = filtered_input(pulses, pole, functions)
+                columns = filtered_input(steps, pole, functions)
                 coefficients = jnp.asarray(
                     skin_coefficients(columns - columns.mean(axis=0), deviation, pole, functions, memory)
                 )
@@ -186,10 +195,6 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     return design
 
 
-_DOUBLINGS: Final = 12
-"""Number of doublings, exact to rounding for filters that forget within two days."""
-
-
 def by_basal_rate(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     """A controller that depends on a person by the basal rate alone."""
     del example
@@ -223,3 +228,69 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         return stacked
 
     return design
+
+
+def individual_meal_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """Meal-aware controller with each person's own model.
+
+    The setting ``individual_by`` is the source of gain and lag. ``"record"``: the person's own record. ``"basal"``: the
+    person's basal rate, see `MealMPC.with_basal`. ``"none"``: both are nominal, whatever the basal rate.
+    """
+    controller: Any = controller_of(situation, case)
+    if not hasattr(controller, "for_person"):
+        raise TypeError(f"{type(controller).__name__} cannot be made for a person; it has no method for_person")
+    by = case.tuning["individual_by"]
+    if by == "basal":
+        return lambda people: controller.with_basal(jnp.asarray(people.basal_insulin_mU_min))
+    lag_min = float(case.tuning["sensor_lag_min"])
+    known = by_record(situation, example, lag_min) if by == "record" else _nominal_gain_and_lag
+
+    def design(people: VirtualPeople) -> Controller:
+        individual: Controller = controller.for_person(people.basal_insulin_mU_min, *known(people))
+        return individual
+
+    return design
+
+
+def pulses(sample_time_min: float) -> Floats:
+    """Pulses of the record ``(samples,)``, of height 1: up and then down, each held for half an hour."""
+    pace, held = (max(1, round(minutes / sample_time_min)) for minutes in (PACE_MIN, HELD_MIN))
+    starts = np.asarray(design_csrs(pace, 1.0))
+    return np.convolve(starts, np.ones(held))[: starts.size]
+
+
+def by_record(situation: Situation, example: VirtualPeople, sensor_lag_min: float = 0.0) -> Known:
+    """Gain and lag of people from their records, which are read behind a lag of the sensor that is known."""
+    shape = pulses(situation.sample_time_min)
+    read = _records(situation, example, situation.noise_variance)
+    nominal = linear_model(situation.nominal, sample_time_min=situation.sample_time_min, sensor_lag_min=sensor_lag_min)
+    response = impulse_response(nominal, shape.size)
+
+    def known(people: VirtualPeople) -> tuple[Floats, Floats]:
+        basal = people.basal_insulin_mU_min
+        away = SHARE_OF_BASAL * basal * shape[:, None]
+        glucose = read(people, basal + away)
+        # somebody without a basal rate has no record, and is taken for the nominal person
+        found = identify_gain_and_lag(
+            np.where(people.feasible, away, 0.0),
+            glucose - np.asarray(people.patient.setpoint_mg_dl),
+            response,
+            sample_time_min=situation.sample_time_min,
+            noise_variance=max(situation.noise_variance, _LEAST_VARIANCE),
+        )
+        return np.asarray(found.gain), np.asarray(found.lag)
+
+    return known
+
+
+def _nominal_gain_and_lag(people: VirtualPeople) -> tuple[Floats, Floats]:
+    return np.ones(people.feasible.size), np.ones(people.feasible.size)
+
+
+def impulse_response(model: LinearModel, memory: int) -> Floats:
+    """Response of readings ``(memory,)`` to a rate of 1 mU/min that is held for one sample."""
+
+    def sample(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+        return model.Phi @ x, model.reading_row @ x
+
+    return np.asarray(jax.lax.scan(sample, jnp.asarray(model.Gamma), None, length=memory)[1])

@@ -45,13 +45,7 @@ class Surroundings:
 
 
 def sensor_of(situation: Situation) -> Sensor:
-    """Sensor of a situation without its faults: its parts, each around the one before.
-
-    Raises
-    ------
-    ValueError
-        For a sensor that is not possible, or one that cannot be put at the site that is asked for.
-    """
+    """Sensor of a situation without its faults: its parts, each around the one before."""
     return _chain(situation, situation.sensor)
 
 
@@ -73,13 +67,7 @@ def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
 
 
 def pump_of(situation: Situation) -> Pump:
-    """Pump of a situation without its faults: the one that is named, and the smallest step of its rate around it.
-
-    Raises
-    ------
-    ValueError
-        For a pump that is not possible, or impossible limits.
-    """
+    """Pump of a situation without its faults: the one that is named, and the smallest step of its rate around it."""
     limits, bolus = situation.limits, situation.bolus
     pump: Pump = situation.pump.made(
         inner=LimitedPump(limits=limits, bolus=bolus),
@@ -92,13 +80,7 @@ def pump_of(situation: Situation) -> Pump:
 
 
 def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> Surroundings:
-    """Sensor and pump of a situation, wrapped in the faults of a case.
-
-    Raises
-    ------
-    ValueError
-        If a fault is not possible.
-    """
+    """Sensor and pump of a situation, wrapped in the faults of a case."""
     limits, every = situation.limits, (*situation.faults, *faults)
     pump = pump_of(situation)
     return Surroundings(
@@ -108,13 +90,7 @@ def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> S
 
 
 def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Mapping[str, Surroundings]]:
-    """Groups of cases that can share a loop, by label; the parts in a group have the same structure.
-
-    Raises
-    ------
-    ValueError
-        If a fault is not possible.
-    """
+    """Groups of cases that can share a loop, by label; the parts in a group have the same structure."""
     alike: dict[str, list[Case]] = {}
     for case in cases:
         shareable = len(case.faults) <= 1 and all(fault.comes_and_goes for fault in case.faults)

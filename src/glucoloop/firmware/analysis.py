@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop.control.protocol import Status
+from glucoloop.firmware.chips import template
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.rung import Rung, ran
 from glucoloop.native.targets.c.helpers import helpers
@@ -25,69 +26,8 @@ _ADVISORY: Final = frozenset({
     "12.3", "12.4", "13.3", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "21.12",
 })  # fmt: skip
 """Advisory rules of MISRA C:2012; the others are required."""
-_ANYTHING: Final = """\
-extern void anything(void *to, unsigned long size);
-/*@ assigns ((char *)to)[0 .. size - 1] \\from \\nothing; */
-void anything(void *to, unsigned long size);
-"""
-_STEP: Final = """\
-static gl_workspace workspace;
-static gl_state state;
-static gl_observation observation;
-static gl_decision decision;
-int main(void)
-{
-@FILL@
-  gl_step(&workspace, &state, &observation, &decision);
-@BOUNDS@
-  return 0;
-}
-"""
-_BOARD: Final = """\
-#include "board.h"
-@ANYTHING@
-extern volatile uint32_t any_number;
-void board_begin(uint32_t watchdog_ms) { (void)watchdog_ms; }
-void board_feed(void) {}
-uint32_t board_receive(uint8_t bytes[], uint32_t most)
-{
-  const uint32_t count = any_number;
-  anything(bytes, most);
-  return (count <= most) ? count : most;
-}
-/*@ requires \\valid_read(bytes + (0 .. size - 1)); assigns \\nothing; */
-void board_send(const uint8_t bytes[], uint32_t size);
-void board_nvm_read(uint32_t offset, uint8_t bytes[], uint32_t size)
-{
-  (void)offset;
-  anything(bytes, size);
-}
-/*@ requires \\valid_read(bytes + (0 .. size - 1)); assigns \\nothing; */
-void board_nvm_write(uint32_t offset, const uint8_t bytes[], uint32_t size);
-""".replace("@ANYTHING@", _ANYTHING)
-"""A board whose line and whose memory give any bytes."""
 _SLICES: Final = 512
 """Number of parts of the range of delivered rates; Frama-C keeps one interval for each number, not their difference."""
-_CHANGE: Final = """\
-#include "__fc_builtin.h"
-#include <float.h>
-#include <stdbool.h>
-@FUNCTION@
-int main(void)
-{
-  const @REAL@ rate = Frama_C_@REAL@_interval(-@MAX@, @MAX@);
-  /*@ loop unroll @SLICES@; */
-  for (int i = 0; i < @SLICES@; i++)
-  {
-    const @REAL@ low = @LEAST@ + ((@REAL@)i * @WIDTH@);
-    const @REAL@ high = @LEAST@ + ((@REAL@)(i + 1) * @WIDTH@);
-    const @REAL@ delivered = Frama_C_@REAL@_interval(low, (high > @MOST@) ? @MOST@ : high);
-    const double change = (double)gl_limited(rate, delivered) - (double)delivered;
-    /*@ assert change: -@BOUND@ <= change <= @BOUND@; */
-  }
-  return 0;
-}
-"""
 _EVA: Final = ("-eva", "-eva-precision", "0", "-eva-auto-loop-unroll", "4", "-warn-special-float", "none")
 _PACKAGE: Final = "frama-c is not installed; Debian's package frama-c-base brings it"
 
@@ -136,7 +76,7 @@ def bounds_proved(exported: Exported) -> Rung:
     if last.bolus is not None:
         bounds[last.bolus[0]] = ("0.0", last.bolus[1].hex())
     told = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
-    text = '#include "controller.h"\n' + _ANYTHING + _STEP.replace("@FILL@", "\n".join(lines))
+    text = template("any_step.c").replace("@ANYTHING@", template("anything.h")).replace("@FILL@", "\n".join(lines))
     text = text.replace("@BOUNDS@", "\n".join(told))
     dose = f"rate from {last.least:g} to {last.most:g} mU/min"
     dose += "" if last.bolus is None else f", bolus from 0 to {last.bolus[1]:g} mU"
@@ -153,7 +93,7 @@ def change_proved(exported: Exported) -> Rung:
         return Rung(CHANGE, False, "the step does not end by the function that bounds the rate", {})
     width = (last.most - last.least) / _SLICES * (1.0 + 1e-6)
     bound = math.nextafter(last.change + 1.01 * width, math.inf)
-    text = _CHANGE.replace("@SLICES@", str(_SLICES)).replace("@REAL@", format.type)
+    text = template("any_rate.c").replace("@SLICES@", str(_SLICES)).replace("@REAL@", format.type)
     text = text.replace("@MAX@", "FLT_MAX" if format.type == "float" else "DBL_MAX")
     text = text.replace("@LEAST@", format.literal(last.least)).replace("@MOST@", format.literal(last.most))
     text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
@@ -163,15 +103,13 @@ def change_proved(exported: Exported) -> Rung:
 
 
 def firmware_proved(files: Mapping[str, str]) -> Rung:
-    """Proof that a firmware has no run-time error, however long it runs, for any bytes on its line and in its memory.
+    """Proof that a firmware of these files, which every board uses as they are, has no run-time error.
 
-    Parameters
-    ----------
-    files : mapping
-        Files that every board uses as they are.
+    It holds however long the firmware runs, for any bytes on its line and in its memory.
     """
     name = "firmware for any bytes on the line and in memory, by Frama-C EVA"
-    return _analysed(name, {**files, "board.c": _BOARD}, "whatever is received", 0)
+    board = template("any_board.c").replace("@ANYTHING@", template("anything.h"))
+    return _analysed(name, {**files, "board.c": board}, "whatever is received", 0)
 
 
 def _analysed(name: str, files: Mapping[str, str], told: str, assertions: int) -> Rung:

@@ -111,13 +111,7 @@ LINK: Final = ("-nostdlib", "-nostartfiles", "-fno-builtin", "-fno-math-errno", 
 
 
 def chip_of(target: str) -> Chip | None:
-    """The chip of a target; None for C alone.
-
-    Raises
-    ------
-    ValueError
-        For an unknown target.
-    """
+    """The chip of a target; None for C alone."""
     if target == HOST:
         return None
     if target not in CHIPS:
@@ -125,6 +119,6 @@ def chip_of(target: str) -> Chip | None:
     return CHIPS[target]
 
 
-def template(name: str) -> str:
-    """A file that every folder gets."""
-    return (importlib.resources.files("glucoloop.firmware") / "templates" / name).read_text(encoding="utf-8")
+def template(name: str, package: str = "glucoloop.firmware") -> str:
+    """A file in C that folders of a package get."""
+    return (importlib.resources.files(package) / "templates" / name).read_text(encoding="utf-8")

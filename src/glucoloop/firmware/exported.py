@@ -12,7 +12,7 @@ import numpy as np
 
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.evaluate import Evaluation
+from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -46,26 +46,11 @@ def export(
     form: str = "auto",
     bolus: BolusLimits = USUAL_BOLUS_LIMITS,
 ) -> Exported:
-    """Write a controller in C.
+    """Write a controller in C, as of an example of an observation, whose fields that are None are absent in C.
 
-    Parameters
-    ----------
-    controller : Controller
-    limits : DoseLimits
-        Limits of the pump; a dose of NaN is replaced by the least rate, with the status `NO_FINITE_DOSE`.
-    observation : Observation
-        Example of an observation; fields that are None are absent in C.
-    title : list of str
-        Lines for the head of the files.
-    precision : {"float32", "float64"}
-    form : {"auto", "unrolled", "compact"}
-    bolus : BolusLimits
-        Limits of boluses of the pump, the largest of which bounds those of the controller.
-
-    Raises
-    ------
-    ValueError
-        For an unknown precision or form, or a controller that cannot be written in C.
+    A dose of NaN is replaced by the least rate of the pump, with the status `NO_FINITE_DOSE`; the largest bolus of the
+    pump bounds those of the controller. An unknown precision or form, and a controller that C cannot express, are
+    refused.
     """
     if precision not in PRECISIONS:
         raise Refusal(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")

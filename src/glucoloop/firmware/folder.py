@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import textwrap
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -104,45 +104,22 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
         return f"  equal = equal && (of->{field.name} == (int32_t)expected[i][{i}]);"
 
     limits = exported.limits
-    return "\n".join(
-        [
-            "/* Recorded samples: observations of a closed loop with faults, and absurd ones at the end. */",
-            '#include "controller.h"',
-            "",
-            "#include <stdbool.h>",
-            "#include <stdint.h>",
-            "#include <string.h>",
-            "",
-            f"#define SAMPLES {len(record.observations)}U",
-            f"#define RUN {record.run}U /* samples after which the controller is woken anew */",
-            f"#define LEAST {format.literal(float(limits.min_mU_min))}",
-            f"#define MOST {format.literal(float(limits.max_mU_min))}",
-            "",
-            f"/* The bits of: {', '.join(field.name for field in given)}. */",
-            f"static const {format.bits} given[SAMPLES][{len(given)}] = {{",
-            *rows(record.observations, given),
-            "};",
-            "",
-            f"/* The bits of: {', '.join(field.name for field in expected)}. */",
-            f"static const {format.bits} expected[SAMPLES][{len(expected)}] = {{",
-            *rows(record.decisions, expected),
-            "};",
-            "",
-            "static void samples_given(uint32_t i, gl_observation *to)",
-            "{",
-            *(read(field, i) for i, field in enumerate(given)),
-            "}",
-            "",
-            "static bool samples_expected(uint32_t i, const gl_decision *of)",
-            "{",
-            "  bool equal = true;",
-            f"  {format.bits} bits;",
-            *(compared(field, i) for i, field in enumerate(expected)),
-            "  return equal;",
-            "}",
-            "",
-        ]
-    )
+    words = {
+        "SAMPLES": f"{len(record.observations)}",
+        "RUN": f"{record.run}",
+        "LEAST": format.literal(float(limits.min_mU_min)),
+        "MOST": format.literal(float(limits.max_mU_min)),
+        "BITS": format.bits,
+        "GIVEN": f"{len(given)}",
+        "EXPECTED": f"{len(expected)}",
+        "GIVEN_NAMES": ", ".join(field.name for field in given),
+        "EXPECTED_NAMES": ", ".join(field.name for field in expected),
+        "GIVEN_ROWS": "\n".join(rows(record.observations, given)),
+        "EXPECTED_ROWS": "\n".join(rows(record.decisions, expected)),
+        "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
+        "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
+    }
+    return re.sub(r"@(\w+)@", lambda found: words[found[1]], template("samples.h"))
 
 
 def numbers_table(controller: Controller) -> str:
@@ -190,83 +167,19 @@ def readme(
         if field.size
     )
     statuses = "\n".join(f"| {status.value} | {status.name} | {status.text} |" for status in Status)
-    return (
-        textwrap.dedent(
-            """\
-        # {name} in C
-
-        Research software, not a medical device. One controller of insulin, in the {form} form and in {precision}: no
-        allocation, no library of functions, no global variable. It is re-entrant; the caller owns all memory.
-
-            #include "controller.h"
-
-            static gl_workspace workspace;
-            static gl_state state;
-            gl_observation seen = {{...}};
-            gl_decision decision;
-            gl_init(&workspace, &state, &seen);           /* once */
-            gl_step(&workspace, &state, &seen, &decision); /* every {sample_time:g} minutes */
-
-        | structure | field | |
-        |---|---|---|
-        {fields}
-
-        The rate that was really delivered need not be the one that was asked for: tell what the pump did.
-
-        It is written so that whatever bits are in the observation and in the state, `insulin_mU_min` is a number from
-        {least:g} to {most:g} mU/min and `status` one of those below, and so that, while the pump keeps its limits, the
-        rate is within {change:g} mU/min of `delivered_mU_min`, but for rounding. What was checked of it in this folder
-        stands under Checks. {guard}
-
-        `gl_save` writes the state to a record with the digest of this design and a CRC-32; `gl_restore` takes it back,
-        and refuses one that is damaged or of another design. Keep two records and write them in turn, so that a loss of
-        power while one is written leaves the other.
-
-        ## Checks
-
-        - `make test`: recorded samples with faults of sensor and pump and absurd numbers, each dose to the bit,
-          on this computer. Needs a C compiler only.
-        - `make qemu`: the same on an emulated chip ({summary}). Needs {packages} (packages of Debian).
-        - `glucoloop export --check .`: all of it anew from the design, and what else is installed.
-
-        When this folder was written (`PROOF.md` has the details):
-
-        {checked}
-
-        Results are equal to the bit only with IEEE 754 arithmetic: no `-ffast-math`, and `-ffp-contract=off`. `-O0` to
-        `-O3` and `-march=` are as you like.
-
-        ## Files
-
-        | file | |
-        |---|---|
-        | `controller.c`, `controller.h` | the controller |
-        | `controller.csv` | its gains and matrices in float64, for those who write their own |
-        | `samples.h`, `selftest.c`, `Makefile` | recorded samples and the self-test |
-        | `chip.c`, `chip.h`, `chip.ld` | start of the emulated chip, for the self-test alone |
-        {support}| `run.toml`, `manifest.json` | how the controller was designed, sizes, and what was checked |
-        | `SHA256SUMS` | digests of the files, for `sha256sum -c SHA256SUMS` |
-
-        ## Status
-
-        | number | name | meaning |
-        |---|---|---|
-        """
-        ).format(
-            name=name,
-            form=exported.source.form,
-            precision=exported.precision,
-            sample_time=sample_time_min,
-            summary=of.summary,
-            packages=", ".join(of.packages),
-            checked="\n".join(f"- {_OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
-            support="".join(_SUPPORT[name] for name in of.support(exported.precision)[0]),
-            fields=fields,
-            least=float(limits.min_mU_min),
-            most=float(limits.max_mU_min),
-            change=float(limits.max_change_mU_min),
-            guard=_GUARDED if guarded else _BARE,
-        )
-        + statuses
-        + "\n"
+    return template("README.md").format(
+        name=name,
+        form=exported.source.form,
+        precision=exported.precision,
+        sample_time=sample_time_min,
+        summary=of.summary,
+        packages=", ".join(of.packages),
+        checked="\n".join(f"- {_OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
+        support="".join(_SUPPORT[name] for name in of.support(exported.precision)[0]),
+        fields=fields,
+        least=float(limits.min_mU_min),
+        most=float(limits.max_mU_min),
+        change=float(limits.max_change_mU_min),
+        guard=_GUARDED if guarded else _BARE,
+        statuses=statuses,
     )

@@ -8,11 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from glucoloop.firmware.chips import Chip
-from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.folder import code_files
-from glucoloop.firmware.samples import SampleRecord
-
 _LONGEST_S: Final = 600.0
 
 
@@ -38,9 +33,3 @@ def ran(command: list[str], folder: Path) -> tuple[int, str]:
     except subprocess.TimeoutExpired:
         return 124, f"no answer in {_LONGEST_S:g} s"
     return done.returncode, f"{done.stdout}{done.stderr}"
-
-
-def written(exported: Exported, record: SampleRecord, chip: Chip | None, folder: Path) -> None:
-    """Write the files that a compiler reads."""
-    for name, text in code_files(exported, record, chip).items():
-        (folder / name).write_text(text)

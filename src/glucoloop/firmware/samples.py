@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control.protocol import Controller, Observation, gives_boluses
+from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.native.interpreter import Interpreter
@@ -50,21 +50,17 @@ class SampleRecord:
     run: int
     """Number of samples of a run, after which the controller is woken anew."""
 
-    def differs(self, other: SampleRecord) -> int | None:
-        """First sample at which the decisions differ in a bit; None if they are the same."""
-        for i, (here, there) in enumerate(zip(self.decisions, other.decisions, strict=True)):
-            if not equal(here, there):
-                return i
-        return None
+    def wrong_decision(self, init: Init, step: Step) -> int | None:
+        """First sample at which another implementation decides otherwise in a bit; None if there is none."""
+        starts = range(0, len(self.observations), self.run)
+        _, decisions = replayed(self.observations, init, step, starts)
+        pairs = zip(self.decisions, decisions, strict=True)
+        return next((i for i, (here, there) in enumerate(pairs) if not equal(here, there)), None)
 
     def wrong_step(self, init: Init, step: Step, samples: int | None = None) -> int | None:
         """First sample at which another implementation gives another decision or state; None if there is none.
 
-        Parameters
-        ----------
-        init, step : callable
-        samples : int, optional
-            Number of samples that are computed, spread over the record; all by default.
+        So many samples are computed, spread over the record; all by default.
         """
         last = len(self.observations) - 1
         for i in range(last + 1) if samples is None else spread(samples, last):
@@ -115,7 +111,11 @@ def arithmetic(exported: Exported) -> tuple[Init, Step]:
             return results[:leaves], results[leaves:]
 
         return lambda observation: list(wake(observation)), of_compact
-    first, each = map(Interpreter, exported.source.lowered)
+    return by_columns(exported, *map(Interpreter, exported.source.lowered))
+
+
+def by_columns(exported: Exported, first: Callable[..., Any], each: Callable[..., Any]) -> tuple[Init, Step]:
+    """Init and step by functions of columns of numbers, `carry` and `own`, such as an `Interpreter`."""
     records = exported.source.records
 
     def column(values: Sequence[Any]) -> npt.NDArray[Any]:
@@ -166,18 +166,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
 def record(
     exported: Exported, controller: Controller, situation: Situation, init: Init, step: Step, *, samples: int, seed: int
 ) -> SampleRecord:
-    """Run the loop of a controller with faults, and give it absurd numbers at the end.
-
-    Parameters
-    ----------
-    exported : Exported
-    controller : Controller
-    situation : Situation
-    init, step : callable
-        Functions that compute the decisions, such as `arithmetic` or a `Library`.
-    samples : int
-    seed : int
-    """
+    """Run the loop of a controller with faults, decided by `init` and `step`, and give it absurd numbers at the end."""
     stepper, rng = stepper_of(situation, seed), np.random.default_rng(seed)
     seen = example(controller, stepper)
     observations: list[Leaves] = []
@@ -193,7 +182,7 @@ def record(
         state, decided = step(state, leaves)
         observations.append(leaves)
         decisions.append(decided)
-        decision = jax.tree.unflatten(jax.tree.structure(exported.traced.decision), decided)
+        decision = decision_of(decided, exported)
         carbs = float(rng.uniform(10.0, 80.0)) if rng.random() < _MEALS_A_SAMPLE else 0.0
         bolus = None if decision.bolus_mU is None else float(decision.bolus_mU)
         seen = stepper.step(float(decision.insulin_mU_min), carbs, bolus)
@@ -202,16 +191,24 @@ def record(
     return SampleRecord(observations, states, decisions, samples)
 
 
-def replayed(of: SampleRecord, init: Init, step: Step) -> SampleRecord:
-    """Decisions of another implementation for the same observations."""
+def replayed(
+    observations: Sequence[Leaves], init: Init, step: Step, starts: Sequence[int]
+) -> tuple[list[Leaves], list[Leaves]]:
+    """States before, and decisions on, observations; the controller is woken at the samples that are starts."""
     state: Leaves = []
     states, decisions = [], []
-    for i, seen in enumerate(of.observations):
-        state = state if i % of.run else init(seen)
+    for i, seen in enumerate(observations):
+        state = init(seen) if i in starts else state
         states.append(state)
         state, decided = step(state, seen)
         decisions.append(decided)
-    return SampleRecord(of.observations, states, decisions, of.run)
+    return states, decisions
+
+
+def decision_of(leaves: Leaves, exported: Exported) -> Decision:
+    """Decision of its leaves."""
+    decision: Decision = jax.tree.unflatten(jax.tree.structure(exported.traced.decision), leaves)
+    return decision
 
 
 def leaves_of(seen: Observation, exported: Exported) -> Leaves:

@@ -21,24 +21,12 @@ from glucoloop.native.targets.wasm.module import held_numbers, linker_version, w
 
 
 def tools() -> dict[str, str]:
-    """Versions on which the bytes of the module depend.
-
-    Raises
-    ------
-    ValueError
-        If the linker is absent.
-    """
+    """Versions on which the bytes of the module depend."""
     return {"llvmlite": importlib.metadata.version("llvmlite"), "linker": linker_version()}
 
 
 def module(of_page: Mapping[str, CompiledPart]) -> bytes:
-    """The module with the functions of the page.
-
-    Raises
-    ------
-    ValueError
-        If the linker is absent.
-    """
+    """The module with the functions of the page."""
     return wasm_module({name: part.lowered for name, part in of_page.items()})
 
 

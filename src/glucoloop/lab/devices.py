@@ -19,7 +19,7 @@ from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
 from glucoloop.lab.body import SAMPLE_TIME_MIN
-from glucoloop.lab.part import CompiledPart, part, starting
+from glucoloop.lab.part import CompiledPart, part, with_start
 from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -76,9 +76,7 @@ def fault_parts(told: FaultPart) -> dict[str, CompiledPart]:
         state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 
-    state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
-    name = part_name(told)
-    return {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, shown)}
+    return with_start(part_name(told), init, step, numbers, zero, shown)
 
 
 def noise_part() -> CompiledPart:
@@ -140,7 +138,5 @@ def pump_parts() -> dict[str, CompiledPart]:
         }
 
     for name, pump in pumps().items():
-        numbers = jax.tree.map(jnp.asarray, pump)
-        state = jax.eval_shape(numbers.init, zero, jax.random.key(0))
-        found |= {f"{name}_start": starting(init, numbers, zero), name: part(step, numbers, state, decided)}
+        found |= with_start(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
     return found

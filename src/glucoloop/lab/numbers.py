@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -50,82 +52,10 @@ from glucoloop.situations.situation import configured
 SEEDS: Final = 10
 LONGEST_MIN: Final = 1440.0
 """Longest run of the page."""
-OFFERED: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
-    "pid": {
-        "closed_loop_min": (5.0, 120.0, 1.0),
-        "gain": (0.0, 4.0, 0.01),
-        "integral_time_min": (0.0, 300.0, 1.0),
-        "derivative_time_min": (-1.0, 60.0, 0.5),
-    },
-    "imc": {"filter_min": (0.5, 60.0, 0.5)},
-    "mpc": {
-        "move_horizon": (1, 8, 1),
-        "prediction_horizon": (1, 24, 1),
-        "output_weight": (0.1, 10.0, 0.1),
-        "move_weight": (0.0, 10.0, 0.1),
-    },
-    "mpc-se": {
-        "move_horizon": (1, 8, 1),
-        "prediction_horizon": (1, 24, 1),
-        "output_weight": (0.1, 10.0, 0.1),
-        "move_weight": (0.0, 10.0, 0.1),
-        "reference_filter": (0.0, 0.95, 0.01),
-        "glucose_process_noise": (0.0, 100.0, 0.1),
-        "measurement_variance": (0.05, 20.0, 0.05),
-    },
-}
-"""Settings of each controller on the page, with least and largest value and step of their sliders."""
-OFFERED_UNDER_THE_SKIN: Final[dict[str, dict[str, tuple[float, float, float]]]] = {
-    "pid": {"closed_loop_min": (5.0, 600.0, 5.0), "integral_time_min": (0.0, 1200.0, 5.0)},
-    "imc": {"filter_min": (5.0, 600.0, 5.0)},
-}
-"""Settings that have other bounds where insulin is given under the skin, beside the longer horizons."""
-OFFERED_PUMP: Final = {
-    "max_change_mU_min": (1.0, 100.0, 0.1),
-    "min_insulin_mU_min": (0.0, 20.0, 0.1),
-    "max_insulin_mU_min": (21.0, 200.0, 0.1),
-}
-"""Limits of the pump on the page, likewise."""
-OFFERED_GUARD: Final = {
-    "lowest_reading_mg_dl": (20.0, 60.0, 1.0),
-    "highest_reading_mg_dl": (200.0, 1000.0, 10.0),
-    "fastest_mg_dl_min": (0.5, 20.0, 0.1),
-    "stuck_min": (5.0, 120.0, 5.0),
-    "stuck_on_board": (0.0, 2.0, 0.05),
-    "held_min": (0.0, 120.0, 5.0),
-    "gap_min": (0.0, 60.0, 5.0),
-    "long_gap_min": (60.0, 240.0, 5.0),
-    "reduced_fraction": (0.0, 1.0, 0.05),
-    "low_mg_dl": (40.0, 100.0, 1.0),
-    "ahead_min": (0.0, 90.0, 5.0),
-    "hysteresis_mg_dl": (0.0, 30.0, 1.0),
-    "max_hour": (1.0, 12.0, 0.1),
-    "max_on_board": (0.0, 6.0, 0.1),
-    "fall_mg_dl": (10.0, 150.0, 5.0),
-    "error_mg_dl": (0.0, 30.0, 1.0),
-    "always_basal": (1.0, 3.0, 0.1),
-}
-"""Limits of the guard on the page, likewise."""
-OFFERED_FAULTS: Final[dict[str, tuple[float, float, float]]] = {
-    "delay_min": (5.0, 60.0, 5.0),
-    "among": (2, 8, 1),
-    "share": (0.0, 1.0, 0.05),
-    "times": (2, 12, 1),
-    "size_mg_dl": (-200.0, 200.0, 5.0),
-    "mg_dl_h": (-60.0, 60.0, 1.0),
-    "gain": (0.5, 2.0, 0.01),
-    "offset_mg_dl": (-100.0, 100.0, 1.0),
-    "depth": (0.05, 1.0, 0.05),
-    "tau_min": (1.0, 60.0, 1.0),
-    "low_mg_dl": (20.0, 100.0, 1.0),
-    "high_mg_dl": (120.0, 600.0, 10.0),
-    "value": (-100.0, 1000.0, 1.0),
-    "step_mU_min": (0.1, 20.0, 0.1),
-    "least_mU_min": (0.0, 20.0, 0.1),
-    "open_fraction": (0.0, 0.95, 0.05),
-    "noticed": (0, 1, 1),
-}
-"""Settings of faults on the page, likewise."""
+SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
+    files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
+)
+"""Settings that can be changed on the page, with least and largest value and step of their sliders."""
 _OF_DEFAULT: Final = re.compile(r" 0: .*|; that of the patient's pump\.")
 """Sentences on a value of 0, which the page does not offer, and on what is usual, which it shows."""
 CHAIN: Final = ("ideal", "white-noise", "dead-time")
@@ -161,8 +91,8 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "points": {point.name: point.summary for point in entry.operating_points},
         "route": entry.insulin_route,
         "inside": [list(place) for place in inside(entry.name)],
-        "guard_limits": _offered(GuardSettings, OFFERED_GUARD, guard_of(entry).values()),
-        "pump_limits": _offered(PumpPart, OFFERED_PUMP, {name: getattr(entry, name) for name in OFFERED_PUMP}),
+        "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
+        "pump_limits": _offered(PumpPart, SLIDERS["pump"], {name: getattr(entry, name) for name in SLIDERS["pump"]}),
         "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
         "configuration": _configuration(entry),
     }
@@ -194,7 +124,7 @@ def _offered(
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     """A fault with its settings."""
     usual = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
-    bounds = {name: OFFERED_FAULTS[name] for name in usual}
+    bounds = {name: SLIDERS["faults"][name] for name in usual}
     return {
         "part": entry.part,
         "summary": entry.summary,
@@ -265,9 +195,9 @@ def _first_order(patient: SemilinearPatient, tuning: Mapping[str, Value]) -> dic
 def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     """A controller's settings on the page, and the usual values of all of its settings."""
     entry = controller_entry(name)
-    bounds = dict(OFFERED[name])
+    bounds = dict(SLIDERS["controllers"][name])
     if of_patient.insulin_route == SUBCUTANEOUS:
-        bounds |= OFFERED_UNDER_THE_SKIN.get(name, {})
+        bounds |= SLIDERS["under_the_skin"].get(name, {})
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
         bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)

@@ -63,13 +63,7 @@ def program() -> str:
 
 
 def _as_function(code: str, path: Path) -> str:
-    """Body of a function that does what a module does and returns what it exports.
-
-    Raises
-    ------
-    ValueError
-        For an import or export of another form than those of the page.
-    """
+    """Body of a function that does what a module does and returns what it exports."""
     exported = ", ".join(_EXPORT.findall(code))
     body = _EXPORT.sub("", _IMPORT.sub(lambda of: f'const {of["names"]} = need("{Path(of["path"]).stem}");', code))
     left = _LEFT.search(body)

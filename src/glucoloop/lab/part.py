@@ -44,6 +44,14 @@ def starting(init: Callable[..., Any], person: Any, own: Any) -> CompiledPart:
     return part(step, person, (), own)
 
 
+def with_start(
+    name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
+) -> dict[str, CompiledPart]:
+    """Two functions of the page by their names: one that gives the state at the start, and the step."""
+    state = jax.eval_shape(init, person, at_start, jax.random.key(0))
+    return {f"{name}_start": starting(init, person, at_start), name: part(step, person, state, own)}
+
+
 def _names(tree: Any) -> dict[str, int]:
     found = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): int(leaf.size) for path, leaf in found}

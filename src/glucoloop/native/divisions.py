@@ -27,20 +27,7 @@ TOGETHER: Final = 4
 
 
 def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program, dict[Value, Value]]:
-    """The same program with fewer divisions.
-
-    Parameters
-    ----------
-    program : Program
-    results : sequence
-        Values of the program that are needed.
-
-    Returns
-    -------
-    program : Program
-    place : mapping
-        Old value -> new value, of all needed values and all inputs.
-    """
+    """The same program with fewer divisions, and the place in it of each value on which the needed `results` depend."""
     order = program.needed(results)
     group_of = _groups(program, order)
     new = Program(as_written=program.as_written)

@@ -10,16 +10,15 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jax.extend import core
 
 from glucoloop.native import primitives
-from glucoloop.native.drawing import Drawing, Drawn
 from glucoloop.native.functions import Functions
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
@@ -49,6 +48,36 @@ MOVES: Final = frozenset({
     "stack", "unstack", "tile", "pad", "copy", "copy_p", "stop_gradient", "optimization_barrier",
 })  # fmt: skip
 _UNUSED: Final = -1
+
+
+class Drawn:
+    """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
+
+    def __init__(self, aval: Any) -> None:
+        self.aval = aval
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Computations from random keys before the loop, equation by equation."""
+
+    keys: Sequence[Drawn]
+    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Drawn]]]
+    """Equation, its inputs (`Drawn` or numbers), and its outputs."""
+    wanted: Sequence[Drawn]
+    """Arrays that the loop needs."""
+
+    def __call__(self, *keys: Any) -> list[jax.Array]:
+        """The wanted arrays, of one person at one sample; JAX can trace it."""
+        found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
+
+        def read(given: Any) -> Any:
+            return found[id(given)] if isinstance(given, Drawn) else given
+
+        for equation, inputs, outputs in self.equations:
+            results = primitives.bind(equation, [read(given) for given in inputs])
+            found.update((id(of), result) for of, result in zip(outputs, results, strict=True))
+        return [found[id(of)] for of in self.wanted]
 
 
 class Flattener:
@@ -106,23 +135,14 @@ class Flattener:
         return [self._ask(result) for result in self._run(closed, arguments)]
 
     def _run(self, closed: Any, arguments: Sequence[Any]) -> list[Any]:
-        values: dict[Any, Any] = {}
-
-        def read(atom: Any) -> Any:
-            return self.constants(atom.val) if isinstance(atom, core.Literal) else values[atom]
-
-        for variable, constant in zip(closed.jaxpr.constvars, closed.consts, strict=True):
-            values[variable] = self.constants(constant)
-        values.update(zip(closed.jaxpr.invars, arguments, strict=True))
-        for equation in closed.jaxpr.eqns:
-            inputs = [read(atom) for atom in equation.invars]
+        def results_of(equation: Any, inputs: list[Any]) -> list[Any]:
             try:
-                results = self._postponed(equation, inputs) or self._equation(equation, inputs)
+                return self._postponed(equation, inputs) or self._equation(equation, inputs)
             except UnsupportedError as error:
                 error.part = primitives.part(equation) or error.part
                 raise
-            values.update(zip(equation.outvars, results, strict=True))
-        return [read(atom) for atom in closed.jaxpr.outvars]
+
+        return primitives.evaluated(closed, arguments, self.constants, results_of)
 
     def _postponed(self, equation: Any, inputs: list[Any]) -> list[Drawn] | None:
         """Postpone an equation that depends only on random keys."""
@@ -360,14 +380,7 @@ class Flattener:
         loop = primitives.scan(equation)
         if not 0 < loop.length <= LONGEST_LOOP:
             raise UnsupportedError(f"a loop of {loop.length} rounds")
-        constants, rest = inputs[: loop.constants], inputs[loop.constants :]
-        carry, each = list(rest[: loop.carried]), rest[loop.carried :]
-        rounds = range(loop.length)
-        stacked: dict[int, list[Values]] = {}
-        for k in reversed(rounds) if loop.reverse else rounds:
-            results = self.run(loop.round, [*constants, *carry, *(a[k] for a in each)])
-            carry, stacked[k] = results[: loop.carried], results[loop.carried :]
-        return [*carry, *(np.stack(parts) for parts in zip(*(stacked[k] for k in rounds), strict=True))]
+        return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
 
 
 def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dict[str, int]) -> Values:

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, Program, Value
+from glucoloop.native.program import BOOL, DOES, Program, Value
 
 Array = npt.NDArray[Any]
-
-DOES: Final[dict[str, Callable[..., Any]]] = {
-    "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
-    "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "copy_sign": np.copysign, "lt": np.less,
-    "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite, "and": np.logical_and,
-    "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not, "select": np.where,
-}  # fmt: skip
-"""The operations of a program that NumPy has as they are."""
 
 
 def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:
@@ -39,12 +31,7 @@ def interpret(lowered: Lowered, **groups: Array) -> tuple[Array, Array]:
 
 
 class Interpreter:
-    """A lowered function, computed for many people at one sample after another; the order of operations is found once.
-
-    Parameters
-    ----------
-    lowered : Lowered
-    """
+    """A lowered function, computed for many people at one sample after another; operations are put in order once."""
 
     def __init__(self, lowered: Lowered) -> None:
         program, layout = lowered.program, lowered.layout
@@ -74,21 +61,9 @@ class Interpreter:
         self._results = [[place[value] for value in of] for of in (layout.next_carry, layout.outputs)]
 
     def __call__(self, **groups: Array) -> tuple[Array, Array]:
-        """The next state and the outputs.
+        """The next state and the outputs, ``(numbers, people)``, of the groups `person`, `carry`, `own` and `shared`.
 
-        Parameters
-        ----------
-        **groups : (numbers, people) array
-            ``person``, ``carry``, ``own`` and ``shared``; a group without numbers may be left out.
-
-        Returns
-        -------
-        next_carry, outputs : (numbers, people) array
-
-        Raises
-        ------
-        ValueError
-            For a group with another number of rows than the function takes.
+        A group without numbers may be left out; one with another number of rows than the function takes is refused.
         """
         people = next((np.shape(rows)[-1] for rows in groups.values()), 1)
         values: list[Any] = [None] * self._size

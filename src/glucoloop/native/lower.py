@@ -13,8 +13,7 @@ from typing import Any
 import jax
 
 from glucoloop.native.divisions import share_divisions
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.flatten import Flattener, Values
+from glucoloop.native.flatten import Drawing, Flattener, Values
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.program import PERSON, SAMPLE, Program, Value
 
@@ -95,26 +94,11 @@ def lower(
 ) -> Lowered:
     """Lower ``carry, outputs = step(person, carry, own, shared, rng)`` to scalars.
 
-    Parameters
-    ----------
-    step : callable
-        A pure JAX function of one person and one sample.
-    person, carry, own, shared : pytrees of arrays or shapes, without a people axis
-        Examples of the numbers of a person, of the state, and of the inputs of one person and of all people at a
-        sample.
-    rng : pytree
-        Examples of random keys and of the number of the sample. What rests on these alone is left to the host.
-    precision : {"float64", "float32"}
-    as_written : bool
-        Whether every operation is rounded as the function has it, see `Program`: for results that do not depend on
-        which numbers are part of the program.
-
-    Raises
-    ------
-    UnsupportedError
-        If the function has an operation that straight-line code cannot express.
-    TypeError
-        If the state after a sample has other shapes than the state before.
+    The step is a pure JAX function of one person and one sample. The other arguments are examples or shapes, without an
+    axis of people: the numbers of a person, the state, and the inputs of one person and of all people at a sample; and
+    random keys and the number of the sample, for what rests on `rng` alone is left to the host. A program `as_written`
+    rounds every operation as the function has it (see `Program`), for results that do not depend on which numbers are
+    part of the program. `UnsupportedError` names an operation that straight-line code cannot express.
     """
     given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, rng)
     closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*given)

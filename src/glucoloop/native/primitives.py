@@ -8,7 +8,7 @@ the test traces a public function of JAX and names the primitive if a new JAX ke
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -74,6 +74,26 @@ def bind(equation: Any, inputs: Sequence[Any], **changed: Any) -> list[Any]:
     return list(results) if equation.primitive.multiple_results else [results]
 
 
+def evaluated(
+    closed: Any,
+    arguments: Sequence[Any],
+    constant: Callable[[Any], Any],
+    results_of: Callable[[Any, list[Any]], Sequence[Any]],
+) -> list[Any]:
+    """Results of a function, from values of its constants and from the results of its equations, one by one."""
+    jaxpr = closed.jaxpr
+    values: dict[Any, Any] = dict(zip(jaxpr.invars, arguments, strict=True))
+    values.update((of, constant(array)) for of, array in zip(jaxpr.constvars, closed.consts, strict=True))
+
+    def read(atom: Any) -> Any:
+        return constant(atom.val) if isinstance(atom, core.Literal) else values[atom]
+
+    for equation in jaxpr.eqns:
+        results = results_of(equation, [read(atom) for atom in equation.invars])
+        values.update(zip(equation.outvars, results, strict=True))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
 def called(equation: Any) -> Any:
     """Function that an equation calls, with its constants; None if the equation is not a call."""
     holder = CALLS.get(equation.primitive.name)
@@ -137,6 +157,19 @@ def scan(equation: Any) -> Scan:
         constants=constants,
         carried=carried,
     )
+
+
+def rounds(
+    loop: Scan, inputs: Sequence[npt.NDArray[Any]], results_of: Callable[[list[npt.NDArray[Any]]], list[Any]]
+) -> list[npt.NDArray[Any]]:
+    """Results of a loop on arrays, from the results of one round after another."""
+    constants, rest = inputs[: loop.constants], inputs[loop.constants :]
+    carry, each = list(rest[: loop.carried]), rest[loop.carried :]
+    stacked: dict[int, list[npt.NDArray[Any]]] = {}
+    for k in reversed(range(loop.length)) if loop.reverse else range(loop.length):
+        results = results_of([*constants, *carry, *(array[k] for array in each)])
+        carry, stacked[k] = results[: loop.carried], results[loop.carried :]
+    return [*carry, *(np.stack(rows) for rows in zip(*(stacked[k] for k in range(loop.length)), strict=True))]
 
 
 def axes(equation: Any) -> tuple[int, ...]:

@@ -28,9 +28,8 @@ operation                              value
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,29 +45,27 @@ Value = int
 """Place of a value in the program."""
 
 _COMPARISONS: Final = ("lt", "le", "eq", "ne")
-_OF_CONSTANTS: Final[dict[str, Callable[..., float | bool]]] = {
-    "add": operator.add, "sub": operator.sub, "exact_sub": operator.sub, "mul": operator.mul,
-    "neg": operator.neg, "abs": abs, "copy_sign": math.copysign, "lt": operator.lt, "le": operator.le,
-    "eq": operator.eq, "ne": operator.ne, "and": operator.and_, "or": operator.or_, "xor": operator.ne,
-    "not": operator.not_, "is_finite": math.isfinite,
-    "div": lambda a, b: float(np.float64(a) / np.float64(b)),
-    "ratio": lambda a, b: float(np.float64(a) / np.float64(b)),
-    "max": lambda a, b: float(np.maximum(a, b)),
-    "min": lambda a, b: float(np.minimum(a, b)),
-    "sqrt": lambda a: float(np.sqrt(np.float64(a))),
-    "floor": lambda a: float(np.floor(a)),
-    "select": lambda condition, a, b: a if condition else b,
-    "number": lambda a: 1.0 if a else 0.0,
+DOES: Final[dict[str, Callable[..., Any]]] = {
+    "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
+    "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "copy_sign": np.copysign, "lt": np.less,
+    "le": np.less_equal, "eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite, "and": np.logical_and,
+    "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not, "select": np.where,
 }  # fmt: skip
+"""The operations of a program that NumPy has as they are."""
+_OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
+    **DOES,
+    "ratio": np.divide,
+    "max": np.maximum,
+    "min": np.minimum,
+    "number": np.float64,
+}
 
 
 class Program:
     """Operations in the order in which they were requested.
 
-    Parameters
-    ----------
-    as_written : bool
-        Whether every operation is rounded as it is requested: no factors are gathered, and no divisions shared.
+    Of a program `as_written` every operation is rounded as it is requested: no factors are gathered, no divisions
+    shared.
     """
 
     def __init__(self, *, as_written: bool = False) -> None:
@@ -101,7 +98,8 @@ class Program:
         """The value of an operation."""
         if operation in _OF_CONSTANTS and all(a in self.constants for a in arguments):
             with np.errstate(all="ignore"):
-                return self.constant(_OF_CONSTANTS[operation](*(self.constants[a] for a in arguments)))
+                found: float | bool = _OF_CONSTANTS[operation](*(self.constants[a] for a in arguments)).item()
+                return self.constant(found)
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
             return simpler

@@ -15,18 +15,16 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.control.protocol import Controller, Observation, Status, gives_boluses
 from glucoloop.meals.scenario import Scenario, announced_g
-from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
 from glucoloop.patients.protocol import Patient, SemilinearPatient
-from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
-from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
+from glucoloop.simulation.parts import Fixed, apart, follows_the_clock, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
-from glucoloop.simulation.two_forms import follows_the_clock
-from glucoloop.simulation.usual_limits import usual_limits
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -217,14 +215,34 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
     )
 
 
-def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
-    """Samples of a run.
+def usual_limits(patient: Patient) -> DoseLimits:
+    """Limits of the pump that is usual for a patient, or for the route by which it has insulin.
 
-    Raises
-    ------
-    ValueError
-        Unless the horizon is a whole number of samples.
+    Designs, `summarise` and `LimitedPump` see no patient and take the limits of 1999; for insulin under the skin those
+    keep a controller far within what the pump can give.
+
+    Parameters
+    ----------
+    patient : Patient
+
+    Returns
+    -------
+    DoseLimits
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> gl.usual_limits(gl.patient()).max_mU_min
+    66.9
     """
+    usual = usual_pump(patient)
+    return DoseLimits(
+        max_change_mU_min=usual.max_change_mU_min, min_mU_min=usual.min_mU_min, max_mU_min=usual.max_mU_min
+    )
+
+
+def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
+    """Samples of a run, whose horizon has to be a whole number of them."""
     samples = round(horizon_min / sample_time_min)
     if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
         nearest = max(1, samples) * sample_time_min

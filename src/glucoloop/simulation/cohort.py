@@ -124,48 +124,15 @@ class _Own:
 
 
 class Cohort:
-    """A closed loop compiled for people of one kind.
+    """A closed loop compiled for people of one kind, who are like the `nominal` patient.
 
-    Parameters
-    ----------
-    nominal : SemilinearPatient
-        One person, about whom the integrator is made.
-    varied : SemilinearPatient
-        Some people, to show which constants vary: those that have one axis more than the nominal patient's.
-    controller : Controller
-        Controller of all people.
-    sensor, pump : Sensor, Pump
-    grid : SampleGrid
-    fold : Fold
-    setpoint_mg_dl : float
-    meals : Eaten or None
-        Meals of all people, ``(meals,)``, or None if each person has individual meals.
-    announced : bool
-        Whether the controller is told of meals when they begin.
-    own_announcements : bool
-        Whether announcements are individual, as for carbohydrate that is counted with an error.
-    start_min : float, optional
-        Time of day at the start, in minutes after midnight, of which controllers are told; by default they are not.
-    meal_model : MealModel, optional
-        Meal model of all people; by default each person's own.
-    varied_controller, varied_sensor, varied_pump : optional
-        Controllers, sensors and pumps of some people, where each person has a different one; they show which values
-        vary, as for `varied`.
-    engine : {"native", "xla"}, optional
-        Engine; by default native code if the controller allows it.
-    precision : {"float64", "float32"}
-        Precision of native code.
-    products : {"fused", "strict"}
-        Rounding of products in native code, see `glucoloop.native.targets.products`.
-    substeps : int, optional
-        Steps of the integrator per sample; by default twice as many as `substeps_for` gives one patient.
-    tell_decisions : bool
-        Whether a run returns readings and statuses too.
-
-    Raises
-    ------
-    ValueError
-        For an unknown engine, or native code or strict products that are asked for and not possible.
+    `varied` are some people, to show which constants vary: those that have one axis more than the nominal patient's;
+    `varied_controller`, `varied_sensor` and `varied_pump` do the same where each person has a different one. `meals`
+    are those of all people, ``(meals,)``, or None if each has individual meals; with `own_announcements` what is
+    announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
+    day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
+    given. For engine, precision and products see `make_engine`. By default the integrator makes twice as many substeps
+    as `substeps_for` gives one patient. With `tell_decisions` a run returns readings and statuses too.
     """
 
     def __init__(
@@ -240,14 +207,9 @@ class Cohort:
         return self._engine.precision
 
     def run(self, people: People, *, threads: int = 1) -> CohortRun:
-        """Run the loop of people.
+        """Run the loop of some hundred to a few thousand people, so that they fit the caches.
 
-        Parameters
-        ----------
-        people : People
-            Some hundred to a few thousand people, so that they fit the caches.
-        threads : int
-            Number of threads of native code; the result does not depend on it.
+        The result does not depend on the number of threads of native code.
         """
         with one_at_a_time:
             own = self._own(people)

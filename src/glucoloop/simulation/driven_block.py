@@ -99,24 +99,10 @@ def rates(patient: SemilinearPatient, states: int) -> jax.Array:
 def driven_matrices(
     patient: SemilinearPatient, step_min: float, *, states: int, doublings: int, products: str = FUSED
 ) -> tuple[Matrix, Matrix]:
-    """Matrices of a step for people whose constants trail.
+    """Matrices of a step for people whose constants trail, as in `exponential.Matrices`.
 
-    Parameters
-    ----------
-    patient : SemilinearPatient
-    step_min : float
-    states : int
-        Number of states d of the driven block.
-    doublings : int
-        Number of doublings, see `doublings_for`.
-    products : {"fused", "strict"}
-        See `glucoloop.native.targets.products`.
-
-    Returns
-    -------
-    driven_end : (d, d + 1, people) array
-    driven_gauss : (3, d, d + 1, people) array
-        As in `exponential.Matrices`.
+    They are ``driven_end``, ``(d, d + 1, people)``, and ``driven_gauss``, ``(3, d, d + 1, people)``, for d states of
+    the driven block; for the number of doublings see `doublings_for`.
     """
     series, doubling = _kernels(states, products)
     X = np.asarray(rates(patient, states)) * (step_min / 2**doublings)

@@ -79,30 +79,17 @@ def make_engine(
 ) -> Engine:
     """An engine for a loop, made from an example of one person and one sample, of which only shapes and types count.
 
-    Parameters
-    ----------
-    step : callable
-    own, carry, reaching, shared, key
-        Arguments of `step`, with the key in place of ``rng``.
-    name : {"native", "xla"}, optional
-        Name of the engine; by default native code if the loop allows it.
-    precision : {"float64", "float32"}
-        Precision of native code; the other engine computes in float64.
-    products : {"fused", "strict"}
-        Rounding of products in native code, see `glucoloop.native.targets.products`; the other engine rounds as its
-        compiler likes.
-
-    Raises
-    ------
-    ValueError
-        For an unknown engine, or native code or strict products that are asked for and not possible.
+    The key stands in the place of ``rng``. Without a name the engine is native code if the loop allows it. Precision
+    and the rounding of products (see `native.targets.products`) are those of native code; the other engine computes in
+    float64 and rounds as its compiler likes. Native code or strict products that are asked for and not possible are
+    refused.
     """
     if name not in (None, *ENGINES):
         raise Refusal(f"unknown engine {name!r}; the known ones are: {', '.join(ENGINES)}")
     lacking = None
     if name != "xla":
         try:
-            return NativeEngine(step, own, carry, reaching, shared, key, precision, products)
+            return NativeEngine(step, (own, carry, reaching, shared, key), precision, products)
         except UnsupportedError as error:
             lacking = str(error)
             if name == "native":
@@ -123,21 +110,11 @@ class NativeEngine:
     name: Final = "native"
     not_native: Final = None
 
-    def __init__(
-        self,
-        step: Step,
-        own: Any,
-        carry: Any,
-        reaching: Any,
-        shared: Any,
-        key: jax.Array,
-        precision: str,
-        products: str = FUSED,
-    ) -> None:
+    def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
+        own, carry, reaching, shared, key = example
         rng = key, jnp.zeros((), int)
-        portable = products == STRICT
-        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=portable)
+        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None

@@ -192,7 +192,6 @@ def identify(
             f"pulses of {amplitude_mU_min:g} mU/min would take away more insulin than the basal rate; "
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
-    check_sample_time(sample_time_min)
     paper, *_, slow = usual_bases(sample_time_min)
     if under_the_skin is None:
         of_route = insulin_route(patient) == SUBCUTANEOUS

@@ -33,9 +33,8 @@ from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, appearance_moments
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.parts import Content, compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.two_forms import refuse_two_patients
 
 Matrix = npt.NDArray[np.float64]
 
@@ -122,70 +121,39 @@ def design(
     state: jax.Array,
     kept: npt.NDArray[np.bool_] | None = None,
 ) -> Matrices:
-    """Compute the matrices of one step.
+    """Compute the matrices of one step of one person, whose slow block is linearised at a state.
 
-    Parameters
-    ----------
-    patient : SemilinearPatient
-        One person.
-    step_min : float
-        Length of the step.
-    dense_times_min : sequence of (times,) arrays
-        Moments inside each substep of a sample, counted from its start, at which glucose is wanted.
-    state : (states,) array
-        State at which the slow block is linearised.
-    kept : (n, n) array of bool, optional
-        Entries of the Jacobian of the kinetics that the exponentials contain; all of them by default. The others are
-        left to the Runge-Kutta method, at the same order.
+    `dense_times_min` are the moments inside each substep of a sample, counted from its start, at which glucose is
+    wanted. `kept` are the entries of the Jacobian of the kinetics, ``(n, n)``, that the exponentials contain, all of
+    them by default; the others are left to the Runge-Kutta method, at the same order.
     """
     T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
     K = K if kept is None else np.where(kept, K, 0.0)
-    return _design(*map(_Hashed, (T, K, A, b, row)), step_min, tuple(map(_Hashed, dense_times_min)))
-
-
-class _Hashed:
-    """An array as the key of a cache, compared by its content."""
-
-    def __init__(self, array: Matrix) -> None:
-        self.array = array
-        self._content = (array.shape, array.tobytes())
-
-    def __hash__(self) -> int:
-        return hash(self._content)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Hashed) and self._content == other._content
+    return _design(Content((T, K, A, b, row)), step_min, Content(tuple(dense_times_min)))
 
 
 @functools.lru_cache(maxsize=64)
-def _design(
-    transport: _Hashed,
-    kinetics: _Hashed,
-    driven: _Hashed,
-    entry: _Hashed,
-    output: _Hashed,
-    h: float,
-    dense_times: tuple[_Hashed, ...],
-) -> Matrices:
+def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matrices:
     """Cached design of the same patient, since matrix exponentials cost more than a day of closed loop."""
-    L, A, row = transport.array + kinetics.array, driven.array, output.array
+    T, K, A, b, row = linearisation.tree
+    L, dense_times = T + K, dense_times_min.tree
     d = A.shape[0]
     augmented = np.zeros((d + 1, d + 1))
-    augmented[:d, :d], augmented[:d, d] = A, entry.array
+    augmented[:d, :d], augmented[:d, d] = A, b
 
     path = scipy.linalg.expm(((_FINE_NODES + 1.0) / 2.0 * h)[:, None, None] * augmented)[:, :d]
     half_0, half_1, half_2, _ = _phi(h / 2.0 * L)
     full_0, full_1, full_2, _ = _phi(h * L)
-    most = max(times.array.size for times in dense_times)
+    most = max(times.size for times in dense_times)
     dense = np.zeros((len(dense_times), most, 4, L.shape[0]))
     for rows, times in zip(dense, dense_times, strict=True):
-        for position, t in enumerate(times.array):
+        for position, t in enumerate(times):
             rows[position] = row @ _quadratic_weights(L, h, t / h)
-    wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.array.size)]
+    wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.size)]
     return Matrices(
         driven_end=jnp.asarray(scipy.linalg.expm(h * augmented)[:d]),
         driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
-        beyond_transport=jnp.asarray(kinetics.array),
+        beyond_transport=jnp.asarray(K),
         half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
         full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
         end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),
@@ -202,27 +170,10 @@ def step(
     insulin_mU_min: jax.Array,
     meal_moments: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Advance the state by one step.
+    """Advance the state ``(states, ...)`` by one step, and read glucose at the moments inside it, ``(times, ...)``.
 
-    Parameters
-    ----------
-    patient, matrices
-        The patient, and the matrices made for that patient.
-    dense : (times, 4, n) array
-        Rows that read glucose inside the step.
-    x : (states, ...) array
-        State at the start.
-    insulin_mU_min : (...) array
-        Infusion held over the step.
-    meal_moments : (3, ...) array
-        Legendre moments of the meal's appearance, mg/min.
-
-    Returns
-    -------
-    x : (states, ...) array
-        State at the end.
-    glucose_mg_dl : (times, ...) array
-        Glucose at the moments inside.
+    `dense` are the rows ``(times, 4, n)`` that read glucose inside the step, and `meal_moments` the Legendre moments of
+    the meal's appearance, ``(3, ...)`` [mg/min]. The infusion is held over the step.
     """
     y, z = patient.split(x)
     drive = jnp.concatenate([z, insulin_mU_min[None]])
@@ -287,19 +238,9 @@ minute."""
 def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL) -> int:
     """Steps of one sample for an accuracy, by the measured error of rough insulin.
 
-    With steps of h min and insulin that jumps at every sample, the largest error of glucose in a day is at most about
-    ``0.06 (h / 5)^2.4`` mg/dl. The page of the integrator compares this with measured errors.
-
-    Parameters
-    ----------
-    sample_time_min : float
-    accuracy_mg_dl : float
-        Largest error that is accepted under such insulin; smooth insulin has a much smaller one.
-
-    Raises
-    ------
-    ValueError
-        For an accuracy that is not positive.
+    Smooth insulin has a much smaller error. With steps of h min and insulin that jumps at every sample, the largest
+    error of glucose in a day is at most about ``0.06 (h / 5)^2.4`` mg/dl. The page of the integrator compares this with
+    measured errors.
     """
     if not 0.0 < accuracy_mg_dl < math.inf:
         raise Refusal(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")

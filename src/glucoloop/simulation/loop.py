@@ -159,12 +159,6 @@ def sample(
 
     The parts are compiled separately. Otherwise XLA would round differently here than in a program in which the
     controller runs by itself, and stepping in real time would not equal the simulation to the bit.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For a controller that decides on boluses and does not say so, or the other way about, or a pump that can give
-        none.
     """
     apart: Callable[[Any], Any] = jax.lax.optimization_barrier
     glucose = loop.plant.patient.glucose_mg_dl(state.x)

@@ -1,4 +1,9 @@
-"""Parts that users bring to a loop: prepared for JAX, or refused with a sentence."""
+"""Parts that users bring to a loop: prepared for JAX, or refused with a sentence.
+
+A semilinear patient has two forms: `derivative`, and the parts that the fast integrator takes. Only `derivative` is
+told the time. A patient whose constants follow the clock would lose that without a word in the fast integrator and in
+native code, and so would one of whose forms is wrong: the two are compared.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +12,29 @@ import traceback
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
-from glucoloop.arguments import ArgumentTypeError
+from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.control.tuning import check_sample_time
+from glucoloop.patients.protocol import Inputs, Patient, SemilinearPatient
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
 
 NEED_VALUES = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 _NUMBERS = (jax.Array, np.ndarray, np.generic, float, complex, int)
+_STATES: Final = 16
+_ROUNDING: Final = 1e-6
+"""Largest difference of two rates, as a share of the sizes of what they are made of."""
 
 
 def sample_time_of(controller: Controller) -> float:
-    """Sample time of a controller [min], which has to be known before anything is computed.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number, or JAX traces it.
-    ValueError
-        Unless it is positive and finite.
-    """
+    """Sample time of a controller [min], which has to be a number above 0 before anything is computed."""
     sample_time: Any = controller.sample_time_min
     if not isinstance(sample_time, _NUMBERS):
         raise ArgumentTypeError(f"the controller's sample_time_min is {sample_time!r}; give a number in min, such as 5")
@@ -58,13 +63,7 @@ class Fixed:
 
 
 def apart(tree: Any) -> tuple[list[Any], Fixed]:
-    """Split a tree into its numbers and its fixed part.
-
-    Raises
-    ------
-    ArgumentTypeError
-        For an object that JAX does not know.
-    """
+    """Split a tree into its numbers and its fixed part; an object that JAX does not know is refused."""
     numbers, places, functions = [], [], []
     leaves, structure = jax.tree_util.tree_flatten_with_path(tree)
     for place, (path, leaf) in enumerate(leaves):
@@ -88,6 +87,21 @@ def _kinds(structure: Any) -> Iterator[Any]:
     yield None if node is None else node[0]
     for inside in structure.children():
         yield from _kinds(inside)
+
+
+class Content:
+    """A tree as the key of a cache, compared by its numbers."""
+
+    def __init__(self, tree: Any) -> None:
+        numbers, fixed = apart(tree)
+        self.tree = tree
+        self._key = (fixed, *((np.shape(number), np.asarray(number).tobytes()) for number in numbers))
+
+    def __hash__(self) -> int:
+        return hash(self._key[1:])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Content) and self._key == other._key
 
 
 def needs_values(name: str, error: BaseException) -> str:
@@ -140,11 +154,7 @@ def _place(path: tuple[Any, ...]) -> str:
 def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()) -> Callable[..., Any]:
     """`jax.jit` of a function of a patient, which also keeps apart classes that have the same fields (see `Fixed`).
 
-    Parameters
-    ----------
-    function : callable
-    static : tuple of int
-        Places of the arguments after the patient, from 0 on, that are part of the program.
+    `static` are the places of the arguments after the patient, from 0 on, that are part of the program.
     """
 
     @functools.partial(jax.jit, static_argnums=(0, *(place + 2 for place in static)))
@@ -157,3 +167,79 @@ def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()
         return run(fixed, numbers, *others)
 
     return call
+
+
+def refuse_two_patients(patient: SemilinearPatient) -> None:
+    """Refuse a patient whose two forms differ at random states and times of a day."""
+    found = _compared(patient)
+    if found is None or not found[0]:
+        return
+    _, clock, message = found
+    because = (
+        "its derivative follows the time, of which transport, kinetics and driven_derivative are not told"
+        if clock
+        else "its derivative is not what transport, kinetics, effects and driven_derivative make"
+    )
+    raise Refusal(
+        f"{type(patient).__name__} is another patient for the fast integrator and for native code than for the "
+        f"adaptive one: {because}. {message}. Simulate one person with the adaptive integrator (--integrator adaptive, "
+        "or integrator=Adaptive()), or make both forms the same"
+    )
+
+
+def follows_the_clock(patient: Patient) -> bool:
+    """Whether the fast integrator would lose what a patient's derivative makes of the time."""
+    found = _compared(patient) if isinstance(patient, SemilinearPatient) else None
+    return found is not None and found[0] and found[1]
+
+
+def _compared(patient: SemilinearPatient) -> tuple[bool, bool, str] | None:
+    """Whether the forms differ, whether the derivative follows the time, and an example; None of a traced patient."""
+    if is_traced(patient):
+        return None
+    return _comparison(Content(patient))
+
+
+@functools.lru_cache(maxsize=64)
+def _comparison(content: Content) -> tuple[bool, bool, str]:
+    patient, rng = content.tree, np.random.default_rng(0)
+    with at_once():
+        work, basal = np.asarray(patient.working_state()), float(np.max(patient.basal_insulin_mU_min))
+        x = work[None] * rng.uniform(0.7, 1.3, (_STATES, *work.shape))
+        t_min = np.linspace(0.0, MIN_PER_DAY, _STATES, endpoint=False)
+        insulin, meal = basal * rng.uniform(0.0, 3.0, _STATES), rng.uniform(0.0, 300.0, _STATES)
+        told, split, size = (np.asarray(part) for part in _rates(patient, t_min, x, insulin, meal))
+        at_midnight = np.asarray(_rates(patient, 0.0 * t_min, x, insulin, meal)[0])
+    clock = bool(_differ(told, at_midnight, size).any())
+    differ = _differ(told, split, size)
+    if not differ.any():
+        return False, clock, ""
+    where, state = np.argwhere(differ)[0]
+    return (
+        True,
+        clock,
+        (
+            f"At {t_min[where]:g} min after the start, the rate of state {state} of (slow, driven) is "
+            f"{told[where, state]:.6g} per minute by the derivative and {split[where, state]:.6g} by the others"
+        ),
+    )
+
+
+def _differ(a: npt.NDArray[Any], b: npt.NDArray[Any], size: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    found: npt.NDArray[np.bool_] = np.abs(a - b) > _ROUNDING * size
+    return found
+
+
+@compiled_by_class
+@functools.partial(jax.vmap, in_axes=(None, 0, 0, 0, 0))
+def _rates(
+    patient: SemilinearPatient, t_min: jax.Array, x: jax.Array, insulin: jax.Array, meal: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Rates of slow and driven block by the derivative and by the parts, and the sizes of what they are made of."""
+    derivative = patient.derivative(t_min, x, Inputs(insulin_mU_min=insulin, meal_mg_min=meal))
+    _, told = jax.jvp(patient.split, (x,), (derivative,))
+    y, z = patient.split(x)
+    parts = patient.transport(y), patient.kinetics(y, patient.effects(z), meal)
+    driven = patient.driven_derivative(z, insulin)
+    size = jnp.concatenate([sum(map(jnp.abs, parts), start=jnp.abs(y) * 1e-3), jnp.abs(driven) + jnp.abs(z) * 1e-3])
+    return jnp.concatenate(told), jnp.concatenate([parts[0] + parts[1], driven]), size

@@ -20,25 +20,15 @@ from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.parts import compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.two_forms import refuse_two_patients
 
 
 class PeoplePlant:
-    """Plants of people of one kind.
+    """Plants of people of one kind, with an integrator that is made about the nominal patient.
 
-    Parameters
-    ----------
-    nominal : SemilinearPatient
-        One person, about whom the integrator is made.
-    varied : SemilinearPatient
-        Some people, to show which constants vary: those that have one axis more than the nominal patient's.
-    grid : SampleGrid
-    substeps : int
-        Steps per sample.
-    products : {"fused", "strict"}
-        Rounding of products in the matrices of people, see `glucoloop.native.targets.products`.
+    `varied` are some people, to show which constants vary: those that have one axis more than the nominal patient's.
+    Products are rounded in the matrices of people as `glucoloop.native.targets.products` says.
     """
 
     def __init__(
@@ -104,11 +94,8 @@ def _transport(patient: SemilinearPatient, y: jax.Array) -> jax.Array:
 def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
     """Slow block at which the nominal patient's glucose is 1 mg/dl; other people's glucose there is their scale.
 
-    Raises
-    ------
-    ValueError
-        If the glucose of others is not proportional to the nominal patient's in every state: readings inside a step
-        would then be wrong.
+    Refused if their glucose is not proportional to the nominal patient's in every state: readings inside a step would
+    then be wrong.
     """
     y, z = nominal.split(nominal.working_state())
     blocks = np.eye(y.size)

@@ -24,15 +24,7 @@ SUBSTEPS: Final = 8
 
 
 class PulseExperiment:
-    """Readings of fasting people at rest who get a sequence of infusion rates.
-
-    Parameters
-    ----------
-    nominal, varied : SemilinearPatient
-        Patients as for `Cohort`.
-    sensor : Sensor
-    sample_time_min : float
-    """
+    """Readings of fasting people at rest who get a sequence of infusion rates; the patients are as for `Cohort`."""
 
     def __init__(
         self, nominal: SemilinearPatient, varied: SemilinearPatient, sensor: Sensor, *, sample_time_min: float
@@ -73,15 +65,8 @@ class PulseExperiment:
     def run(self, patient: SemilinearPatient, x: Floats, insulin_mU_min: Floats, key: jax.Array) -> Floats:
         """Readings ``(samples + 1, people)``, as `excite` gives them for one person.
 
-        Parameters
-        ----------
-        patient : SemilinearPatient
-            Patients, people trailing.
-        x : (states, people) array
-            States at rest.
-        insulin_mU_min : (samples, people) array
-            Rates, each held over one sample.
-        key : (people,) keys
+        The people rest in the states `x`, ``(states, people)``; each rate ``(samples, people)`` is held over one
+        sample.
         """
         carry, keys = self._begin_people(jnp.asarray(x), key)
         rates = np.concatenate([insulin_mU_min, insulin_mU_min[-1:]])  # what follows the last reading is not looked at

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from glucoloop.firmware.hil.protocol import Payloads, header
 from glucoloop.native.targets.c.host import compiler
 from glucoloop.refusal import Refusal
 
+_HERE: Final = "glucoloop.firmware.hil"
 HOST: Final = "host"
 """Name of this computer as a chip."""
 NVM: Final = "nvm.bin"
@@ -73,13 +73,13 @@ def portable_files(exported: Exported) -> dict[str, str]:
         "controller.h": source.header,
         "controller.c": source.code,
         "link.h": header(source, Payloads(source, exported.precision)),
-        **{name: _template(name) for name in PORTABLE},
+        **{name: template(name, _HERE) for name in PORTABLE},
     }
 
 
 def files(exported: Exported, chip: str) -> dict[str, str]:
     """All files of the firmware for an emulated chip."""
-    own = {name: _template(name) for name in _BOARDS[chip]}
+    own = {name: template(name, _HERE) for name in _BOARDS[chip]}
     if chip in CHIPS:
         of = CHIPS[chip]
         own |= {name: template(name) for name in ("chip.c", "chip.h", *of.support(exported.precision)[0])}
@@ -88,13 +88,7 @@ def files(exported: Exported, chip: str) -> dict[str, str]:
 
 
 def refuse_missing_tools(chip: str) -> None:
-    """Refuse an emulated chip whose tools are not installed.
-
-    Raises
-    ------
-    ValueError
-        With the package that brings the first missing tool.
-    """
+    """Refuse an emulated chip whose tools are not installed, with the package that brings the first missing one."""
     if chip == HOST:
         if compiler() is None:
             raise Refusal("there is no C compiler on this machine; Debian's package gcc brings one")
@@ -103,23 +97,7 @@ def refuse_missing_tools(chip: str) -> None:
 
 
 def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
-    """Write and compile the firmware for an emulated chip.
-
-    Parameters
-    ----------
-    exported : Exported
-    chip : str
-        One of `EMULATED`.
-    folder : Path
-        An empty folder for the files and the program.
-    extra : tuple of str
-        More options of the compiler.
-
-    Raises
-    ------
-    ValueError
-        If a tool is not installed, or the compiler refuses the code.
-    """
+    """Write and compile the firmware for one of the chips `EMULATED` in an empty folder, with `extra` options."""
     refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():
@@ -130,16 +108,8 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
         return FirmwareProgram((str(folder / "firmware"),))
     of = CHIPS[chip]
     _, told = of.support(exported.precision)
-    flags = [
-        *WARNINGS,
-        *extra,
-        "-O2",
-        "-ffp-contract=off",
-        *of.flags,
-        *LINK,
-        *told,
-        "-fno-tree-loop-distribute-patterns",
-    ]
+    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *of.flags, *LINK, *told]
+    flags += ["-fno-tree-loop-distribute-patterns"]
     _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
     _compile([of.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
     with (folder / _IMAGE).open("r+b") as image:
@@ -172,7 +142,3 @@ def _compile(command: list[str], folder: Path) -> None:
     made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if made.returncode:
         raise Refusal(f"the C compiler refuses the firmware: {' '.join(made.stderr.split())[:500]}")
-
-
-def _template(name: str) -> str:
-    return (importlib.resources.files("glucoloop.firmware.hil") / "templates" / name).read_text(encoding="utf-8")

@@ -52,26 +52,7 @@ class Exchange:
     A sample's observation is sent until its decision comes. Observations that could not be delivered are sent later, in
     their order, so that the controller misses none; the pump does not wait for their decisions.
 
-    Parameters
-    ----------
-    link : Link
-    design : str
-        SHA-256 of the controller's design, in hexadecimal.
-    sizes : tuple of int
-        Number of bytes of an observation and of a decision.
-    clock : callable
-        Time in seconds.
-
-    Attributes
-    ----------
-    answers : dict
-        Payload of the decision of each sample that was answered, also late.
-    sessions : list of int
-        Sample with which each session began; the controller starts anew with each.
-    repeated : int
-        Number of frames that were sent again.
-    contradictions : int
-        Number of decisions that differ from an earlier one on the same sample; a chip gives none.
+    `sizes` are the numbers of bytes of an observation and of a decision.
     """
 
     def __init__(
@@ -86,11 +67,14 @@ class Exchange:
         self._session = self._question = 0
         self._fresh = True
         """Whether nothing was answered in the session yet."""
-        self._doubted = False
+        self._memory_in_question = False
         """Whether the chip seems to have lost its memory, and was asked about it."""
         self.answers: dict[int, bytes] = {}
+        """Payload of the decision of each sample that was answered, also late."""
         self.sessions: list[int] = []
+        """Sample with which each session began; the controller starts anew with each."""
         self.repeated = self.contradictions = 0
+        """Numbers of frames that were sent again, and of decisions that differ from an earlier one on their sample."""
 
     @property
     def refused(self) -> int:
@@ -98,13 +82,7 @@ class Exchange:
         return self._decoder.refused
 
     def begin(self) -> Hello:
-        """Find the chip, and begin a session with sample 0.
-
-        Raises
-        ------
-        ValueError
-            If the chip does not answer, or runs another controller.
-        """
+        """Find the chip, and begin a session with sample 0; a silent chip and another controller are refused."""
         hello: list[Hello] = []
 
         def asked() -> None:
@@ -133,27 +111,21 @@ class Exchange:
             del self._kept[min(self._kept)]
 
     def decide(self, sample: int, observation: bytes, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
-        """Decision on a sample; None if the chip did not answer in time.
-
-        Raises
-        ------
-        ValueError
-            If the chip runs another controller.
-        """
+        """Decision on a sample; None if the chip did not answer in time. Another controller is refused."""
         self.keep(sample, observation)
-        return self._settle(sample, within_s)
+        return self._answer_to(sample, within_s)
 
     def ask_again(self, sample: int, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
         """The decision on the last sample once more, as if its answer had been lost."""
         before = self.answers.pop(sample)
-        again = self._settle(sample, within_s)
+        again = self._answer_to(sample, within_s)
         self.contradictions += again is not None and again != before
         self.answers[sample] = before
         return again
 
-    def _settle(self, sample: int, within_s: float) -> bytes | None:
+    def _answer_to(self, sample: int, within_s: float) -> bytes | None:
         def ask() -> None:
-            if self._doubted:
+            if self._memory_in_question:
                 self._ask()
             else:
                 self._observe(min(kept for kept in self._kept if kept not in self.answers))
@@ -207,26 +179,26 @@ class Exchange:
         if hello is None:
             return
         if hello.session == self._session and hello.next in (*self._kept, current + 1):
-            self._doubted = False
+            self._memory_in_question = False
             self._observe(min(hello.next, current))
         elif hello.session != self._session and self._fresh:
             self._send(Frame(Type.START, self._session, self.sessions[-1]))
-        elif self._doubted and hello.asked == self._question:
+        elif self._memory_in_question and hello.asked == self._question:
             # The chip has lost what it remembered: its controller can only start anew.
-            self._doubted = False
+            self._memory_in_question = False
             self._session = max(self._session, hello.session)
             self._kept = {current: self._kept[current]}
             self._new_session(current)
-        elif not self._doubted:
+        elif not self._memory_in_question:
             # Perhaps an old frame that was late: only an answer to a question of now is believed.
-            self._doubted = True
+            self._memory_in_question = True
             self._question += 1
             self._ask()
 
     def _decided(self, frame: Frame, current: int) -> None:
         if frame.sample not in self._kept or frame.sample > current:
             return
-        self._fresh = self._doubted = False
+        self._fresh = self._memory_in_question = False
         known = frame.sample in self.answers
         before = self.answers.setdefault(frame.sample, frame.payload)
         self.contradictions += before != frame.payload

@@ -65,13 +65,7 @@ class Disturbances:
         return self.power_cuts + self.hangs
 
     def check(self, samples: int) -> None:
-        """Refuse more outages than there are samples after the first.
-
-        Raises
-        ------
-        ValueError
-            If there are.
-        """
+        """Refuse more outages than there are samples after the first."""
         if self.outages >= samples:
             raise Refusal(
                 f"{self.outages} outages are not possible in {samples} samples, the first of which has none; "
@@ -79,13 +73,7 @@ class Disturbances:
             )
 
     def draw(self, samples: int, seed: int) -> tuple[list[list[Event]], frozenset[int]]:
-        """Events of each sample in their order, and the samples of the outages.
-
-        Raises
-        ------
-        ValueError
-            As for `check`.
-        """
+        """Events of each sample in their order, and the samples of the outages; see `check`."""
         self.check(samples)
         rng = np.random.default_rng((seed, 0x48494C))
         silent = frozenset(int(i) for i in 1 + rng.permutation(samples - 1)[: self.outages])
@@ -106,14 +94,7 @@ NOTHING: Final = Disturbances()
 
 
 class DisturbedLink:
-    """A link whose next frames are disturbed by the events that wait for them.
-
-    Parameters
-    ----------
-    inner : Link
-    record_bytes : int
-        Number of bytes of a record in the chip's memory.
-    """
+    """A link whose next frames are disturbed by the events that wait for them; `record_bytes` is that of a record."""
 
     def __init__(self, inner: Link, record_bytes: int) -> None:
         self._inner, self._record_bytes = inner, record_bytes

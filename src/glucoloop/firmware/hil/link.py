@@ -52,17 +52,10 @@ class Link(Protocol):
 
 
 class ProcessLink:
-    """An emulated chip: a process whose standard input and output are the line.
+    """An emulated chip: a process whose standard input and output are the line, in the folder of its memory.
 
-    Its standard error is the switch of its power: it is reset there by the protocol of QEMU's monitor, QMP.
-
-    Parameters
-    ----------
-    program : FirmwareProgram
-    folder : Path
-        Folder of the program and of its non-volatile memory.
-    plan_at : int
-        Place of the planned failure in that memory.
+    Its standard error is the switch of its power: it is reset there by the protocol of QEMU's monitor, QMP. The planned
+    failure stands at the place `plan_at` of its non-volatile memory.
     """
 
     def __init__(self, program: FirmwareProgram, folder: Path, plan_at: int) -> None:
@@ -94,11 +87,6 @@ class ProcessLink:
         """Cut the power for a moment, wherever the chip is; `plan` and `after_bytes` are as for `power_on`.
 
         What is in non-volatile memory stays, and so do bytes on the line that the chip has not read yet.
-
-        Raises
-        ------
-        ValueError
-            If the emulator does not reset the chip.
         """
         self._write_plan(plan, after_bytes)
         if self._switch is None or not _was_reset(self._switch):
@@ -180,20 +168,7 @@ def _was_reset(switch: socket.socket) -> bool:
 
 
 class SerialLink:
-    """A board at a serial port, by the standard library's termios.
-
-    Parameters
-    ----------
-    path : str
-        Name of the port, such as ``/dev/ttyACM0``.
-    baud : int
-        Bits per second.
-
-    Raises
-    ------
-    ValueError
-        If there is no such port, or it knows no such rate.
-    """
+    """A board at a serial port, such as ``/dev/ttyACM0``, by the standard library's termios."""
 
     def __init__(self, path: str, baud: int = 115200) -> None:
         if termios is None:

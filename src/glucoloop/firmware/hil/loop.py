@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import jax
 import jax.numpy as jnp
 
 from glucoloop.control.protocol import Decision, Observation, Status
@@ -17,13 +16,12 @@ from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, Exchange
 from glucoloop.firmware.hil.faults import NOTHING, Disturbances, DisturbedLink
 from glucoloop.firmware.hil.link import Link
 from glucoloop.firmware.hil.protocol import Payloads, record_bytes
-from glucoloop.firmware.samples import Init, Leaves, Step, arithmetic, leaves_of, same
+from glucoloop.firmware.samples import Init, Leaves, Step, arithmetic, decision_of, equal, leaves_of, replayed
 from glucoloop.meals.scenario import Scenario
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.source import UNROLLED
 from glucoloop.simulation import Trace
-from glucoloop.simulation.stepped import simulate_stepped
-from glucoloop.simulation.stepper import Stepper
+from glucoloop.simulation.stepper import Stepper, simulate_stepped
 
 HOLD_MIN: Final = 30.0
 """Time for which the fallback rate is no more than the last decided one; after it, it is the basal rate."""
@@ -41,15 +39,7 @@ class Fallback:
     basal_mU_min: float
 
     def rate_mU_min(self, last_mU_min: float, silent_min: float) -> float:
-        """Rate of a sample.
-
-        Parameters
-        ----------
-        last_mU_min : float
-            The last decided rate [mU/min].
-        silent_min : float
-            Time since that decision was due to be followed by another [min].
-        """
+        """Rate of a sample, from the last decided rate and the time since the next decision was due."""
         if self.kind == "suspend":
             return 0.0
         return min(last_mU_min, self.basal_mU_min) if silent_min < HOLD_MIN else self.basal_mU_min
@@ -117,30 +107,8 @@ def run_on_chip(
 ) -> OnChip:
     """Run a scenario with the controller on a chip, and compare its decisions with those without a chip.
 
-    Parameters
-    ----------
-    exported : Exported
-    stepper : Stepper
-        The patient, at the start of the scenario.
-    scenario : Scenario
-    link : Link
-        Link to a chip with the firmware of this controller.
-    gives_boluses : bool
-        Whether the controller decides on boluses.
-    disturbances : Disturbances
-    seed : int
-        Seed of the disturbances.
-    fallback : {"basal", "suspend"}
-        See `Fallback`.
-    pace : Pace, optional
-        As fast as it goes by default.
-    progress : callable
-        Called with the number of samples that were done.
-
-    Raises
-    ------
-    ValueError
-        If the chip does not answer at the start, or runs another controller.
+    The patient is at the start of the scenario; the chip has the firmware of this controller, and is refused if it has
+    another or does not answer. The disturbances follow from the seed; the loop does not wait unless a pace is given.
     """
     samples = round(scenario.horizon_min / stepper.sample_time_min)
     events, silent = disturbances.draw(samples, seed)
@@ -173,16 +141,20 @@ def run_on_chip(
         if told is None:
             rate = pump.rate_mU_min(last, silent_min)
             silent_min += stepper.sample_time_min
-            return _fallen_back(rate, gives_boluses=gives_boluses)
-        decision = _decision(payloads.decision(told), exported)
+            return Decision(
+                insulin_mU_min=jnp.asarray(rate),
+                status=jnp.asarray(int(Status.NO_ANSWER)),
+                bolus_mU=jnp.zeros(()) if gives_boluses else None,
+            )
+        decision = decision_of(payloads.decision(told), exported)
         last, silent_min = float(decision.insulin_mU_min), 0.0
         return decision
 
     trace = simulate_stepped(stepper, scenario, decide, gives_boluses=gives_boluses)
     took = time.monotonic() - begun[1] if samples > 1 else math.inf
     expected = without_a_chip(exported, seen, exchange.sessions)
-    equal = [
-        None if i not in exchange.answers else _same(payloads.decision(exchange.answers[i]), expected[i])
+    same = [
+        None if i not in exchange.answers else equal(payloads.decision(exchange.answers[i]), expected[i])
         for i in range(samples)
     ]
     counts = {
@@ -191,22 +163,14 @@ def run_on_chip(
         "contradictions": exchange.contradictions,
         **{kind.name.lower().replace("_", " "): number for kind, number in line.happened.items()},
     }
-    return OnChip(trace, answered, equal, exchange.sessions, counts, (samples - 1) / took)
+    return OnChip(trace, answered, same, exchange.sessions, counts, (samples - 1) / took)
 
 
 def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:
-    """Decisions of the controller on the same observations without a chip.
+    """Decisions of the controller on the same observations without a chip, which starts anew with each session.
 
     They are those of its operations carried out in NumPy; in the compact form, which is slow there, those of its C on
     this computer if it has a compiler.
-
-    Parameters
-    ----------
-    exported : Exported
-    seen : sequence
-        Leaves of the observation of each sample.
-    sessions : sequence of int
-        Samples with which the controller starts anew.
     """
     init: Init
     step: Step
@@ -215,27 +179,4 @@ def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequenc
     else:
         library = Library(exported.source, exported.precision)
         init, step = library.init, library.step
-    state: Leaves = []
-    decisions = []
-    for sample, leaves in enumerate(seen):
-        state = init(leaves) if sample in sessions else state
-        state, decided = step(state, leaves)
-        decisions.append(decided)
-    return decisions
-
-
-def _same(here: Leaves, there: Leaves) -> bool:
-    return all(same(a, b) for a, b in zip(here, there, strict=True))
-
-
-def _decision(leaves: Leaves, exported: Exported) -> Decision:
-    decision: Decision = jax.tree.unflatten(jax.tree.structure(exported.traced.decision), leaves)
-    return decision
-
-
-def _fallen_back(rate_mU_min: float, *, gives_boluses: bool) -> Decision:
-    return Decision(
-        insulin_mU_min=jnp.asarray(rate_mU_min),
-        status=jnp.asarray(int(Status.NO_ANSWER)),
-        bolus_mU=jnp.zeros(()) if gives_boluses else None,
-    )
+    return replayed(seen, init, step, sessions)[1]

@@ -14,8 +14,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from glucoloop.native.targets.c.numbers import REAL
-from glucoloop.native.targets.c.records import Structure
 from glucoloop.native.targets.c.source import Source
 
 VERSION: Final = 1
@@ -68,13 +66,7 @@ class Frame:
 
 
 class Decoder:
-    """Frames from bytes in pieces of any size; whatever is no frame is skipped.
-
-    Attributes
-    ----------
-    refused : int
-        Number of beginnings of frames that were refused.
-    """
+    """Frames from bytes in pieces of any size; whatever is no frame is skipped, and `refused` counts its beginnings."""
 
     def __init__(self) -> None:
         self._held = bytearray()
@@ -144,41 +136,27 @@ class Hello:
         return Hello(design.hex(), observation, decision, watchdog_ms, asked, frame.session, frame.sample)
 
 
-def structure(of: Structure, precision: str) -> np.dtype[Any]:
-    """Layout of a C structure in memory: real numbers first, then whole ones of 32 bits, lowest byte first."""
-    held = sorted((field for field in of.fields if field.size), key=lambda field: field.kind != REAL)
-    real = np.dtype(precision).newbyteorder("<")
-    parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in held]
-    packed = np.dtype(parts) if parts else np.dtype([("reserved", "<i4", (1,))])
-    if packed.itemsize % real.itemsize:
-        packed = np.dtype([*parts, ("reserved", "<i4", (1,))])
-    return packed
-
-
 class Payloads:
     """Conversion of a controller's observations and decisions to payloads and back."""
 
     def __init__(self, source: Source, precision: str) -> None:
-        self._records = source.records
-        self._types = {name: structure(source.records[name], precision) for name in ("observation", "decision")}
+        self._precision = precision
+        self._observation, self._decision = source.records["observation"], source.records["decision"]
 
     def observation(self, leaves: list[Any]) -> bytes:
         """Payload of the leaves of an observation."""
-        room = np.zeros((), self._types["observation"])
-        for field, leaf in zip(self._records["observation"].fields, leaves, strict=True):
-            if field.size:
-                room[field.name] = np.ravel(leaf)
-        return room.tobytes()
+        return self._observation.filled(leaves, self._precision).tobytes()
 
     def decision(self, payload: bytes) -> list[Any]:
         """Leaves of the decision of a payload."""
-        room = np.frombuffer(payload, self._types["decision"])[0]
-        return [np.array(room[field.name]).reshape(field.shape) for field in self._records["decision"].fields]
+        room = np.frombuffer(payload, self._decision.memory(self._precision))[0]
+        return self._decision.leaves(room, self._precision)
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Number of bytes of an observation and of a decision."""
-        return self._types["observation"].itemsize, self._types["decision"].itemsize
+        memories = [of.memory(self._precision) for of in (self._observation, self._decision)]
+        return memories[0].itemsize, memories[1].itemsize
 
 
 def record_bytes(source: Source, payloads: Payloads) -> int:

@@ -20,22 +20,10 @@ STRICT: Final = "strict"
 
 
 def fused_products(program: Program, order: Sequence[Value], results: Sequence[Value]) -> dict[Value, Value]:
-    """Products that are rounded together with the sum which takes them.
+    """Products that are rounded together with the sum which takes them, with that sum.
 
-    These are the products that one sum alone uses, at most one for each sum; of two, the second.
-
-    Parameters
-    ----------
-    program : Program
-    order : sequence
-        The values that are computed, each after its arguments.
-    results : sequence
-        The values that are needed as they are.
-
-    Returns
-    -------
-    dict
-        Product -> sum.
+    These are the products that one sum alone uses, at most one for each sum; of two, the second. In `order` each value
+    comes after its arguments, and `results` are needed as they are.
     """
     uses: dict[Value, int] = {}
     for value in order:

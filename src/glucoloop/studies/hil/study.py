@@ -17,7 +17,7 @@ from glucoloop.firmware.hil.build import build, files, portable_files, refuse_mi
 from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
-from glucoloop.simulation.stepped import scenario_stepper
+from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, outcome_of
 from glucoloop.studies.exported import exported_controller

@@ -103,7 +103,9 @@ class _Loops:
         self._words = sum(np.size(leaf) for leaf in jax.tree.leaves(first.guard))
         inputs = {key: jnp.asarray(values[0, 0]) for key, values in self._inputs(np.zeros(1, np.int64)).items()}
         self._engine = NativeEngine(
-            self._step, jnp.asarray(20.0), first, inputs, jnp.zeros(()), jax.random.key(0), "float64"
+            self._step,
+            (jnp.asarray(20.0), first, inputs, jnp.zeros(()), jax.random.key(0)),
+            "float64",
         )
         self._begin_all = jax.jit(jax.vmap(self._begin, in_axes=-1, out_axes=-1))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.native.interpreter import interpret
-from glucoloop.native.targets.c.compact.evaluate import Evaluation
+from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.source import COMPACT, UNROLLED, trace, write_source
 from glucoloop.native.targets.llvm.kernel import compile_kernel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import importlib.resources
 import re
 from collections.abc import Iterable
 from typing import Final
@@ -12,348 +14,38 @@ COLUMNS: Final = 10
 """Number of columns that functions of matrices take at once, whose sums stay in registers."""
 
 
-def _each(line: str, indent: int) -> str:
-    """A line for each of the columns."""
+def template(name: str) -> str:
+    """A file in C that generated code is made of."""
+    return (importlib.resources.files("glucoloop.native.targets.c") / "templates" / name).read_text(encoding="utf-8")
+
+
+def _for_each_column(found: re.Match[str]) -> str:
+    """A line that is marked, for each of the columns."""
     # MISRA C:2012, rule 2.2: nothing is added to the first place.
-    texts = (line.replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
-    return "\n".join(f"{' ' * indent}{text}" for text in texts)
+    texts = (found[2].replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
+    return "\n".join(f"{found[1]}{text}" for text in texts)
 
 
-_SOURCE: Final = {
-    "gl_bits": """
-/* The bits of a number. */
-static @bits@ gl_bits(@real@ x)
-{
-  @bits@ b;
-  (void)memcpy((uint8_t *)&b, (const uint8_t *)&x, sizeof(b));
-  return b;
-}""",
-    "gl_number": """
-/* The number that has these bits. */
-static @real@ gl_number(@bits@ b)
-{
-  @real@ x;
-  (void)memcpy((uint8_t *)&x, (const uint8_t *)&b, sizeof(x));
-  return x;
-}""",
-    "gl_abs": """
-/* The absolute value. */
-static @real@ gl_abs(@real@ x)
-{
-  return (x > 0x0p+0@f@) ? x : (0x0p+0@f@ - x);
-}""",
-    "gl_finite": """
-/* Whether x is a finite number. */
-static bool gl_finite(@real@ x)
-{
-  return (x >= -@MAX@) && (x <= @MAX@);
-}""",
-    "gl_max": """
-/* The larger of two numbers; not a number if either is none. */
-static @real@ gl_max(@real@ a, @real@ b)
-{
-  return (a != a) ? a : ((a > b) ? a : b);
-}""",
-    "gl_min": """
-/* The smaller of two numbers; not a number if either is none. */
-static @real@ gl_min(@real@ a, @real@ b)
-{
-  return (a != a) ? a : ((a < b) ? a : b);
-}""",
-    "gl_inside": """
-/* Whether x is at least one number and at most another. */
-static bool gl_inside(@real@ x, @real@ least, @real@ most)
-{
-  return (x >= least) && (x <= most);
-}""",
-    "gl_clip": """
-/* The number from least to most that is nearest to x; not a number if any of them is none. */
-static @real@ gl_clip(@real@ x, @real@ least, @real@ most)
-{
-  return gl_min(most, gl_max(least, x));
-}""",
-    "gl_copy_sign": """
-/* x with the sign of y. */
-static @real@ gl_copy_sign(@real@ x, @real@ y)
-{
-  const @bits@ sign = (@bits@)1@u@ << @signbit@;
-  return gl_number((gl_bits(x) & ~sign) | (gl_bits(y) & sign));
-}""",
-    "gl_floor": """
-/* The largest whole number that is not above x. */
-static @real@ gl_floor(@real@ x)
-{
-  @real@ r = x;
-  if (gl_abs(x) < @magic@)
-  {
-    r = gl_copy_sign((gl_abs(x) + @magic@) - @magic@, x);
-    r = (r > x) ? (r - 0x1p+0@f@) : r;
-  }
-  return r;
-}""",
-    "gl_mantissa": """
-/* x = mantissa 2^exponent with a mantissa in [1, 2), for a normal x above 0. */
-static @real@ gl_mantissa(@real@ x)
-{
-  const @bits@ kept = gl_bits(x) & ((((@bits@)1@u@) << @shift@) - 1@u@);
-  return gl_number(kept | ((@bits@)@bias@@u@ << @shift@));
-}""",
-    "gl_exponent": """
-static @real@ gl_exponent(@real@ x)
-{
-  const @bits@ b = (gl_bits(x) >> @shift@) & (@bits@)@mask@@u@;
-  const int32_t e = (int32_t)b - (int32_t)@bias@;
-  return (@real@)e;
-}""",
-    "gl_power_of_two": """
-/* Two to the whole number that stands in the last bits of x. */
-static @real@ gl_power_of_two(@real@ x)
-{
-  return gl_number((@bits@)((@bits@)(gl_bits(x) << @shift@) + ((@bits@)@bias@@u@ << @shift@)));
-}""",
-    "gl_square": """
-static @real@ gl_square(@real@ x)
-{
-  return x * x;
-}""",
-    "gl_power": """
-/* x to a whole power from 1 on. */
-static @real@ gl_power(@real@ x, int32_t n)
-{
-  @real@ product = x;
-  for (int32_t i = 1; i < n; i++)
-  {
-    product = product * x;
-  }
-  return product;
-}""",
-    "gl_sign": """
-/* 1, -1, or x itself if it is zero or not a number. */
-static @real@ gl_sign(@real@ x)
-{
-  return (x > 0x0p+0@f@) ? 0x1p+0@f@ : ((x < 0x0p+0@f@) ? (-0x1p+0@f@) : x);
-}""",
-    "gl_below": """
-/* Whether a stands before b where what is not a number stands last. */
-static bool gl_below(@real@ a, @real@ b)
-{
-  return (a < b) || ((a == a) && (b != b));
-}""",
-    "gl_whole": """
-/* The whole number next to x towards zero, within 2^30; zero of what is not a number. */
-static int32_t gl_whole(@real@ x)
-{
-  int32_t n = 0;
-  if (x == x)
-  {
-    const @real@ low = (x > (-0x1p+30@f@)) ? x : (-0x1p+30@f@);
-    n = (int32_t)((low < 0x1p+30@f@) ? low : 0x1p+30@f@);
-  }
-  return n;
-}""",
-    "gl_whole_max": """
-static int32_t gl_whole_max(int32_t a, int32_t b)
-{
-  return (a > b) ? a : b;
-}""",
-    "gl_whole_min": """
-static int32_t gl_whole_min(int32_t a, int32_t b)
-{
-  return (a < b) ? a : b;
-}""",
-    "gl_whole_abs": """
-static int32_t gl_whole_abs(int32_t a)
-{
-  return (a < 0) ? -a : a;
-}""",
-    "gl_whole_div": """
-/* The quotient, towards zero; -1 where b is zero. */
-static int32_t gl_whole_div(int32_t a, int32_t b)
-{
-  return (b == 0) ? -1 : (a / b);
-}""",
-    "gl_whole_rem": """
-/* The remainder; a where b is zero. */
-static int32_t gl_whole_rem(int32_t a, int32_t b)
-{
-  return (b == 0) ? a : (a % b);
-}""",
-    "gl_within": """
-/* A place from 0 to the last one. */
-static int32_t gl_within(int32_t place, int32_t last)
-{
-  return (place < 0) ? 0 : ((place > last) ? last : place);
-}""",
-    "gl_lu": """
-/* Factors of an n by n matrix in its place, with row exchanges. */
-static void gl_lu(int32_t n, @real@ a[], int32_t order[])
-{
-  for (int32_t i = 0; i < n; i++)
-  {
-    order[i] = i;
-  }
-  for (int32_t k = 0; k < n; k++)
-  {
-    int32_t best = k;
-    for (int32_t i = k + 1; i < n; i++)
-    {
-      best = (gl_abs(a[(n * i) + k]) > gl_abs(a[(n * best) + k])) ? i : best;
-    }
-    if (best != k)
-    {
-      const int32_t other = order[k];
-      order[k] = order[best];
-      order[best] = other;
-      for (int32_t j = 0; j < n; j++)
-      {
-        const @real@ kept = a[(n * k) + j];
-        a[(n * k) + j] = a[(n * best) + j];
-        a[(n * best) + j] = kept;
-      }
-    }
-    for (int32_t i = k + 1; i < n; i++)
-    {
-      const @real@ factor = a[(n * i) + k] / a[(n * k) + k];
-      a[(n * i) + k] = factor;
-      for (int32_t j = k + 1; j < n; j++)
-      {
-        a[(n * i) + j] = a[(n * i) + j] - (factor * a[(n * k) + j]);
-      }
-    }
-  }
-}""",
-    "gl_product": f"""
-/* Product of an n by count and a count by m matrix; of the second one each row lies in one piece. The last columns may
-   be computed twice. */
-static void gl_product(int32_t n, int32_t m, int32_t count, const @real@ a[], int32_t a_row, int32_t a_column,
-                       const @real@ b[], int32_t b_row, @real@ to[], int32_t to_row, int32_t to_column)
-{{
-  for (int32_t i = 0; i < n; i++)
-  {{
-    for (int32_t next = 0; next < m; next += {COLUMNS})
-    {{
-      const int32_t j = (next > (m - {COLUMNS})) ? (m - {COLUMNS}) : next;
-{_each("@real@ c# = 0x0p+0@f@;", 6)}
-      for (int32_t k = 0; k < count; k++)
-      {{
-        const @real@ x = a[(a_row * i) + (a_column * k)];
-{_each("c# = c# + (x * b[(b_row * k) + j + #]);", 8)}
-      }}
-{_each("to[(to_row * i) + (to_column * (j + #))] = c#;", 6)}
-    }}
-  }}
-}}""",
-    "gl_solve": f"""
-/* Solution x of a x = b for a lower triangular n by n matrix and m columns, whose rows lie in one piece. The last
-   columns may be computed twice. */
-static void gl_solve(int32_t n, int32_t m, const @real@ a[], int32_t a_row, int32_t a_column, bool unit,
-                     const @real@ b[], @real@ x[], int32_t row)
-{{
-  for (int32_t i = 0; i < n; i++)
-  {{
-    for (int32_t next = 0; next < m; next += {COLUMNS})
-    {{
-      const int32_t j = (next > (m - {COLUMNS})) ? (m - {COLUMNS}) : next;
-{_each("@real@ c# = b[(row * i) + j + #];", 6)}
-      for (int32_t k = 0; k < i; k++)
-      {{
-        const @real@ y = a[(a_row * i) + (a_column * k)];
-{_each("c# = c# - (y * x[(row * k) + j + #]);", 8)}
-      }}
-      if (!unit)
-      {{
-        const @real@ pivot = a[(a_row * i) + (a_column * i)];
-{_each("c# = c# / pivot;", 8)}
-      }}
-{_each("x[(row * i) + j + #] = c#;", 6)}
-    }}
-  }}
-}}""",
-    "gl_sqrt": """
-/* The square root, rounded to nearest, digit by digit. */
-static @real@ gl_sqrt(@real@ x)
-{
-  @real@ root = x; /* of zero, infinity and what is not a number */
-  if (x < 0x0p+0@f@)
-  {
-    root = NAN;
-  }
-  else if ((x > 0x0p+0@f@) && (x <= @MAX@))
-  {
-    @bits@ b = gl_bits(x);
-    int32_t e = (int32_t)(b >> @shift@);
-    b &= ((@bits@)1@u@ << @shift@) - 1@u@;
-    if (e == 0) /* subnormal */
-    {
-      int32_t zeros = 0;
-      while ((zeros < @shift@) && ((b >> @shift@) == 0@u@))
-      {
-        b <<= 1;
-        zeros += 1;
-      }
-      e = 1 - zeros;
-    }
-    else
-    {
-      b |= (@bits@)1@u@ << @shift@;
-    }
-    e -= @bias@;
-    if ((e % 2) != 0)
-    {
-      b <<= 1;
-      e -= 1;
-    }
-    b <<= 1;
-    {
-      @bits@ sum = 0@u@;
-      @bits@ found = 0@u@;
-      @bits@ digit = (@bits@)2@u@ << @shift@;
-      while (digit != 0@u@)
-      {
-        const @bits@ trial = sum + digit;
-        if (trial <= b)
-        {
-          sum = trial + digit;
-          b -= trial;
-          found += digit;
-        }
-        b <<= 1;
-        digit >>= 1;
-      }
-      found += (b != 0@u@) ? (found & 1@u@) : 0@u@;
-      found = (found >> 1) + (((@bits@)@bias@@u@ - 1@u@) << @shift@);
-      if (e >= 0)
-      {
-        found += ((@bits@)e / 2@u@) << @shift@;
-      }
-      else
-      {
-        found -= ((@bits@)(-e) / 2@u@) << @shift@;
-      }
-      root = gl_number(found);
-    }
-  }
-  else
-  {
-    /* x is its own root */
-  }
-  return root;
-}""",
-}
+@functools.cache
+def _sources() -> dict[str, str]:
+    """Text of each function by its name."""
+    text = re.sub(r"^( *)@each@ (.*)$", _for_each_column, template("helpers.c"), flags=re.MULTILINE)
+    functions = text.replace("@COLUMNS@", str(COLUMNS)).strip().split("\n\n")
+    return {re.findall(r"^static \S+ (\w+)\(", function, re.MULTILINE)[0]: function for function in functions}
 
 
 def helpers(text: Iterable[str], format: Format) -> list[str]:
     """Definitions of the functions that lines of C call, each after those that it calls itself."""
-    needed: set[str] = set()
+    sources, needed = _sources(), set[str]()
     waiting = ["\n".join(text)]
     while waiting:
-        for name in set(re.findall(r"\bgl_\w+(?=\()", waiting.pop())) & _SOURCE.keys() - needed:
+        for name in set(re.findall(r"\bgl_\w+(?=\()", waiting.pop())) & sources.keys() - needed:
             needed.add(name)
-            waiting.append(_SOURCE[name])
+            waiting.append(sources[name])
     lines: list[str] = []
-    for name, source in _SOURCE.items():
+    for name, source in sources.items():
         if name in needed:
-            lines += [*_filled(source, format).strip().splitlines(), ""]
+            lines += [*_filled(source, format).splitlines(), ""]
     return lines
 
 

@@ -16,6 +16,11 @@ REAL: Final = "real"
 WHOLE: Final = "whole"
 TRUTH: Final = "truth"
 """The kinds of numbers in C: floating-point numbers, whole numbers of 32 bits, and truths."""
+INFIX: Final = {
+    "add": "+", "add_any": "+", "sub": "-", "exact_sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">",
+    "ge": ">=", "eq": "==", "ne": "!=", "and": "&&", "or": "||", "xor": "!=",
+}  # fmt: skip
+"""Operations of programs and of traced functions that are written between two numbers."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import numpy as np
+import numpy.typing as npt
 
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, identifier, kind_of
 
@@ -50,6 +52,28 @@ class Structure:
         """All elements in order: C text and kind."""
         return [(self.element(field, i), field.kind) for field in self.fields for i in range(field.size)]
 
+    def memory(self, precision: str) -> np.dtype[Any]:
+        """Places in memory: real numbers first, then whole ones of 32 bits, lowest byte first; see `declaration`."""
+        real = np.dtype(precision).newbyteorder("<")
+        held = sorted((field for field in self.fields if field.size), key=lambda field: field.kind != REAL)
+        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in held]
+        filling = [("reserved", np.dtype("<i4"), (1,))]
+        whole = np.dtype(parts or filling)
+        return np.dtype([*parts, *filling]) if whole.itemsize % real.itemsize else whole
+
+    def filled(self, leaves: Sequence[Any], precision: str) -> npt.NDArray[Any]:
+        """The structure in memory, with the leaves of the tree."""
+        room = np.zeros((), self.memory(precision))
+        for field, leaf in zip(self.fields, leaves, strict=True):
+            if field.size:
+                room[field.name] = np.ravel(leaf)
+        return room
+
+    def leaves(self, room: npt.NDArray[Any], precision: str) -> list[npt.NDArray[Any]]:
+        """Leaves of the tree of a structure in memory."""
+        none = np.zeros(0, precision)
+        return [np.array(room[f.name] if f.size else none).reshape(f.shape) for f in self.fields]
+
 
 def record(pointer: str, tree: Any) -> Structure:
     """A structure for a pytree of arrays or shapes; empty arrays have no field, but keep their place in `fields`."""
@@ -69,15 +93,7 @@ def declaration(
 ) -> list[str]:
     """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside.
 
-    Parameters
-    ----------
-    name : str
-    of : Structure
-    format : Format
-    comment : str
-        Meaning of the structure.
-    meanings : mapping of str to str, optional
-        Meanings of its fields; each of the others has its path in the tree as its comment.
+    A field without a meaning has its path in the tree as its comment.
     """
     held = [field for field in of.fields if field.size]
     reals = [field for field in held if field.kind == REAL]

@@ -14,13 +14,12 @@ import numpy.typing as npt
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
-from glucoloop.native.targets.c.compact.emit import Body, compact
+from glucoloop.native.targets.c.compact.translate import Body, compact
 from glucoloop.native.targets.c.compact.writer import Tables
-from glucoloop.native.targets.c.functions import elementary
-from glucoloop.native.targets.c.helpers import helpers
+from glucoloop.native.targets.c.helpers import helpers, template
 from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
-from glucoloop.native.targets.c.unrolled import unrolled
+from glucoloop.native.targets.c.unrolled import elementary, unrolled
 from glucoloop.refusal import Refusal
 
 UNROLLED: Final = "unrolled"
@@ -116,16 +115,9 @@ class Source:
 
 
 def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observation: Any, precision: str) -> Traced:
-    """Trace a controller's functions in a precision.
+    """Trace ``state = init(observation)`` and ``state, decision = step(state, observation)`` in a precision.
 
-    Parameters
-    ----------
-    init, step : callable
-        ``state = init(observation)`` and ``state, decision = step(state, observation)``, whose own numbers have the
-        precision.
-    observation : pytree
-        An example, or shapes.
-    precision : {"float64", "float32"}
+    The numbers of both functions already have that precision.
     """
     with jax.enable_x64(precision == DOUBLE):
         first, state = jax.make_jaxpr(init, return_shape=True)(observation)
@@ -145,23 +137,7 @@ def trace(init: Callable[[Any], Any], step: Callable[[Any, Any], Any], observati
 
 
 def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: LastClamp | None = None) -> Source:
-    """Write a controller in C.
-
-    Parameters
-    ----------
-    traced : Traced
-    title : sequence of str
-        Lines for the comment at the head of the files.
-    form : {"auto", "unrolled", "compact"}
-    last : LastClamp, optional
-
-    Raises
-    ------
-    UnsupportedError
-        If the controller does what the form cannot.
-    ValueError
-        For an unknown form.
-    """
+    """Write a controller in C, with a title at the head of its files, in the form auto, unrolled or compact."""
     if form not in (AUTO, UNROLLED, COMPACT):
         raise Refusal(f"the form is {form!r}; the known ones are: {AUTO}, {UNROLLED}, {COMPACT}")
     format, tables = FORMATS[traced.precision], Tables()
@@ -186,7 +162,7 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
     workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
     records = {"state": state, "observation": observation, "decision": decision}
     design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
-    size = _size(state, format)
+    size = state.memory(traced.precision).itemsize
     head = [
         "/*",
         *(f" * {line}".rstrip() for line in title),
@@ -240,26 +216,8 @@ def _equations(jaxpr: Any) -> Iterator[Any]:
 
 
 def _before(format: Format) -> list[str]:
-    return [
-        f'#include "{HEADER}"',
-        "",
-        "#include <float.h>",
-        "#include <math.h> /* the constants NAN and INFINITY; no function of it is called */",
-        "#include <string.h>",
-        "",
-        "#ifdef __FAST_MATH__",
-        '#error "Results are equal to the bit only where the compiler keeps to IEEE 754: leave -ffast-math out."',
-        "#endif",
-        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)" if format.type == "float" else
-        "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)",
-        '#error "This compiler computes in more digits than it stores; results would not be equal to the bit."',
-        "#endif",
-        "#if defined(__GNUC__) && !defined(__clang__) && defined(__AVX__)",
-        "/* gcc 12 may copy a table as wide constants, and loses zeros after numbers that are all alike. */",
-        '#pragma GCC optimize("no-tree-loop-distribute-patterns")',
-        "#endif",
-        "",
-    ]  # fmt: skip
+    allowed = "(FLT_EVAL_METHOD != 0)" if format.type == "float" else "(FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 1)"
+    return template("before.c").replace("@HEADER@", HEADER).replace("@DIGITS@", allowed).split("\n")
 
 
 def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence[str]) -> list[str]:
@@ -351,13 +309,3 @@ def _structures(
         "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
     )
     return "\n".join([*lines, f"/* {told_room} */", "typedef struct", "{", *room, "} gl_workspace;"])
-
-
-def _size(state: Structure, format: Format) -> int:
-    number = np.dtype(format.precision).itemsize
-    reals = sum(field.size for field in state.fields if field.kind == REAL)
-    others = sum(field.size for field in state.fields if field.kind != REAL)
-    size = number * reals + 4 * others
-    if not size:
-        return 4
-    return size + (4 if number == 8 and others % 2 else 0)

@@ -1,21 +1,22 @@
-"""The unrolled form: one C statement for each operation of a lowered program, without a branch or a loop."""
+"""The unrolled form: one C statement for each operation of a lowered program, without a branch or a loop.
+
+The elementary functions are C functions of this form, from the same programs that the other targets compile.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, Value
-from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, Format, type_of
+from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
+from glucoloop.native.targets.c.numbers import FORMATS, INFIX, REAL, TRUTH, Format, type_of
 
 Element = tuple[str, str]
 """An element of a structure: C text and kind."""
 
-_INFIX: Final = {
-    "add": "+", "sub": "-", "exact_sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "ne": "!=",
-    "and": "&&", "or": "||", "xor": "!=",
-}  # fmt: skip
 _CALLS: Final = {
     **{name: f"gl_{name}" for name in ("abs", "sqrt", "floor", "copy_sign", "mantissa", "exponent", "power_of_two")},
     "is_finite": "gl_finite",
@@ -25,13 +26,7 @@ _CALLS: Final = {
 def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
     """Statements of a lowered function without a person and without random draws.
 
-    Parameters
-    ----------
-    lowered : Lowered
-    given : sequence
-        Places of the numbers of ``carry``, ``own`` and ``shared`` are, in this order.
-    returned : sequence
-        Places of the next state and the outputs.
+    `given` are the places of the numbers of carry, own and shared; `returned` those of the next state and the outputs.
     """
     layout = lowered.layout
     inputs = [*layout.carry, *layout.own, *layout.shared]
@@ -39,12 +34,40 @@ def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Elem
     return _Writer(lowered, sources).lines(returned)
 
 
-def expression_of(lowered: Lowered, arguments: Sequence[str]) -> list[str]:
-    """The statements of an elementary function, which end by returning its value."""
-    (value,) = lowered.layout.outputs
-    given = zip(lowered.layout.own, arguments, strict=True)
-    writer = _Writer(lowered, {v: (argument, REAL) for v, argument in given})
-    return [*writer.computed(), f"return {writer.name(value)};"]
+_TOLD: Final = {
+    "exp": "e to the power x; beyond the range of numbers the largest or smallest of them.",
+    "expm1": "exp(x) - 1, exact to rounding near zero too.",
+    "tanh": "The hyperbolic tangent.",
+    "log": "The natural logarithm; not a number below zero.",
+    "sin": "The sine; not a number where x is too large for it.",
+    "cos": "The cosine; not a number where x is too large for it.",
+    "tan": "The tangent; not a number where x is too large for it.",
+    "sinh": "The hyperbolic sine.",
+    "cosh": "The hyperbolic cosine.",
+    "atan2": "The angle of the point whose second coordinate is x and whose first is y.",
+    "cbrt": "The cube root.",
+    "logistic": "1 / (1 + exp(-x)).",
+    "ceil": "The smallest whole number that is not below x.",
+    "rem": "The remainder of x / y, exact, with the sign of x.",
+    "round_even": "The nearest whole number; of two, the even one.",
+    "round_away": "The nearest whole number; of two, that further from zero.",
+}
+
+
+def elementary(text: Iterable[str], format: Format) -> list[str]:
+    """Definitions of the elementary functions that lines of C call."""
+    joined = "\n".join(text)
+    lines: list[str] = []
+    for name in FUNCTIONS:
+        if re.search(rf"\bgl_{name}\(", joined):
+            program = function(name, format.precision)
+            layout = program.layout
+            given = ("x", "y")[: len(layout.own)]
+            taken = ", ".join(f"{format.type} {argument}" for argument in given)
+            writer = _Writer(program, {v: (text, REAL) for v, text in zip(layout.own, given, strict=True)})
+            lines += [f"/* {_TOLD[name]} */", f"static {format.type} gl_{name}({taken})", "{", *writer.computed()]
+            lines += [f"return {writer.name(layout.outputs[0])};", "}", ""]
+    return lines
 
 
 class _Writer:
@@ -110,8 +133,8 @@ class _Writer:
     def _operation(self, value: Value) -> str:
         operation, arguments = self._p.operations[value]
         names = [self.name(a) for a in arguments]
-        if operation in _INFIX:
-            return f"{names[0]} {_INFIX[operation]} {names[1]}"
+        if operation in INFIX:
+            return f"{names[0]} {INFIX[operation]} {names[1]}"
         if operation in _CALLS:
             return f"{_CALLS[operation]}({', '.join(names)})"
         match operation:

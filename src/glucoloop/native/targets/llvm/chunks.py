@@ -48,20 +48,10 @@ def plan_chunks(
     size: int = OPERATIONS_A_CHUNK,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
 ) -> ChunkPlan:
-    """Divide a sequence of values, each after its arguments, into chunks.
+    """Divide values that are computed at every sample, each after its arguments, into chunks.
 
-    Parameters
-    ----------
-    program : Program
-    layout : Layout
-    values : sequence
-        Values that are computed at every sample.
-    fused : mapping
-        Products that are computed together with a sum.
-    size : int
-        Operations in a chunk.
-    vectors : mapping, optional
-        Values that are needed where a loop over rows begins, by the first of its sums.
+    `fused` are the products that are computed together with a sum; `vectors` the values that are needed where a loop
+    over rows begins, by the first of its sums.
     """
     parts = [values[i : i + size] for i in range(0, len(values), size)] or [[]]
     home = {value: number for number, part in enumerate(parts) for value in part}

@@ -25,17 +25,10 @@ VECTORS_A_BLOCK: Final = 4
 
 
 class Emitter:
-    """Writes the code of one kernel.
+    """Writer of the code of one kernel, with products fused or strict, and `lanes` people side by side in one vector.
 
-    Parameters
-    ----------
-    lowered : Lowered
-    products : {"fused", "strict"}
-    lanes : int
-        Number of people side by side in one vector.
-    apart : bool
-        Whether what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
-        caller that goes through the samples and the vectors itself. See `text`.
+    If it is apart, what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
+    caller that goes through the samples and the vectors itself. See `text`.
     """
 
     def __init__(self, lowered: Lowered, products: str, lanes: int, *, apart: bool = False) -> None:

@@ -81,16 +81,8 @@ class Kernel:
     def run(self, person: Array, carry: Array, own: Array, shared: Array, outputs: Array, *, threads: int = 1) -> None:
         """Carry all people through all samples, in place.
 
-        Parameters
-        ----------
-        person : (numbers, people) array
-        carry : (numbers, people) array
-            State at the start; it is overwritten with the state at the end.
-        own : (samples, numbers, people) array
-        shared : (samples, numbers) array
-        outputs : (samples, numbers, people) array
-            Outputs, which are overwritten.
-        threads : int
+        `person` and `carry` are (numbers, people) arrays, `own` and `outputs` (samples, numbers, people), and `shared`
+        (samples, numbers). The state at the end is written over `carry`, and the outputs over `outputs`.
         """
         samples, people = shared.shape[0], carry.shape[1]
         blocks = people // self.lanes
@@ -111,19 +103,7 @@ class Kernel:
 
 
 def compile_kernel(lowered: Lowered, *, products: str = FUSED) -> Kernel:
-    """Compile a lowered function for this processor.
-
-    Parameters
-    ----------
-    lowered : Lowered
-    products : {"fused", "strict"}
-        See `glucoloop.native.targets.products`.
-
-    Raises
-    ------
-    ValueError
-        For another way of rounding products.
-    """
+    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`)."""
     if products not in (FUSED, STRICT):
         raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
     text = Emitter(lowered, products, lanes(lowered.precision)).text()

@@ -48,17 +48,9 @@ class _Sum:
 def find_rows(
     program: Program, order: Sequence[Value], results: Sequence[Value], places: Mapping[Value, int]
 ) -> list[MatrixRows]:
-    """Find rows that a loop can carry out.
+    """Find rows that a loop can carry out, in values of which each comes after its arguments.
 
-    Parameters
-    ----------
-    program : Program
-    order : sequence
-        Values that are computed, each after its arguments.
-    results : sequence
-        Values that are needed after the program.
-    places : mapping
-        Place in memory of each value that is stored there, from which a matrix is made.
+    `places` are the places in memory of the values that are stored there, of which a matrix is made.
     """
     uses = Counter(results)
     for value in order:

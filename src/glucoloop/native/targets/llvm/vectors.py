@@ -14,16 +14,9 @@ _BITS: Final = ("and", "or", "xor")
 
 
 class VectorCode:
-    """Lines of code with fresh names, and the operations that they are made of.
+    """Lines of code with fresh names, and the operations that they are made of, for vectors of `lanes` people.
 
-    Parameters
-    ----------
-    lanes : int
-        Number of people side by side in one vector.
-    double : bool
-        Whether numbers are float64; otherwise they are float32.
-    alignment : int
-        Number of bytes of which the address of a vector in memory is a multiple.
+    The address of a vector in memory is a multiple of `alignment` bytes.
     """
 
     def __init__(self, lanes: int, *, double: bool, alignment: int) -> None:

@@ -56,13 +56,7 @@ def linker() -> str | None:
 
 
 def linker_version() -> str:
-    """Version of the linker, as it tells it.
-
-    Raises
-    ------
-    ValueError
-        If it is absent.
-    """
+    """Version of the linker, as it tells it."""
     return subprocess.run([_linker(), "--version"], capture_output=True, text=True, check=True).stdout.strip()
 
 
@@ -74,22 +68,9 @@ def _linker() -> str:
 
 
 def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
-    """Compile and link lowered functions as one WebAssembly module.
+    """Compile and link lowered functions as one module, by the names under which it exports them, identifiers of C.
 
-    Parameters
-    ----------
-    functions : mapping
-        Name of each exported function -> the lowered function. Names are identifiers of C.
-
-    Returns
-    -------
-    bytes
-        The module, the same for the same functions and versions of llvmlite and of the linker.
-
-    Raises
-    ------
-    ValueError
-        If the linker is absent or fails, or a name is not an identifier.
+    The module is the same for the same functions and versions of llvmlite and of the linker.
     """
     for name in functions:
         if not name.isidentifier() or not name.isascii() or name in _ARGUMENTS:

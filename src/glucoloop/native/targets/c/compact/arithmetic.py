@@ -18,9 +18,10 @@ from jax import lax
 
 from glucoloop.native import flatten, primitives
 from glucoloop.native.functions import FURTHEST_WHOLE
-from glucoloop.native.interpreter import DOES, interpret, larger, smaller
+from glucoloop.native.interpreter import interpret, larger, smaller
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
+from glucoloop.native.program import DOES
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, kind_of
 
 Array = npt.NDArray[Any]
@@ -156,9 +157,13 @@ class Arithmetic:
 
     def _moved(self, equation: Any, given: Sequence[Array]) -> list[Array]:
         whole = np.concatenate([array.ravel() for array in given])
+        found = self._known_places(equation, lambda: places_of(equation, [array.shape for array in given]))
+        return [whole[places] for places in found]
+
+    def _known_places(self, equation: Any, find: Callable[[], list[npt.NDArray[np.int64]]]) -> Any:
         if id(equation) not in self._places:
-            self._places[id(equation)] = equation, places_of(equation, [array.shape for array in given])
-        return [whole[places] for places in self._places[id(equation)][1]]
+            self._places[id(equation)] = equation, find()
+        return self._places[id(equation)][1]
 
     def _reduced(self, name: str, equation: Any, a: Array) -> Array:
         start, of = _REDUCED[name]
@@ -224,27 +229,20 @@ class Arithmetic:
     def _gather(self, equation: Any, a: Array, indices: Array) -> Array:
         axis = primitives.gathered_axis(equation)
         if axis is None:  # by places that are constant, or else the translation refuses it
-            if id(equation) not in self._places:
-                self._places[id(equation)] = equation, [gather_places(equation, a.shape, indices)]
-            return a.ravel()[self._places[id(equation)][1][0]]
+            (places,) = self._known_places(equation, lambda: [gather_places(equation, a.shape, indices)])
+            return np.asarray(a.ravel()[places])
         bounded = np.clip(indices[..., 0], 0, a.shape[axis] - 1)
         found: Array = gathered_to(equation, np.take(a, bounded, axis=axis), axis, indices.ndim - 1)
         return found
 
-    def _goes(self, equation: Any, a: Array, indices: Array, updates: Array) -> npt.NDArray[np.int64]:
-        if id(equation) not in self._places:
-            self._places[id(equation)] = equation, [scatter_places(equation, a.shape, indices, updates.shape)]
-        return self._places[id(equation)][1][0]
-
-    def _scatter(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
-        found = a.copy()
-        found.ravel()[self._goes(equation, a, indices, updates)] = updates
+    def _scattered(self, equation: Any, a: Array, indices: Array, updates: Array, *, adds: bool) -> Array:
+        known = self._known_places(equation, lambda: [scatter_places(equation, a.shape, indices, updates.shape)])
+        found, (places,) = a.copy(), known
+        found.ravel()[places] = found.ravel()[places] + updates if adds else updates
         return found
 
-    def _scatter_add(self, equation: Any, a: Array, indices: Array, updates: Array) -> Array:
-        found, places = a.copy(), self._goes(equation, a, indices, updates)
-        found.ravel()[places] = found.ravel()[places] + updates
-        return found
+    _scatter = functools.partialmethod(_scattered, adds=False)
+    _scatter_add = functools.partialmethod(_scattered, adds=True)
 
     def _lu(self, equation: Any, a: Array) -> list[Array]:
         del equation
@@ -274,6 +272,49 @@ class Arithmetic:
                 total = total - a[i, k] * x[k]
             x[i] = total if how.unit_diagonal else total / a[i, i]
         return x if how.left else x.T
+
+
+class Evaluation:
+    """A function that was traced in a precision, in the compact form's arithmetic, for repeated evaluation.
+
+    It is the reference against which the C of that form is checked. Each value has a flag, whether it depends on
+    constants alone.
+    """
+
+    def __init__(self, closed: Any, precision: str) -> None:
+        self._closed, self._arithmetic = closed, Arithmetic(precision)
+
+    def __call__(self, arguments: Sequence[Any]) -> list[Array]:
+        """Results of the function for arrays."""
+        return [array for array, _ in self._run(self._closed, [self._value(argument)[0] for argument in arguments])]
+
+    def _value(self, array: Any) -> tuple[Array, bool]:
+        return constant(array, self._arithmetic.precision), True
+
+    def _run(self, closed: Any, given: Sequence[Array]) -> list[tuple[Array, bool]]:
+        """Results of a function of arrays that are not constants."""
+        return primitives.evaluated(closed, [(array, False) for array in given], self._value, self._equation)
+
+    def _equation(self, equation: Any, inputs: list[tuple[Array, bool]]) -> list[tuple[Array, bool]]:
+        name, called = equation.primitive.name, primitives.called(equation)
+        arrays, known = [array for array, _ in inputs], [is_known for _, is_known in inputs]
+        if name == "custom_linear_solve":
+            called, taken = primitives.solver(equation)
+            inputs = [inputs[i] for i in taken]
+        if name == "cond":
+            options = primitives.branches(equation)
+            called, inputs = options[min(max(int(arrays[0]), 0), len(options) - 1)], inputs[1:]
+            if not known[0]:
+                return [(array, False) for array, _ in self._run(called, arrays[1:])]
+        if called is not None:
+            return primitives.evaluated(called, inputs, self._value, self._equation)
+        if name == "scan":
+            loop = primitives.scan(equation)
+            rows = primitives.rounds(loop, arrays, lambda given: [array for array, _ in self._run(loop.round, given)])
+            return [(array, False) for array in rows]
+        results = self._arithmetic(name, equation, arrays, known)
+        small = name in SAME or all(result.size <= LARGEST_CONSTANT for result in results)
+        return [(result, small and all(known)) for result in results]
 
 
 _REDUCED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {

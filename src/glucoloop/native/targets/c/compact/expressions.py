@@ -11,12 +11,8 @@ from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import SMALL_POWERS, function_of
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Operation
 from glucoloop.native.targets.c.compact.writer import Writer
-from glucoloop.native.targets.c.numbers import REAL, WHOLE
+from glucoloop.native.targets.c.numbers import INFIX, REAL, WHOLE
 
-_INFIX: Final = {
-    "add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">",
-    "ge": ">=", "eq": "==", "ne": "!=", "and": "&&", "or": "||", "xor": "!=",
-}  # fmt: skip
 _CALLS: Final = {
     "abs": "gl_abs", "sqrt": "gl_sqrt", "floor": "gl_floor", "square": "gl_square", "sign": "gl_sign",
     "is_finite": "gl_finite", "max": "gl_max", "min": "gl_min", "lt_to": "gl_below",
@@ -36,12 +32,12 @@ def template(operation: Operation, writer: Writer) -> str:
     called = function_of(name, equation)
     if called is not None:
         return f"gl_{called}({_arguments(operation)})"
-    if name in _INFIX:
+    if name in INFIX:
         if first == np.bool_ and name in ("lt", "le", "gt", "ge", "add", "mul"):
             raise UnsupportedError(f"the operation {name!r} of truths")
         if name in ("and", "or", "xor") and first != np.bool_:
             raise UnsupportedError("bits of whole numbers")
-        return f"({{0}} {_INFIX[name]} {{1}})"
+        return f"({{0}} {INFIX[name]} {{1}})"
     if name in _CALLS:
         return f"{_CALLS[name]}({_arguments(operation)})"
     match name:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from jax.extend import core
 
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, SAME, Arithmetic, Array, constant
@@ -74,18 +73,7 @@ class _Flattener:
         return _pruned(inputs, inner._operations, outputs)
 
     def _run(self, closed: Any, arguments: Sequence[Operand]) -> list[Operand]:
-        jaxpr = closed.jaxpr
-        values: dict[Any, Operand] = dict(zip(jaxpr.invars, arguments, strict=True))
-        for variable, array in zip(jaxpr.constvars, closed.consts, strict=True):
-            values[variable] = constant(array, self._precision)
-
-        def read(atom: Any) -> Operand:
-            return constant(atom.val, self._precision) if isinstance(atom, core.Literal) else values[atom]
-
-        for equation in jaxpr.eqns:
-            results = self._equation(equation, [read(atom) for atom in equation.invars])
-            values.update(zip(equation.outvars, results, strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
+        return primitives.evaluated(closed, arguments, lambda array: constant(array, self._precision), self._equation)
 
     def _equation(self, equation: Any, inputs: list[Operand]) -> Sequence[Operand]:
         name, called = equation.primitive.name, primitives.called(equation)

@@ -13,14 +13,14 @@ from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band, product_axes
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
-from glucoloop.native.targets.c.compact.settle import Environment, Settler, permuted, shape_of
+from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted, shape_of
 from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
 from glucoloop.native.targets.c.compact.writer import FEW
 from glucoloop.native.targets.c.helpers import COLUMNS
 from glucoloop.native.targets.c.numbers import REAL, WHOLE
 
 
-class LinearAlgebra(Settler):
+class LinearAlgebra(ValueStore):
     """Writes products of arrays, factorisations and solutions of linear equations."""
 
     def _dot_general(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
@@ -43,8 +43,8 @@ class LinearAlgebra(Settler):
             product = self._matrices(output, left, right, environment, (summed_a[0], summed_b[0]))
             if product is not None:
                 return [product]
-        a = self._readable(left, environment, flat) if alone_b else self._settled(left, environment)
-        b = self._readable(right, environment, flat) if alone_a else self._settled(right, environment)
+        a = self._readable(left, environment, flat) if alone_b else self._stored(left, environment)
+        b = self._readable(right, environment, flat) if alone_a else self._stored(right, environment)
         a, b = permuted(a, [*batch[0], *free_a, *summed_a]), permuted(b, [*batch[1], *free_b, *summed_b])
         n, f = len(batch[0]), len(free_a)
         inner = [shape_of(left)[i] for i in summed_a]

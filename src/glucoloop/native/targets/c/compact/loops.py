@@ -9,13 +9,13 @@ from dataclasses import replace
 
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.flat import Flat, Operation, Variable
-from glucoloop.native.targets.c.compact.settle import Environment, Settler
+from glucoloop.native.targets.c.compact.stored import Environment, ValueStore
 from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, views_of
 from glucoloop.native.targets.c.compact.writer import Writer
 from glucoloop.native.targets.c.numbers import REAL
 
 
-class Loops(Settler):
+class Loops(ValueStore):
     """Writes loops whose number of rounds is known, and choices between functions."""
 
     def __init__(self, writer: Writer) -> None:
@@ -32,8 +32,8 @@ class Loops(Settler):
         constants = operation.inputs[: loop.constants]
         carried = operation.inputs[loop.constants : loop.constants + loop.carried]
         rows = operation.inputs[loop.constants + loop.carried :]
-        values: list[Value] = [self._settled(given, environment) for given in constants]
-        each = [self._settled(given, environment) for given in rows]
+        values: list[Value] = [self._stored(given, environment) for given in constants]
+        each = [self._stored(given, environment) for given in rows]
         held: list[Value] = []
         of_loop = inner.inputs[loop.constants : loop.constants + loop.carried]
         for given, output, inside in zip(carried, operation.outputs, of_loop, strict=False):
@@ -99,8 +99,8 @@ class Loops(Settler):
 
     def _cond(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         index, *given = operation.inputs
-        which = self._scalar(self._settled(index, environment)).text
-        values = [self._settled(operand, environment) for operand in given]
+        which = self._scalar(self._stored(index, environment)).text
+        values = [self._stored(operand, environment) for operand in given]
         results = [self._place_of_choice(i, operation, values, flat) for i in range(len(operation.outputs))]
         last = len(operation.inner) - 1
         for n, branch in enumerate(operation.inner):

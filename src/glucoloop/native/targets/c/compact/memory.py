@@ -49,7 +49,7 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
     def put(found: re.Match[str]) -> str:
         return str(place[int(found.group(1))] + int(found.group(2)))
 
-    return [_tidy(_MARK.sub(put, line)) for line in lines], total
+    return [_MARK.sub(put, line).replace(" + 0]", "]") for line in lines], total
 
 
 def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:
@@ -94,10 +94,6 @@ def _in_order(order: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int
         place[array.number] = at
         total = max(total, at + array.size)
     return place, total
-
-
-def _tidy(line: str) -> str:
-    return re.sub(r" \+ 0\]", "]", line)
 
 
 def _lives(lines: Sequence[str]) -> Lives:

@@ -13,12 +13,22 @@ from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of, scatter_places
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
-from glucoloop.native.targets.c.compact.settle import Environment, Settler, shape_of
-from glucoloop.native.targets.c.compact.values import Maker, Places, Scalar, Tree, Value, View, dense, regular_places
+from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, shape_of
+from glucoloop.native.targets.c.compact.values import (
+    Maker,
+    Places,
+    Scalar,
+    Tree,
+    Value,
+    View,
+    dense,
+    places_at,
+    regular_places,
+)
 from glucoloop.native.targets.c.numbers import WHOLE
 
 
-class Moves(Settler):
+class Moves(ValueStore):
     """Writes what moves elements and computes nothing."""
 
     def _moved(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
@@ -43,9 +53,9 @@ class Moves(Settler):
     def _taken(self, given: Operand, places: Places, environment: Environment, flat: Flat, *, whole: bool) -> Value:
         """Elements of an array, by their places."""
         if math.prod(shape_of(given)) == 1:
-            number = self._w.local(self._scalar(self._settled(given, environment)))
+            number = self._w.local(self._scalar(self._stored(given, environment)))
             return number if places.size == 1 else Tree(places.shape, number.kind, "{0}", (number,))
-        value = self._readable(given, environment, flat) if whole else self._settled(given, environment)
+        value = self._readable(given, environment, flat) if whole else self._stored(given, environment)
         if isinstance(value, Tree) and value.is_uniform:
             (only,) = value.parts
             if isinstance(only, Scalar):
@@ -54,7 +64,7 @@ class Moves(Settler):
         if isinstance(value, Tree):
             moved = value.mapped(lambda view: view.moved(places), places.shape)
             if moved is None:
-                value = self._settled(given, environment)
+                value = self._stored(given, environment)
         if isinstance(value, View):
             moved = value.moved(places)
             if moved is None:
@@ -116,7 +126,7 @@ class Moves(Settler):
         view = self._view(given, environment)
         sizes = primitives.slice_sizes(operation.equation)
         for start, stride, n, size in zip(starts, view.strides, view.shape, sizes, strict=True):
-            text = self._scalar(self._settled(start, environment)).text
+            text = self._scalar(self._stored(start, environment)).text
             at = self._w.local(Scalar(f"gl_within({text}, {n - size})", WHOLE))
             view = replace(view, terms=(*view.terms, f"{stride} * {at.text}" if stride != 1 else at.text))
         view = replace(view, shape=tuple(sizes))
@@ -176,10 +186,7 @@ class Moves(Settler):
 
 def _part(to: View, first: int, strides: tuple[int, ...], shape: tuple[int, ...]) -> View:
     """A part of an array, given by places in the whole as if it stood row by row."""
-    places: Any = first
-    for axis, stride in enumerate(strides):
-        places = places + stride * np.arange(shape[axis]).reshape([-1 if i == axis else 1 for i in range(len(shape))])
-    part = to.moved(np.broadcast_to(np.asarray(places, np.int64), shape))
+    part = to.moved(places_at(first, strides, shape))
     if part is None:
         raise UnsupportedError("a part of an array at irregular places")
     return part

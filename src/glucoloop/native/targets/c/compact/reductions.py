@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.flat import Flat, Operation
-from glucoloop.native.targets.c.compact.settle import Environment, Settler, permuted
+from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted
 from glucoloop.native.targets.c.compact.values import Maker, Scalar, Value, View
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
 
@@ -22,7 +22,7 @@ _STEPS: Final = {
 }
 
 
-class Reductions(Settler):
+class Reductions(ValueStore):
     """Writes what leaves one number of many."""
 
     def _reduced(self, operation: Operation, environment: Environment, flat: Flat) -> Value:

@@ -1,53 +1,47 @@
-"""Translation of a traced function to C with loops."""
+"""Translation of a traced function to C with loops: its lines, its tables and the workspace that it needs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.native.flatten import MOVES, REDUCTIONS
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE
 from glucoloop.native.targets.c.compact.expressions import template
-from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operation, Variable
+from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operation, Variable, flatten
 from glucoloop.native.targets.c.compact.linear import LinearAlgebra
 from glucoloop.native.targets.c.compact.loops import Loops
+from glucoloop.native.targets.c.compact.memory import placed
 from glucoloop.native.targets.c.compact.moves import Moves
 from glucoloop.native.targets.c.compact.reductions import Reductions
-from glucoloop.native.targets.c.compact.settle import Environment
-from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, views_of
+from glucoloop.native.targets.c.compact.stored import Environment
+from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, dense, views_of
+from glucoloop.native.targets.c.compact.writer import Tables, Writer
+from glucoloop.native.targets.c.numbers import FORMATS
+from glucoloop.native.targets.c.records import Structure
 
 _LONGEST: Final = 160
 """Largest number of letters in an expression of one number."""
 
 
-@dataclass(frozen=True)
-class Place:
-    """Place of a leaf of a structure."""
-
-    text: str
-    kind: str
-    shape: tuple[int, ...]
-
-    @property
-    def view(self) -> View:
-        """View of the leaf as an array."""
-        strides = tuple(math.prod(self.shape[i + 1 :]) for i in range(len(self.shape)))
-        return View(self.text, self.kind, self.shape, strides, is_plain=self.shape == (), is_field=True)
+_LOCAL: Final = re.compile(r"\bv\d+\b")
+_DEFINED: Final = re.compile(r"const \w+ (v\d+) = ")
 
 
 class Translator(LinearAlgebra, Moves, Reductions, Loops):
     """Writes the C of a flat function."""
 
-    def translate(self, flat: Flat, given: Sequence[Place], returned: Sequence[Place]) -> None:
+    def translate(self, flat: Flat, given: Sequence[View], returned: Sequence[View]) -> None:
         """Write the whole function; its results are stored after everything was read."""
-        environment: Environment = {v: place.view for v, place in zip(flat.inputs, given, strict=True)}
+        environment: Environment = dict(zip(flat.inputs, given, strict=True))
         values = self._body(flat, environment)
         waiting = []
-        for value, place in zip(values, returned, strict=True):
-            to = place.view
+        for value, to in zip(values, returned, strict=True):
             if math.prod(to.shape) == 0 or value == to:
                 continue
             if isinstance(value, Scalar) or math.prod(to.shape) == 1:
@@ -104,3 +98,41 @@ class Translator(LinearAlgebra, Moves, Reductions, Loops):
         if flat.uses.get(output, 0) > 1 or len(scalar.text) > _LONGEST:
             return self._w.local(scalar)
         return scalar
+
+
+@dataclass(frozen=True)
+class Body:
+    """The lines of a C function."""
+
+    lines: Sequence[str]
+    workspace: Mapping[str, int]
+    """Count of numbers of each kind in the workspace."""
+
+
+def compact(
+    closed: Any, given: Sequence[Structure], returned: Sequence[Structure], precision: str, tables: Tables
+) -> Body:
+    """Write a traced function in the compact form, with its arguments and results in records, leaf by leaf."""
+    writer = Writer(FORMATS[precision], tables)
+    Translator(writer).translate(flatten(closed, precision), _views(given), _views(returned))
+    lines, workspace = placed(_used(writer.lines), writer.arrays)
+    return Body(lines=lines, workspace=workspace)
+
+
+def _used(lines: Sequence[str]) -> list[str]:
+    """Lines without local constants that nothing reads."""
+    while True:
+        read = Counter(name for line in lines for name in _LOCAL.findall(line))
+        kept = [line for line in lines if not ((found := _DEFINED.match(line)) and read[found.group(1)] == 1)]
+        if len(kept) == len(lines):
+            return kept
+        lines = kept
+
+
+def _views(records: Sequence[Structure]) -> list[View]:
+    """Leaves of structures as arrays."""
+    return [
+        View(f"{of.pointer}->{f.name}", f.kind, f.shape, dense(f.shape), is_plain=not f.is_array, is_field=True)
+        for of in records
+        for f in of.fields
+    ]

@@ -75,17 +75,10 @@ class View:
 
     def moved(self, places: Places) -> View | None:
         """The elements at places, counted row by row; None unless they are at regular distances."""
-        offsets = sum(
-            (np.arange(n).reshape([-1 if i == axis else 1 for i in range(len(self.shape))]) * stride)
-            for axis, (n, stride) in enumerate(zip(self.shape, self.strides, strict=True))
-        )
-        flat = np.broadcast_to(np.asarray(offsets, np.int64), self.shape).ravel()
-        regular = _regular(flat[places])
-        return (
-            None
-            if regular is None
-            else replace(self, shape=places.shape, strides=regular[1], base=self.base + regular[0])
-        )
+        regular = regular_places(places_at(0, self.strides, self.shape).ravel()[places])
+        if regular is None:
+            return None
+        return replace(self, shape=places.shape, strides=regular[1], base=self.base + regular[0])
 
     def row(self, axis: int, index: str) -> View:
         """View without an axis, at an index of it."""
@@ -191,23 +184,20 @@ def views_of(value: Any) -> list[View]:
     return []
 
 
+def places_at(first: int, strides: Sequence[int], shape: Sequence[int]) -> Places:
+    """Places at regular distances, an array of a shape."""
+    places: Any = first
+    for axis, (n, stride) in enumerate(zip(shape, strides, strict=True)):
+        places = places + stride * np.arange(n).reshape([-1 if i == axis else 1 for i in range(len(shape))])
+    return np.broadcast_to(np.asarray(places, np.int64), shape)
+
+
 def regular_places(places: Places) -> tuple[int, tuple[int, ...]] | None:
-    """First place and strides of places at regular distances."""
-    return _regular(places)
-
-
-def _regular(places: Places) -> tuple[int, tuple[int, ...]] | None:
+    """First place and strides of places at regular distances; None of others."""
     first = int(places.ravel()[0]) if places.size else 0
     strides = []
     for axis in range(places.ndim):
         index = [0] * places.ndim
         index[axis] = 1
         strides.append(int(places[tuple(index)]) - first if places.shape[axis] > 1 else 0)
-    expected: Any = first
-    for axis, stride in enumerate(strides):
-        expected = expected + stride * np.arange(places.shape[axis]).reshape(
-            [-1 if i == axis else 1 for i in range(places.ndim)]
-        )
-    if not np.array_equal(np.broadcast_to(expected, places.shape), places):
-        return None
-    return first, tuple(strides)
+    return (first, tuple(strides)) if np.array_equal(places_at(first, strides, places.shape), places) else None

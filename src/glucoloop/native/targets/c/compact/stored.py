@@ -13,7 +13,7 @@ from glucoloop.native.targets.c.compact.writer import Writer
 Environment = dict[Variable, Value]
 
 
-class Settler:
+class ValueStore:
     """Reads values, and writes those to memory that are not there yet."""
 
     def __init__(self, writer: Writer) -> None:
@@ -38,7 +38,7 @@ class Settler:
             value = self._materialised(value)
         return Scalar(self._w.element(value, ["0"] * len(value.shape)), value.kind)
 
-    def _settled(self, operand: Operand, environment: Environment) -> Value:
+    def _stored(self, operand: Operand, environment: Environment) -> Value:
         """A value that may be read anywhere below, any number of times."""
         value = self._read(operand, environment)
         if math.prod(shape_of(operand)) == 1:
@@ -50,7 +50,7 @@ class Settler:
         return value
 
     def _view(self, operand: Operand, environment: Environment) -> View:
-        value = self._settled(operand, environment)
+        value = self._stored(operand, environment)
         if isinstance(value, View):
             return value
         view = self._materialised(
@@ -68,9 +68,9 @@ class Settler:
         once = isinstance(operand, Variable) and flat.uses[operand] == 1
         if isinstance(value, Tree) and (value.is_uniform or (once and value.size < LARGEST_EXPRESSION)):
             return value
-        found = self._settled(operand, environment)
+        found = self._stored(operand, environment)
         if isinstance(found, Maker):
-            raise AssertionError("a settled array is in memory")
+            raise AssertionError("a stored array is in memory")
         return found
 
     def _readable_or_maker(self, given: Operand, environment: Environment, flat: Flat) -> Value:

@@ -1,0 +1,14 @@
+/* Wake the controller at an observation; the first step may be given the same observation. */
+void gl_init(gl_workspace *workspace, gl_state *state, const gl_observation *observation);
+
+/* Decide on the dose until the next sample. It cannot fail, whatever it is given. */
+void gl_step(gl_workspace *workspace, gl_state *state, const gl_observation *observation,
+             gl_decision *decision);
+
+/* Write the state to a record that survives a loss of power. */
+void gl_save(const gl_state *state, uint8_t record[GL_RECORD_SIZE]);
+
+/* Read a state back; false if the record is damaged or of another design, and the state is as it was. */
+bool gl_restore(gl_state *state, const uint8_t record[GL_RECORD_SIZE]);
+
+#endif
