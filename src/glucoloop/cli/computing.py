@@ -52,7 +52,7 @@ def computing(typed: Given) -> Computing:
 def compute(folder: TrialFolder, where: Computing) -> None:
     """Design the controllers, and compute the shards that are missing."""
     from glucoloop.cohorts.engine import prepare
-    from glucoloop.report.facts import engine_notes
+    from glucoloop.report.descriptions import engine_notes
 
     trial, threads = folder.trial, where.workers if where.dask is None else None
     if folder.missing():

@@ -142,7 +142,7 @@ def plot_heat_maps(
         if place and not stacked:
             axes.tick_params(labelleft=False)
     entries = _legend(legend_shades(maps, shades), what, mark)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
 
 

@@ -174,5 +174,5 @@ def _finished(figure: Figure, panels: dict[str, Axes], entries: dict[str, Artist
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_offset_text().set_fontsize(FONT_PT)
     figure.align_ylabels([axes for name, axes in panels.items() if name != "response"])
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure

@@ -178,7 +178,7 @@ def plot_surface(
     if printed is not None and printed not in surface.tunings:
         entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark("D")
     _add_bar(figure, image, grid)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
 
 

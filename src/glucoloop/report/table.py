@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
@@ -25,42 +24,35 @@ _OF_A_BOUND: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Row:
-    """One metric of one run or of several."""
+class MetricRow(NamedTuple):
+    """One metric of one run or of several, in mmol/l too if it is in mg/dl; in the terminal with its `statistic`."""
 
     section: str
     name: str
     unit: str
-    values: tuple[str, ...]
-    mmol_l: tuple[str, ...] | None = None
-    """The values in mmol/l, of a metric in mg/dl."""
-    second: str = ""
-    """Statistic over people, in the terminal."""
+    values: Sequence[str]
+    mmol_l: Sequence[str] | None = None
+    statistic: str = ""
 
 
-def metric_rows(metrics: Mapping[str, Metrics]) -> list[Row]:
+def metric_rows(metrics: Mapping[str, Metrics]) -> list[MetricRow]:
     """Rows for runs by label, one value per run; a time that is only a lower bound ends in "+"."""
     if not metrics:
         raise Refusal("there are no metrics to show; give those of at least one run")
     plain = [of_run.as_dict() for of_run in metrics.values()]
-    return [
-        _row(metric.section, result, plain)
-        for metric in metrics_with(next(iter(metrics.values())).further)
-        for result in metric.results
-        if result.title and (not result.seldom or any(values[result.name] for values in plain))
-    ]
+    rows = []
+    for metric in metrics_with(next(iter(metrics.values())).further):
+        for result in metric.results:
+            if result.title and (not result.seldom or any(values[result.name] for values in plain)):
+                texts, mmol_l = [_text(result, of_run) for of_run in plain], None
+                if result.unit == "mg/dl":
+                    other = dataclasses.replace(result, digits=2, divisor=MG_DL_PER_MMOL_L)
+                    mmol_l = [_text(other, of_run) for of_run in plain]
+                rows.append(MetricRow(metric.section, result.title, result.unit, texts, mmol_l))
+    return rows
 
 
-def _row(section: str, result: Result, metrics: Sequence[Mapping[str, float | int | bool | None]]) -> Row:
-    values = tuple(_cell(result, of_run) for of_run in metrics)
-    if result.unit != "mg/dl":
-        return Row(section, result.title, result.unit, values)
-    other = dataclasses.replace(result, digits=2, divisor=MG_DL_PER_MMOL_L)
-    return Row(section, result.title, result.unit, values, tuple(_cell(other, of_run) for of_run in metrics))
-
-
-def _cell(result: Result, metrics: Mapping[str, float | int | bool | None]) -> str:
+def _text(result: Result, metrics: Mapping[str, float | int | bool | None]) -> str:
     """A value of one run as text."""
     value = metrics[result.name]
     if value is None or isinstance(value, bool):
@@ -111,14 +103,14 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
         If there are none, or some are of many people.
     """
     rows = metric_rows(metrics)
-    for name, field in _OF_A_BOUND.items() if distances is not None else ():
-        known = distances or {}
-        values = (f"{getattr(known[label], field):z.2f}" if label in known else NOT_AVAILABLE for label in metrics)
-        rows.append(Row("Bound", name, "mg/dl", tuple(values)))
+    if distances is not None:
+        for name, field in _OF_A_BOUND.items():
+            values = [f"{getattr(distances[at], field):z.2f}" if at in distances else NOT_AVAILABLE for at in metrics]
+            rows.append(MetricRow("Bound", name, "mg/dl", values))
     return lines_table("Metric", metrics, rows)
 
 
-def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
+def lines_table(head: str, labels: Iterable[str], rows: Sequence[MetricRow]) -> Table:
     """A table for the terminal; piped, it is plain text."""
     from rich import box
     from rich.table import Table
@@ -126,8 +118,8 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(head, no_wrap=True)
-    seconds = any(row.second for row in rows)
-    if seconds:
+    statistics = any(row.statistic for row in rows)
+    if statistics:
         table.add_column("")
     for label in labels:
         # Text, since square brackets in a label would be taken for markup
@@ -141,5 +133,5 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[Row]) -> Table:
             section = row.section
             table.add_row(Text(section, "bold"))
         name = f"  {row.name}" if row.section else row.name
-        table.add_row(name, *([row.second] if seconds else []), *row.values, row.unit)
+        table.add_row(name, *([row.statistic] if statistics else []), *row.values, row.unit)
     return table

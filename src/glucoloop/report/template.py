@@ -24,7 +24,7 @@ import glucoloop
 from glucoloop.printable import glucose_text, percent
 from glucoloop.report.charts import colour
 from glucoloop.report.columns import headings
-from glucoloop.report.fault_words import settings_in_words, when_in_words
+from glucoloop.report.descriptions import settings_in_words, when_in_words
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.units import MG_DL_PER_MMOL_L
 

@@ -111,7 +111,7 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint
     entries[f"lowest allowed {report.lowest_glucose_mg_dl:g} mg/dl"] = bound
     _draw_ranges(panels["bars"], report, entries, width)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
 
 

@@ -228,7 +228,7 @@ def plot_detection(found: Findings, *, title: str | None = None, width: Width = 
     for axes in panels.values():
         _style.dress(axes)
     figure.align_ylabels([panels["eating"], panels["emptying"]])
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
 
 

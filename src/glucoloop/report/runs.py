@@ -11,13 +11,12 @@ import numpy.typing as npt
 
 from glucoloop.control import Status
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import concentrations, validity_note
+from glucoloop.report.validity import concentrations, stretches, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
 Floats = npt.NDArray[np.float64]
-Period = tuple[float, float]
-"""First and last moment, in min."""
+Pair = tuple[float, float]
 
 STATUS_WORDS: Final = {
     Status.SATURATED: "Dose at the pump's limits",
@@ -39,13 +38,14 @@ _SAME_MG_DL = 1e-9
 
 @dataclass(frozen=True)
 class PlottedRun:
-    """One trace as NumPy arrays."""
+    """One trace as NumPy arrays; rates hold from each time on, and the last one repeats that of the last sample."""
 
     label: str
     t_min: Floats
     """(samples + 1,) times of the samples and of the horizon."""
     insulin_mU_min: Floats
-    """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
+    command_mU_min: Floats
+    """(samples + 1,) rates that the controller commanded; NaN where it gave no number."""
     fine_t_min: Floats
     fine_glucose_mg_dl: Floats
     """Glucose of the model, which may be below 0 where the model is not valid."""
@@ -55,34 +55,24 @@ class PlottedRun:
     setpoint_mg_dl: float
     basal_insulin_mU_min: float
     lowest_valid_mg_dl: float
-    """Glucose below which the patient's model is not valid."""
     validity_note: str | None
-    """Sentence on the times at which glucose was below that limit; None if it never was."""
-    boluses: tuple[tuple[float, float], ...]
-    """Time and size of each bolus that was delivered, (min, U)."""
-    command_mU_min: Floats
-    """(samples + 1,) rates that the controller commanded, as `insulin_mU_min`; NaN where it gave no number."""
-    command_boluses: tuple[tuple[float, float], ...]
-    """Time and size of each bolus that was commanded, (min, U)."""
-    periods: Mapping[str, tuple[Period, ...]]
-    """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
-    meals: tuple[tuple[float, float], ...]
+    boluses: Sequence[Pair]
+    """Time in min and size in U of each bolus that was delivered."""
+    command_boluses: Sequence[Pair]
+    meals: Sequence[Pair]
     """Time in min and carbohydrate in g of each meal."""
+    periods: Mapping[str, Sequence[Pair]]
+    """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
 
     @property
     def shown_glucose_mg_dl(self) -> Floats:
         """Glucose to be drawn; NaN where it is below 0."""
         return concentrations(self.fine_glucose_mg_dl)
 
-    @property
-    def horizon_min(self) -> float:
-        """Length of the run."""
-        return float(self.fine_t_min[-1])
 
-
-def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -> list[PlottedRun]:
+def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
     """Runs of a trace, or of several by label; Refusal for none, one of many people, or different meals."""
-    named = {label: traces} if isinstance(traces, Trace) else dict(traces)
+    named = {"glucose": traces} if isinstance(traces, Trace) else traces
     if not named:
         raise Refusal("there is no trace to show; give at least one")
     runs = [_run(str(name), trace) for name, trace in named.items()]
@@ -99,54 +89,44 @@ def _run(label: str, trace: Trace) -> PlottedRun:
     fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
     if fine_glucose.ndim != 1:
         raise Refusal(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
-    t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
-    insulin, reading = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.reading_mg_dl, float)
-    carbs_g, command = np.asarray(trace.carbs_g, float), np.asarray(trace.command_mU_min, float)
+    sample_t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
+    t_min, status = np.append(sample_t_min, fine_t_min[-1]), np.asarray(trace.status)
+    insulin, command = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.command_mU_min, float)
+    reading = np.asarray(trace.reading_mg_dl, float)
     valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
     differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
     shown = valid if (valid & differs).any() else np.zeros_like(valid)
+    there = {words: status == kind for kind, words in STATUS_WORDS.items()}
+    there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
     return PlottedRun(
         label=label,
-        t_min=np.append(t_min, fine_t_min[-1]),
+        t_min=t_min,
         insulin_mU_min=np.append(insulin, insulin[-1]),
+        command_mU_min=np.append(command, command[-1]),
         fine_t_min=fine_t_min,
         fine_glucose_mg_dl=fine_glucose,
-        reading_t_min=t_min[shown],
+        reading_t_min=sample_t_min[shown],
         reading_mg_dl=reading[shown],
         setpoint_mg_dl=float(trace.setpoint_mg_dl),
         basal_insulin_mU_min=float(trace.basal_insulin_mU_min),
         lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
         validity_note=validity_note(trace),
-        meals=_above_zero(t_min, carbs_g),
-        boluses=_boluses(t_min, trace.bolus_mU),
-        command_mU_min=np.append(command, command[-1]),
-        command_boluses=_boluses(t_min, trace.command_bolus_mU),
-        periods=_periods(np.append(t_min, fine_t_min[-1]), np.asarray(trace.status), valid),
+        boluses=_above_zero(t_min, trace.bolus_mU, MU_PER_U),
+        command_boluses=_above_zero(t_min, trace.command_bolus_mU, MU_PER_U),
+        meals=_above_zero(t_min, trace.carbs_g),
+        periods={words: periods(t_min, of) for words, of in there.items() if of.any()},
     )
 
 
-def _periods(
-    t_min: Floats, status: npt.NDArray[np.int64], valid: npt.NDArray[np.bool_]
-) -> dict[str, tuple[Period, ...]]:
-    """Periods of each status that occurs, from its first sample to the one after its last."""
-    of_all = {STATUS_WORDS[kind]: status == kind for kind in STATUS_WORDS}
-    of_all[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
-    return {name: periods(t_min, there) for name, there in of_all.items() if there.any()}
-
-
-def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> tuple[Period, ...]:
+def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:
     """Periods in which something is there at samples ``(n,)`` that begin at the times ``(n + 1,)``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
-    return tuple((float(t_min[first]), float(t_min[after])) for first, after in edges.reshape(-1, 2))
+    return [(float(t_min[first]), float(t_min[after])) for first, after in stretches(there)]
 
 
-def _boluses(t_min: Floats, bolus_mU: npt.ArrayLike | None) -> tuple[tuple[float, float], ...]:
-    return () if bolus_mU is None else _above_zero(t_min, np.asarray(bolus_mU, float) / MU_PER_U)
-
-
-def _above_zero(t_min: Floats, amounts: Floats) -> tuple[tuple[float, float], ...]:
+def _above_zero(t_min: Floats, amounts: npt.ArrayLike | None, divisor: float = 1.0) -> list[Pair]:
     """Times and amounts, where there is any."""
-    return tuple((float(t), float(amount)) for t, amount in zip(t_min, amounts, strict=True) if amount > 0.0)
+    some = () if amounts is None else np.asarray(amounts, float) / divisor
+    return [(float(t), float(amount)) for t, amount in zip(t_min, some, strict=False) if amount > 0.0]
 
 
 def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
@@ -154,6 +134,6 @@ def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
     return list(dict.fromkeys(run.lowest_valid_mg_dl for run in runs if run.validity_note is not None))
 
 
-def values_in_words(values: list[float], unit: str) -> str:
+def values_in_words(values: Sequence[float], unit: str) -> str:
     """Text of the distinct values with their unit."""
     return " and ".join(dict.fromkeys(f"{value:.4g}" for value in values)) + f" {unit}"
