@@ -244,5 +244,5 @@ def test_a_glucose_below_0_is_no_number(make_trace, drawn):
     least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Least glucose")
     assert least.values == least.mmol_l == ["not valid"]
     undershoot = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Undershoot")
-    assert undershoot.values == ("not valid",)
+    assert undershoot.values == ["not valid"]
     assert "least not valid at" in page

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,38 +35,45 @@ STATUS_WORDS: Final = {
 _SAME_MG_DL = 1e-9
 
 
-@dataclass(frozen=True)
 class PlottedRun:
-    """One trace as NumPy arrays; rates hold from each time on, and the last one repeats that of the last sample."""
+    """One trace of one person as NumPy arrays, by a label; Refusal for many people."""
 
-    label: str
-    t_min: Floats
-    """(samples + 1,) times of the samples and of the horizon."""
-    insulin_mU_min: Floats
-    command_mU_min: Floats
-    """(samples + 1,) rates that the controller commanded; NaN where it gave no number."""
-    fine_t_min: Floats
-    fine_glucose_mg_dl: Floats
-    """Glucose of the model, which may be below 0 where the model is not valid."""
-    reading_t_min: Floats
-    """Times of valid readings; empty if all of them equal the patient's glucose."""
-    reading_mg_dl: Floats
-    setpoint_mg_dl: float
-    basal_insulin_mU_min: float
-    lowest_valid_mg_dl: float
-    validity_note: str | None
-    boluses: Sequence[Pair]
-    """Time in min and size in U of each bolus that was delivered."""
-    command_boluses: Sequence[Pair]
-    meals: Sequence[Pair]
-    """Time in min and carbohydrate in g of each meal."""
-    periods: Mapping[str, Sequence[Pair]]
-    """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
+    def __init__(self, label: str, trace: Trace) -> None:
+        self.label = label
+        self.fine_t_min = np.asarray(trace.fine_t_min, float)
+        self.fine_glucose_mg_dl = np.asarray(trace.fine_glucose_mg_dl, float)  # below 0 where the model is not valid
+        if self.fine_glucose_mg_dl.ndim != 1:
+            people = self.fine_glucose_mg_dl.shape[1:]
+            raise Refusal(f"{label!r} is of people of shape {people}; show one person at a time")
+        self.shown_glucose_mg_dl = concentrations(self.fine_glucose_mg_dl)
+        self.setpoint_mg_dl = float(trace.setpoint_mg_dl)
+        self.basal_insulin_mU_min = float(trace.basal_insulin_mU_min)
+        self.lowest_valid_mg_dl = float(trace.lowest_valid_mg_dl)
+        self.validity_note = validity_note(trace)
+        # (samples + 1,) times of the samples and of the horizon, and rates from each on, of which the last is repeated
+        sample_t_min = np.asarray(trace.t_min, float)
+        self.t_min = np.append(sample_t_min, self.fine_t_min[-1])
+        self.insulin_mU_min = _held_to_the_end(trace.insulin_mU_min)
+        self.command_mU_min = _held_to_the_end(trace.command_mU_min)  # NaN where the controller gave no number
+        # valid readings, or none if all of them equal the patient's glucose
+        reading = np.asarray(trace.reading_mg_dl, float)
+        valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
+        differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
+        shown = valid & (valid & differs).any()
+        self.reading_t_min, self.reading_mg_dl = sample_t_min[shown], reading[shown]
+        # times in min, with U of insulin or g of carbohydrate
+        self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
+        self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
+        self.meals = _above_zero(self.t_min, trace.carbs_g)
+        # periods without a valid reading, and those of each status of decisions but OK
+        there = {words: np.asarray(trace.status) == kind for kind, words in STATUS_WORDS.items()}
+        there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
+        self.periods = {words: periods(self.t_min, of) for words, of in there.items() if of.any()}
 
-    @property
-    def shown_glucose_mg_dl(self) -> Floats:
-        """Glucose to be drawn; NaN where it is below 0."""
-        return concentrations(self.fine_glucose_mg_dl)
+
+def _held_to_the_end(rates: npt.ArrayLike) -> Floats:
+    held = np.asarray(rates, float)
+    return np.append(held, held[-1])
 
 
 def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
@@ -75,7 +81,7 @@ def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
     named = {"glucose": traces} if isinstance(traces, Trace) else traces
     if not named:
         raise Refusal("there is no trace to show; give at least one")
-    runs = [_run(str(name), trace) for name, trace in named.items()]
+    runs = [PlottedRun(str(label), trace) for label, trace in named.items()]
     for run in runs[1:]:
         if run.meals != runs[0].meals:
             raise Refusal(
@@ -83,39 +89,6 @@ def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
                 "and others apart"
             )
     return runs
-
-
-def _run(label: str, trace: Trace) -> PlottedRun:
-    fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
-    if fine_glucose.ndim != 1:
-        raise Refusal(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
-    sample_t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
-    t_min, status = np.append(sample_t_min, fine_t_min[-1]), np.asarray(trace.status)
-    insulin, command = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.command_mU_min, float)
-    reading = np.asarray(trace.reading_mg_dl, float)
-    valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
-    differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
-    shown = valid if (valid & differs).any() else np.zeros_like(valid)
-    there = {words: status == kind for kind, words in STATUS_WORDS.items()}
-    there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
-    return PlottedRun(
-        label=label,
-        t_min=t_min,
-        insulin_mU_min=np.append(insulin, insulin[-1]),
-        command_mU_min=np.append(command, command[-1]),
-        fine_t_min=fine_t_min,
-        fine_glucose_mg_dl=fine_glucose,
-        reading_t_min=sample_t_min[shown],
-        reading_mg_dl=reading[shown],
-        setpoint_mg_dl=float(trace.setpoint_mg_dl),
-        basal_insulin_mU_min=float(trace.basal_insulin_mU_min),
-        lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
-        validity_note=validity_note(trace),
-        boluses=_above_zero(t_min, trace.bolus_mU, MU_PER_U),
-        command_boluses=_above_zero(t_min, trace.command_bolus_mU, MU_PER_U),
-        meals=_above_zero(t_min, trace.carbs_g),
-        periods={words: periods(t_min, of) for words, of in there.items() if of.any()},
-    )
 
 
 def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:

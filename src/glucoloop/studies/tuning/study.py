@@ -20,7 +20,7 @@ from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.report.surface import STATES, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
@@ -256,11 +256,6 @@ _NAMES: Final = {
     "move_weight": "move weight Γ_u",
     "output_weight": "output weight Γ_y",
 }
-_WITHOUT_NUMBER: Final = {
-    "impossible": "p < m, no such tuning",
-    "refused": "no controller can be designed",
-    "not tried": "not tried",
-}
 
 
 @dataclass(frozen=True)
@@ -289,7 +284,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         "columns": [column for column in _COLUMNS if column.name != "filter" or "reference_filter" in shown.columns()],
         "lines": [*best, *beyond],
         "why_not": "",
-        "impossible": _WITHOUT_NUMBER["impossible"],
+        "impossible": STATES["impossible"][0],
     }
     try:
         places = layout(shown)
@@ -312,12 +307,12 @@ def _panels(
     """Caption of each panel, and its rows of cells from the top down."""
     colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
-    for combination in places.combinations():
+    for combination, panel in places.panels.items():
         rows = [
             (f"{value:g}", [_cell(surface, best, printed.tuning, colours, cell) for cell in row])
-            for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
+            for value, row in zip(places.levels[places.y], panel, strict=True)
         ]
-        yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
+        yield texts(places.beside, _SYMBOLS, combination), rows[::-1]
 
 
 def _cell(
@@ -329,11 +324,11 @@ def _cell(
 ) -> SurfaceCell:
     point = cell.point
     if point is None:
-        told = _WITHOUT_NUMBER[cell.kind] + (f": {cell.reason}" if cell.reason else "")
-        return SurfaceCell(cell.kind.replace(" ", "-"), told)
+        told = STATES[cell.state][0] + (f": {cell.reason}" if cell.reason else "")
+        return SurfaceCell(cell.state.replace(" ", "-"), told)
     tuning = surface.tunings[point]
-    if not np.isfinite(surface.sse[point]):
-        return SurfaceCell("refused", f"{tuning_text(tuning)}: glucose left the finite numbers")
+    if cell.state == "not finite":
+        return SurfaceCell("refused", f"{tuning_text(tuning)}: {STATES[cell.state][0]}")
     told = ", ".join(
         [
             f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
@@ -343,7 +338,7 @@ def _cell(
         ]
     )
     return SurfaceCell(
-        "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
+        cell.state,
         told,
         _short(float(surface.sse[point])),
         ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),
