@@ -84,20 +84,18 @@ def plot(
             else "traces holds runs of one person and of many; draw them in two figures"
         )
     runs = [] if of_people else labelled_runs(of_one)
-    horizon_min = max(
-        float(t_min[-1]) for t_min in [run.t_min for run in of_people.values()] + [run.t_min for run in runs]
-    )
+    shown: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
+    horizon_min = max(float(run.t_min[-1]) for run in shown)
     figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
     entries: dict[str, Artist] = {}
     if of_people:
         _draw_people(above, below, of_people, divisor, entries)
-        first = next(iter(of_people.values()))
-        meals = [(meal.t_min, meal.carbs_g) for meal in first.scenario.meals]
-        _draw_levels(above, [first.setpoint_mg_dl], lowest_glucose_mg_dl, entries)
+        meals = [(meal.t_min, meal.carbs_g) for meal in next(iter(of_people.values())).scenario.meals]
     else:
         _draw_glucose(above, runs, divisor, entries)
-        meals = list(runs[0].meals)
-        _draw_levels(above, [run.setpoint_mg_dl for run in runs], lowest_glucose_mg_dl, entries)
+        meals = runs[0].meals
+    _draw_levels(above, [float(run.setpoint_mg_dl) for run in shown], lowest_glucose_mg_dl, entries)
+    if runs:
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)
     _style.mark_meals(above, meals, horizon_min, width)

@@ -16,8 +16,8 @@ from glucoloop.parts.metrics import described
 from glucoloop.printable import NOT_AVAILABLE, glucose_text, percent
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import INSULIN, Panel, Plot, TimeAxis, colour, extent, nice_ticks, thinned
+from glucoloop.report.columns import MetricRow
 from glucoloop.report.page import glucose_panel, mark_faults
-from glucoloop.report.table import MetricRow
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations

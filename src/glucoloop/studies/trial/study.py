@@ -16,6 +16,7 @@ from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.parts.metrics import described
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, glucose_text, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
+from glucoloop.report.columns import MetricRow, lines_table
 from glucoloop.report.descriptions import (
     controllers_facts,
     engine_facts,
@@ -24,7 +25,6 @@ from glucoloop.report.descriptions import (
     trial_facts,
 )
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.table import MetricRow, lines_table
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.warnings import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
