@@ -191,12 +191,12 @@ def thinned(t_min: npt.ArrayLike, values: npt.ArrayLike, most: int) -> tuple[Flo
     t, y = np.asarray(t_min, float), np.asarray(values, float)
     if t.size <= most:
         return t, y
-    kept = {0, t.size - 1}
+    places = {0, t.size - 1}
     for part in np.array_split(np.arange(t.size), max(1, most // 2)):
         finite = part[np.isfinite(y[part])]
-        kept |= {int(finite[y[finite].argmin()]), int(finite[y[finite].argmax()])} if finite.size else {int(part[0])}
-    places = sorted(kept)
-    return t[places], y[places]
+        places |= {int(finite[y[finite].argmin()]), int(finite[y[finite].argmax()])} if finite.size else {int(part[0])}
+    chosen = sorted(places)
+    return t[chosen], y[chosen]
 
 
 def looks(index: int) -> str:

@@ -120,17 +120,18 @@ def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column
     each cell, with nothing but these columns.
     """
     by = cells.columns
-    own = [column for column in columns if column.of is not None]
-    found = people.group_by(by, maintain_order=True).agg([c.of.alias(c.name) for c in own if c.of is not None])
+    found = people.group_by(by, maintain_order=True).agg([c.of.alias(c.name) for c in columns if c.of is not None])
     found = found.with_columns(selectors.unsigned_integer().cast(pl.Int64))  # which is what counts are elsewhere
     joined = cells.join(found, on=by, how="left", maintain_order="left", nulls_equal=True)
-    return joined.with_columns(pl.col(c.name).fill_null(c.empty) for c in own if c.empty is not None)
+    return joined.with_columns(
+        pl.col(c.name).fill_null(c.empty) for c in columns if c.of is not None and c.empty is not None
+    )
 
 
 def headings(columns: Iterable[Column]) -> list[tuple[str, list[Column]]]:
     """The columns of the page below the headings that they share."""
     shown = [column for column in columns if column.group or column.head]
-    return [(group, list(own)) for group, own in groupby(shown, lambda column: column.group)]
+    return [(group, list(alike)) for group, alike in groupby(shown, lambda column: column.group)]
 
 
 def terminal_table(

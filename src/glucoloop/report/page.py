@@ -179,13 +179,13 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxi
     # within the limits of the pump, so that a command beyond them does not squeeze the other rates
     commanded = [np.clip(run.command_mU_min, *bounds) for run in runs]
     high = 1.08 * extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)[1]
-    told = "; ".join(
+    rates = "; ".join(
         f"{run.label}: from {np.nanmin(run.insulin_mU_min):.2f} to {np.nanmax(run.insulin_mU_min):.2f} mU/min, "
         f"basal rate {run.basal_insulin_mU_min:.2f}"
         for run in runs
         if np.isfinite(run.insulin_mU_min).any()
     )
-    panel = Panel(INSULIN, time, 0.0, high, rem=10.0, alt=f"Rate of insulin. {told}")
+    panel = Panel(INSULIN, time, 0.0, high, rem=10.0, alt=f"Rate of insulin. {rates}")
     panel.level(basal, "level dash-2", f"basal {values_in_words(basal, 'mU/min')}")
     seen = [bound for bound in bounds if 0.0 < bound <= high]
     panel.level(seen, "level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}")
@@ -200,7 +200,7 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxi
 
 
 def _bolus_panel(runs: Sequence[PlottedRun], time: TimeAxis) -> Panel:
-    delivered = "; ".join(f"{run.label}: {_boluses_told(run.boluses)}" for run in runs)
+    delivered = "; ".join(f"{run.label}: {_boluses_text(run.boluses)}" for run in runs)
     few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
     panel = Panel(
         BOLUS,
@@ -236,7 +236,7 @@ def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: flo
             yield name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]]
 
 
-def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
+def _boluses_text(boluses: Sequence[tuple[float, float]]) -> str:
     if not boluses:
         return "none"
     total = sum(size for _, size in boluses)
@@ -259,7 +259,7 @@ def _events_of(run: PlottedRun) -> Iterator[str]:
             if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
                 yield f"Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
     if run.boluses or run.command_boluses:
-        yield f"Boluses delivered: {_boluses_told(run.boluses)}."
+        yield f"Boluses delivered: {_boluses_text(run.boluses)}."
     yield from (f"{name} {in_words(periods)}." for name, periods in run.periods.items())
     if run.validity_note is not None:
         yield run.validity_note

@@ -32,7 +32,7 @@ _INSULIN_MM: Final = 24.0
 _BAR_MM: Final = 8.5
 _CHARACTER_MM: Final = 1.7  # of the font's boldest
 _AROUND_MM: Final = 30.0  # title, legend and the axis of the bars
-_LEAST_SHARE_TOLD: Final = 7.0  # percent of a bar that has room for its own number
+_LEAST_SHARE_WRITTEN: Final = 7.0  # percent of a bar that has room for its own number
 _BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
 """Lower and upper quantile of each band, and its opacity."""
 
@@ -135,7 +135,7 @@ def _legend_of_bands() -> dict[str, Artist]:
     return entries
 
 
-def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> None:
+def _draw_grid(axes: Axes, case: CaseReport, colour: str, characters: int) -> None:
     from matplotlib.colors import LinearSegmentedColormap, LogNorm, to_rgba
     from matplotlib.patches import Rectangle
 
@@ -146,7 +146,7 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
         place = (corner[0] + CELLS - 1.0, corner[1] + CELLS - 1.0)
         _style.write(axes, region[-1], place, ha="left", va="top", zorder=4)
     counts = np.ma.masked_less(np.asarray(case.cvga_counts, float).T, 0.5)
-    colours = LinearSegmentedColormap.from_list("people", [to_rgba(of_case, 0.3), to_rgba(of_case, 1.0)])
+    colours = LinearSegmentedColormap.from_list("people", [to_rgba(colour, 0.3), to_rgba(colour, 1.0)])
     edges = np.arange(3 * CELLS + 1)
     top = max(10.0, float(counts.max() or 1.0)) if counts.count() else 10.0
     axes.pcolormesh(edges, edges, counts, cmap=colours, norm=LogNorm(1.0, top), zorder=2, rasterized=True)
@@ -155,7 +155,11 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
     axes.set_xticks(ticks, [f"{limit:g}" for limit in MINIMUM_LIMITS_MG_DL])
     axes.set_yticks(ticks, [f"{limit:g}" for limit in MAXIMUM_LIMITS_MG_DL])
     axes.set(box_aspect=1.0, anchor="W", xlim=(3 * CELLS, 0), ylim=(0, 3 * CELLS))
-    shares = [f"{zone} {percent(share)}" for zone, share in zone_pct(case.cvga_counts).items() if share != 0.0]
+    shares = [
+        f"{zone}\N{NO-BREAK SPACE}{percent(share)}"
+        for zone, share in zone_pct(case.cvga_counts).items()
+        if share != 0.0
+    ]
     text = textwrap.fill(", ".join(shares), characters, break_on_hyphens=False, break_long_words=False)
     axes.set_xlabel(f"Minimum (mg/dl)\n{text}")
 
@@ -169,14 +173,14 @@ def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], wi
         for name, time in zip(RANGES, times, strict=True):
             bar = axes.barh(index, time, left=left, height=0.42, color=RANGE_COLOURS[name], linewidth=0.0)
             entries.setdefault(f"{name} mg/dl", bar[0])
-            if time >= _LEAST_SHARE_TOLD:
+            if time >= _LEAST_SHARE_WRITTEN:
                 _style.write(axes, percent(time), (left + time / 2.0, index), va="center_baseline")
             left += time
-        name_told = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
-        _style.write(axes, name_told, (0.0, index - 0.26), ha="left", fontweight="bold")
+        name = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
+        _style.write(axes, name, (0.0, index - 0.26), ha="left", fontweight="bold")
         if width == "double":
-            told = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
-            _style.write(axes, told, (100.0, index - 0.26), ha="right")
+            beyond = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
+            _style.write(axes, beyond, (100.0, index - 0.26), ha="right")
     axes.spines["left"].set_visible(False)
     axes.set(xlim=(0.0, 100.0), ylim=(len(report.cases) - 0.7, -0.75), yticks=[])
     axes.set_xlabel("Time in range, mean over the people (%)")

@@ -140,9 +140,9 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
             (panels[0], case.bands_t_min, case.glucose_quantiles, False),
             (panels[1], np.append(case.insulin_t_min, case.bands_t_min[-1]), case.insulin_quantiles, True),
         ):
-            kept = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
-            t = t_min[kept]
-            shown = {q: np.append(values, values[-1:])[kept] for q, values in quantiles.items()}
+            drawn = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
+            t = t_min[drawn]
+            shown = {q: np.append(values, values[-1:])[drawn] for q, values in quantiles.items()}
             for low, high in BANDS:
                 name = f"{100 * (high - low):.0f} % of the people"
                 panel.band(t, shown[low], shown[high], f"band {colour(index)}", name, held=held)
@@ -182,9 +182,9 @@ def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most:
             kind = f"thin {colour(index)}"
             named: dict[str, Any] = {"name": f"person {one.person}", "person": one.person}
             above.line(*thinned(one.t_min, concentrations(one.glucose_mg_dl), most), kind, **named)
-            kept = slice(None, None, -(-len(one.insulin_t_min) // most))
-            rate = one.insulin_mU_min[kept]
-            below.steps(np.append(one.insulin_t_min[kept], one.t_min[-1]), np.append(rate, rate[-1:]), kind, **named)
+            drawn = slice(None, None, -(-len(one.insulin_t_min) // most))
+            rate = one.insulin_mU_min[drawn]
+            below.steps(np.append(one.insulin_t_min[drawn], one.t_min[-1]), np.append(rate, rate[-1:]), kind, **named)
         plots.append(Plot(label, panels))
     return plots
 

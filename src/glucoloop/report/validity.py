@@ -40,10 +40,10 @@ def validity(trace: Trace) -> dict[str, Any]:
 
 def validity_note(trace: Trace) -> str | None:
     """Warning about a run in which glucose was below the range in which the model is valid, or None."""
-    return validity_told(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
+    return validity_sentence(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
 
 
-def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
+def validity_sentence(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
     """The same warning for glucose at given times and the limit of the model; arguments as for `periods_below`."""
     periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:

@@ -13,7 +13,7 @@ from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_sit
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.validity import validity_told
+from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.bound import BoundRequest
@@ -160,7 +160,7 @@ def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
             )
     limit = float(lowest_valid_glucose_mg_dl(asked.nominal))
     for label, plan in bounds.plans.items():
-        not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
+        not_valid = validity_sentence(plan.fine_t_min, plan.glucose_mg_dl, limit)
         if not_valid is not None:
             yield f"{label}: {not_valid}"
     if asked.dead_time_min and bounds.plans:
