@@ -134,7 +134,13 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     insulin = [case.insulin_quantiles[BANDS[0][1]] for case in cases]
     plots = []
     for index, (label, case) in enumerate(report.cases.items()):
-        panels = _panels(report, glucose, insulin, _alts(label, case))
+        courses = ", ".join(
+            _course(name, case.glucose_quantiles[quantile], case.bands_t_min, "mg/dl")
+            for quantile, name in ((0.05, "5th percentile"), (0.5, "median"), (0.95, "95th percentile"))
+        )
+        doses = _course("median", case.insulin_quantiles[0.5], case.insulin_t_min, "mU/min")
+        alts = f"Glucose under {label}: {courses}", f"Insulin under {label}: {doses}"
+        panels = _panels(report, glucose, insulin, alts)
         # each rate is held until the next, the last until the end
         for panel, t_min, quantiles, held in (
             (panels[0], case.bands_t_min, case.glucose_quantiles, False),
@@ -151,22 +157,14 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     return plots
 
 
-def _alts(label: str, case: CaseReport) -> tuple[str, str]:
-    def course(quantiles: Floats, t_min: Floats, unit: str) -> str:
-        if not np.isfinite(quantiles).any():
-            return "not known"
-        least, most = int(np.nanargmin(quantiles)), int(np.nanargmax(quantiles))
-        return (
-            f"least {quantiles[least]:.1f} {unit} at {t_min[least]:g} min, greatest {quantiles[most]:.1f} at "
-            f"{t_min[most]:g} min"
-        )
-
-    glucose = ", ".join(
-        f"{name} {course(np.asarray(case.glucose_quantiles[q]), case.bands_t_min, 'mg/dl')}"
-        for q, name in ((0.05, "5th percentile"), (0.5, "median"), (0.95, "95th percentile"))
+def _course(name: str, quantiles: Floats, t_min: Floats, unit: str) -> str:
+    if not np.isfinite(quantiles).any():
+        return f"{name} not known"
+    least, most = int(np.nanargmin(quantiles)), int(np.nanargmax(quantiles))
+    return (
+        f"{name} least {quantiles[least]:.1f} {unit} at {t_min[least]:g} min, greatest {quantiles[most]:.1f} at "
+        f"{t_min[most]:g} min"
     )
-    insulin = course(np.asarray(case.insulin_quantiles[0.5]), case.insulin_t_min, "mU/min")
-    return f"Glucose under {label}: {glucose}", f"Insulin under {label}: median {insulin}"
 
 
 def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most: int) -> list[Plot]:

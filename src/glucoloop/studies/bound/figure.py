@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from glucoloop.bounds import OptimalDoses
 from glucoloop.meals import Meal
@@ -14,6 +13,7 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import Width
+from glucoloop.report.charts import extent
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -49,18 +49,13 @@ def plot_bound(
     entries[f"setpoint {first.setpoint_mg_dl:.4g} mg/dl"] = setpoint
     entries[f"basal {first.basal_insulin_mU_min:.4g} mU/min"] = basal
     _style.mark_meals(above, [(meal.t_min, meal.carbs_g) for meal in meals], horizon_min, width)
-    above.set_ylim(*_extent([plan.glucose_mg_dl for plan in plans.values()], 0.08))
-    low, high = _extent([np.zeros(1), *(plan.insulin_mU_min for plan in plans.values())], 0.06)
+    low, high = extent(*(plan.glucose_mg_dl for plan in plans.values()))
+    above.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    low, high = extent([0.0], *(plan.insulin_mU_min for plan in plans.values()))
+    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
     for limit in (float(limits.min_mU_min), float(limits.max_mU_min)):
         if low <= limit <= high:
             entries["pump limits"] = below.axhline(limit, **_style.PUMP_LIMIT)
     below.set_ylim(low, high)
     _style.add_legend(figure, entries, width)
     return figure
-
-
-def _extent(shown: Iterable[npt.NDArray[np.float64]], margin: float) -> tuple[float, float]:
-    values = np.concatenate(list(shown))
-    low, high = float(values.min()), float(values.max())
-    room = margin * max(high - low, 0.1)
-    return low - room, high + room
