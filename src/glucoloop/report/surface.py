@@ -44,7 +44,7 @@ _MOST_TICKS: Final = 8
 _DARK: Final = 0.45  # a ground of less luminance than this has white letters
 _LEAST: Final = 1e-12  # a logarithm is taken
 # Words, hatching, and a ground where the cell has no number.
-STATES: Final[dict[str, tuple[str, str, str | None]]] = {
+_KINDS: Final[dict[str, tuple[str, str, str | None]]] = {
     "breaks": ("breaks a constraint", "xxxxx", None),
     "oscillates": ("oscillates", "/////", None),
     "not finite": ("glucose left the finite numbers", "+++++", "0.75"),
@@ -52,13 +52,13 @@ STATES: Final[dict[str, tuple[str, str, str | None]]] = {
     "impossible": ("p < m, no such tuning", "", "0.88"),
     "not tried": ("not tried", "", "0.97"),
 }
-"""States of a cell of which there is more to say than a number."""
+"""Kinds of cells of which there is more to say than a number."""
 
 
 class Cell(NamedTuple):
-    """One place of the grid: a state of `STATES` or ``"kept"``, its point on the surface, or why it was refused."""
+    """One place of the grid: a kind of `_KINDS` or ``"kept"``, its point on the surface, or why it was refused."""
 
-    state: str
+    kind: str
     point: int | None = None
     reason: str = ""
 
@@ -69,43 +69,51 @@ class SurfaceLayout:
 
     x: str
     y: str
-    beside: tuple[str, ...]
+    panels: tuple[str, ...]
     levels: dict[str, list[float]]
     """The values of each parameter, in rising order."""
-    panels: dict[tuple[float, ...], list[list[Cell]]]
-    """Cells ``[row][column]`` of each panel, by its values of the parameters `beside`; every place holds a cell."""
+    cells: dict[tuple[float, ...], list[list[Cell]]]
+    """Cells ``[row][column]`` of each panel, by its values of the parameters in `panels`; every place holds a cell."""
+
+    def combinations(self) -> list[tuple[float, ...]]:
+        """Parameter values that distinguish the panels; one empty combination for a single panel."""
+        return list(self.cells)
+
+    def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
+        """Cells of a panel, ``[row][column]``."""
+        return self.cells[combination]
 
 
 def layout(surface: TuningSurface) -> SurfaceLayout:
     """Lay out a surface; Refusal for more panels than can be read."""
     cells = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
-    cells |= {tuning: Cell(_state(surface, point), point) for point, tuning in enumerate(surface.tunings)}
+    cells |= {tuning: Cell(_kind(surface, point), point) for point, tuning in enumerate(surface.tunings)}
     filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
     names = [name for name in PARAMETERS if filtered or name != "reference_filter"]
     known = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
     levels = {name: sorted(set(values)) for name, values in zip(names, zip(*known, strict=True), strict=True)}
     varying = [name for name in names if len(levels[name]) > 1]
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
-    beside = tuple(varying[2:])
-    combinations = sorted({tuple(values[names.index(name)] for name in beside) for values in known})
+    panels = tuple(varying[2:])
+    combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in known})
     if len(combinations) > MOST_PANELS:
         raise Refusal(
             f"the surface would need {len(combinations)} panels, at most {MOST_PANELS} can be seen; "
-            f"give fewer values of {' and '.join(beside)}"
+            f"give fewer values of {' and '.join(panels)}"
         )
 
     def cell(values: dict[str, float]) -> Cell:
         missing = "impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried"
         return known.get(tuple(values[name] for name in names), Cell(missing))
 
-    panels = {}
+    rows = {}
     for combination in combinations:
-        fixed = {name: of[0] for name, of in levels.items()} | dict(zip(beside, combination, strict=True))
-        panels[combination] = [[cell(fixed | {x: right, y: up}) for right in levels[x]] for up in levels[y]]
-    return SurfaceLayout(x, y, beside, levels, panels)
+        fixed = {name: values[0] for name, values in levels.items()} | dict(zip(panels, combination, strict=True))
+        rows[combination] = [[cell(fixed | {x: right, y: up}) for right in levels[x]] for up in levels[y]]
+    return SurfaceLayout(x, y, panels, levels, rows)
 
 
-def _state(surface: TuningSurface, point: int) -> str:
+def _kind(surface: TuningSurface, point: int) -> str:
     if not np.isfinite(surface.sse[point]):
         return "not finite"
     if not surface.feasible[point]:
@@ -136,14 +144,14 @@ def plot_surface(
     places = layout(surface)
     if not np.isfinite(surface.sse).any():
         raise Refusal("the surface has no finite sum of squared errors to show")
-    count = len(places.panels)
+    count = len(places.cells)
     columns = min(_PANELS_PER_ROW.get(width, 1), count)
     rows = -(-count // columns)
     figure = _style.new_figure(width, rows * _ROW_MM + _AROUND_MM, title)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     marked = {"best": surface.best() if surface.acceptable.any() else None, called: printed}
     entries: dict[str, Artist] = {}
-    for number, (axes, (values, cells)) in enumerate(zip(grid.flat, places.panels.items(), strict=False)):
+    for number, (axes, (values, cells)) in enumerate(zip(grid.flat, places.cells.items(), strict=False)):
         image = _draw_cells(axes, surface, cells, entries)
         _draw_marks(axes, surface, cells, marked, entries)
         _style.dress(axes)
@@ -153,7 +161,7 @@ def plot_surface(
         ):
             at = np.arange(0, len(levels), -(-len(levels) // _MOST_TICKS))
             set_ticks(at + 0.5, [f"{levels[place]:g}" for place in at])
-        axes.set_title(texts(places.beside, _SYMBOLS, values), fontsize=FONT_PT)
+        axes.set_title(texts(places.panels, _SYMBOLS, values), fontsize=FONT_PT)
         if number + columns >= count:
             # beside each other there is no room for more than the symbol
             axes.set_xlabel(_NAMES[places.x] if columns == 1 else _SYMBOLS[places.x], fontsize=FONT_PT)
@@ -209,12 +217,12 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
     low, high = max(float(finite.min()), _LEAST), max(float(finite.max()), _LEAST)
     cells = np.ma.masked_invalid(np.maximum(np.array(sums, float), _LEAST))
     image = axes.pcolormesh(cells, cmap="viridis_r", norm=LogNorm(low, max(high, 1.01 * low)), rasterized=False)
-    for state, (label, hatch, face) in STATES.items():
+    for kind, (label, hatch, face) in _KINDS.items():
         chosen = [
             Path.unit_rectangle().transformed(Affine2D().translate(x, y))
             for y, row in enumerate(rows)
             for x, cell in enumerate(row)
-            if cell.state == state
+            if cell.kind == kind
         ]
         if chosen:
             look: dict[str, Any] = {"edgecolor": "black", "hatch": hatch, "linewidth": 0.0}

@@ -20,7 +20,7 @@ from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import STATES, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
@@ -256,6 +256,11 @@ _NAMES: Final = {
     "move_weight": "move weight Γ_u",
     "output_weight": "output weight Γ_y",
 }
+_WITHOUT_NUMBER: Final = {
+    "impossible": "p < m, no such tuning",
+    "refused": "no controller can be designed",
+    "not tried": "not tried",
+}
 
 
 @dataclass(frozen=True)
@@ -284,7 +289,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         "columns": [column for column in _COLUMNS if column.name != "filter" or "reference_filter" in shown.columns()],
         "lines": [*best, *beyond],
         "why_not": "",
-        "impossible": STATES["impossible"][0],
+        "impossible": _WITHOUT_NUMBER["impossible"],
     }
     try:
         places = layout(shown)
@@ -307,12 +312,12 @@ def _panels(
     """Caption of each panel, and its rows of cells from the top down."""
     colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
-    for combination, panel in places.panels.items():
+    for combination in places.combinations():
         rows = [
             (f"{value:g}", [_cell(surface, best, printed.tuning, colours, cell) for cell in row])
-            for value, row in zip(places.levels[places.y], panel, strict=True)
+            for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
         ]
-        yield texts(places.beside, _SYMBOLS, combination), rows[::-1]
+        yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
 
 
 def _cell(
@@ -324,11 +329,11 @@ def _cell(
 ) -> SurfaceCell:
     point = cell.point
     if point is None:
-        told = STATES[cell.state][0] + (f": {cell.reason}" if cell.reason else "")
-        return SurfaceCell(cell.state.replace(" ", "-"), told)
+        told = _WITHOUT_NUMBER[cell.kind] + (f": {cell.reason}" if cell.reason else "")
+        return SurfaceCell(cell.kind.replace(" ", "-"), told)
     tuning = surface.tunings[point]
-    if cell.state == "not finite":
-        return SurfaceCell("refused", f"{tuning_text(tuning)}: {STATES[cell.state][0]}")
+    if not np.isfinite(surface.sse[point]):
+        return SurfaceCell("refused", f"{tuning_text(tuning)}: glucose left the finite numbers")
     told = ", ".join(
         [
             f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
@@ -338,7 +343,7 @@ def _cell(
         ]
     )
     return SurfaceCell(
-        cell.state,
+        "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
         told,
         _short(float(surface.sse[point])),
         ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),
