@@ -13,10 +13,10 @@ from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
 from glucoloop.report.columns import metric_rows
 from glucoloop.report.descriptions import fault_in_words, windows
-from glucoloop.report.runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import in_words, periods_below
 from glucoloop.simulation import Trace

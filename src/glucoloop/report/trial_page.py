@@ -190,33 +190,22 @@ def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most:
 def _grid(case: CaseReport, most: float) -> dict[str, Any]:
     """Content of the macro ``grid`` for a controller; `most` people in a cell have the strongest colour."""
     side, counts = 3 * cvga.CELLS, np.asarray(case.cvga_counts, float)
-    level = np.minimum(np.log(np.maximum(counts, 1.0)) / np.log(max(most, 2.0)) * _SHADES, _SHADES - 1)
-    shade = np.where(counts > 0, 1 + level.astype(int), 0)
-    shares = {zone: percent(share) for zone, share in cvga.zone_pct(case.cvga_counts).items()}
-
-    def limits_text(limits: Sequence[float]) -> list[str]:
-        """Labels from the greatest limit on; the outermost cells hold all values beyond."""
-        return [f"≥ {limits[-1]:g}", *(f"{limit:g}" for limit in limits[-2:0:-1]), f"≤ {limits[0]:g}"]
-
+    rank = np.minimum(np.log(np.maximum(counts, 1.0)) / np.log(max(most, 2.0)) * _SHADES, _SHADES - 1).astype(int)
+    people = []
+    for shade in range(_SHADES):
+        # the least glucose rises to the left, the greatest upwards
+        cells = [(side - 1 - c, side - 1 - r) for c, r in np.argwhere((counts > 0) & (rank == shade)).tolist()]
+        if cells:
+            path = "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
+            people.append((f"{0.3 + 0.7 * shade / (_SHADES - 1):.2f}", path))
     return {
-        "alt": "Control-variability grid: " + ", ".join(f"zone {zone} {share}" for zone, share in shares.items()),
-        # corner and name of each square; the least glucose rises to the left, the greatest upwards
+        "people": people,
         "zones": [
             (side - cvga.CELLS * (place // 3 + 1), side - cvga.CELLS * (place % 3 + 1), region[-1])
             for place, region in enumerate(cvga.region_pct(case.cvga_counts))
         ],
-        # opacity and path of each shade
-        "people": [
-            (
-                f"{0.3 + 0.7 * (level - 1) / (_SHADES - 1):.2f}",
-                "".join(f"M{side - 1 - c} {side - 1 - r}h1v1h-1z" for c, r in np.argwhere(shade == level).tolist()),
-            )
-            for level in range(1, _SHADES + 1)
-            if (shade == level).any()
-        ],
-        "across": limits_text(cvga.MINIMUM_LIMITS_MG_DL),
-        "up": limits_text(cvga.MAXIMUM_LIMITS_MG_DL),
-        "shares": shares,
+        "shares": {zone: percent(share) for zone, share in cvga.zone_pct(case.cvga_counts).items()},
+        "limits": (cvga.MINIMUM_LIMITS_MG_DL, cvga.MAXIMUM_LIMITS_MG_DL),
         "side": side,
         "cells": cvga.CELLS,
     }
@@ -235,7 +224,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
     width, height = _OUTLINE
     outlines = {}
     for label, part in cases.items():
-        counts, words, path, places = np.asarray(part.counts, float)[first : last + 1], "", "", []
+        counts, words, path, places = np.asarray(part.counts, float)[first : last + 1], "", "", None
         if _all_zero(part):
             words = "0 for everybody"
         elif counts.any() and alike:
@@ -245,10 +234,9 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
             y = np.rint(height * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
             steps = "".join(f"V{up}H{right}" for up, right in zip(y.tolist(), x[1:].tolist(), strict=True))
             path = f"M0 {height}{steps}V{height}z"
-            places = np.rint(np.interp(np.array([part.p5, part.median, part.p95]) / result.divisor, shown, x)).astype(
-                int
-            )
-        outlines[label] = {"part": part, "words": words, "path": path, "places": list(places)}
+            values = np.array([part.p5, part.median, part.p95]) / result.divisor
+            places = np.rint(np.interp(values, shown, x)).astype(int)
+        outlines[label] = {"part": part, "words": words, "path": path, "places": places}
     return {
         "result": result,
         "outlines": outlines,
