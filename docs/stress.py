@@ -18,7 +18,7 @@ from made import made
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.report.fault_words import short_names
+from glucoloop.report.descriptions import short_names
 from glucoloop.situations.situation import configured
 
 NAMES = {"imc": "IMC", "mpc": "MPC", "mpc-se": "MPC/SE", "nlqdmc-se": "NLQDMC/SE", "meal-mpc": "Meal-aware MPC"}

@@ -129,7 +129,7 @@ def draw(searches):
         axes.axvline(MOST_PEAK_MG_DL, **BOUND)
         axes.set_xlabel("Highest glucose after 50 g, without errors (mg/dl)")
         _style.dress(axes)
-    _style.add_legend(figure, handles[::2], list(NAMES.values()), "double")
+    _style.add_legend(figure, dict(zip(NAMES.values(), handles[::2], strict=True)), "double")
     return figure
 
 

@@ -7,9 +7,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from glucoloop.cohorts.bins import BAND_QUANTILES
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.report.trial_report import (
-    QUANTILES,
     CaseReport,
     MetricDistribution,
     TrialReport,
@@ -152,9 +152,9 @@ def _case(undershoot, seed=0, people=400):
     worst = np.argsort(minimum)[:10]
     return CaseReport(
         bands_t_min=t_min,
-        glucose_quantiles={q: np.quantile(glucose, q, axis=1) for q in QUANTILES},
+        glucose_quantiles={q: np.quantile(glucose, q, axis=1) for q in BAND_QUANTILES},
         insulin_t_min=t_min[:-1],
-        insulin_quantiles={q: np.quantile(insulin, q, axis=1) for q in QUANTILES},
+        insulin_quantiles={q: np.quantile(insulin, q, axis=1) for q in BAND_QUANTILES},
         metric_counts={
             name: MetricDistribution(edges, np.histogram(values, edges)[0], *np.quantile(values, [0.05, 0.5, 0.95]))
             for name, (values, edges) in metrics.items()

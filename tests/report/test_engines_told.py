@@ -1,6 +1,6 @@
 """The engines of loops in words: grouped by what native code lacks, and few names however many cases there are."""
 
-from glucoloop.report.facts import engine_facts, engine_notes
+from glucoloop.report.descriptions import engine_facts, engine_notes
 
 NATIVE, LACKING = {"engine": "native"}, {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
 

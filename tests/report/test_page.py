@@ -10,7 +10,7 @@ import pytest
 from glucoloop.control import Status
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page
-from glucoloop.report.table import metric_rows
+from glucoloop.report.columns import metric_rows
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=false"
@@ -242,7 +242,7 @@ def test_a_glucose_below_0_is_no_number(make_trace, drawn):
     assert np.nanmin(curve.values) >= 0.0
     assert not re.search(r"[-−]\d[\d.]*( mg/dl|</td>)", page.partition("<script>")[0])
     least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Least glucose")
-    assert least.values == least.mmol_l == ("not valid",)
+    assert least.values == least.mmol_l == ["not valid"]
     undershoot = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Undershoot")
-    assert undershoot.values == ("not valid",)
+    assert undershoot.values == ["not valid"]
     assert "least not valid at" in page

@@ -11,8 +11,7 @@ from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import population
 from glucoloop.report._runs import periods
 from glucoloop.report.charts import GLUCOSE, Panel, TimeAxis, nice_ticks, thinned
-from glucoloop.report.fault_words import window_of
-from glucoloop.report.person_words import person_in_words
+from glucoloop.report.descriptions import person_in_words, window_of
 
 finite = st.floats(-1e4, 1e4)
 

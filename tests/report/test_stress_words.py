@@ -6,7 +6,7 @@ import pytest
 
 from glucoloop.parts.faults import FAULTS
 from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
-from glucoloop.report.fault_words import settings_in_words, short_names, when_in_words
+from glucoloop.report.descriptions import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.report.heat import UNKNOWN, shade_of
 from glucoloop.studies.stress import STANDARD_FAULTS

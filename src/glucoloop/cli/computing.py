@@ -53,7 +53,7 @@ class Computing:
     def compute(self, folder: TrialFolder) -> None:
         """Design the controllers, and compute the shards that are missing."""
         from glucoloop.cohorts.engine import prepare, run_people
-        from glucoloop.report.facts import engine_notes
+        from glucoloop.report.descriptions import engine_notes
 
         missing = folder.missing()
         if missing:

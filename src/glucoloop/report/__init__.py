@@ -1,9 +1,9 @@
 """Tables, figures and pages of results. Plotting libraries are imported only when something is drawn."""
 
+from glucoloop.report.columns import comparison_table, metrics_table
 from glucoloop.report.figure import plot
 from glucoloop.report.identification_figure import plot_identification, plot_validation
 from glucoloop.report.page import interactive_page
-from glucoloop.report.table import comparison_table, metrics_table
 from glucoloop.report.template import Repeat
 from glucoloop.report.trial_figure import plot_trial
 from glucoloop.report.trial_page import trial_page

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -11,13 +10,12 @@ import numpy.typing as npt
 
 from glucoloop.control import Status
 from glucoloop.refusal import Refusal
-from glucoloop.report.validity import concentrations, validity_note
+from glucoloop.report.validity import concentrations, stretches, validity_note
 from glucoloop.simulation import Trace
 from glucoloop.units import MU_PER_U
 
 Floats = npt.NDArray[np.float64]
-Period = tuple[float, float]
-"""First and last moment, in min."""
+Pair = tuple[float, float]
 
 STATUS_WORDS: Final = {
     Status.SATURATED: "Dose at the pump's limits",
@@ -37,55 +35,53 @@ STATUS_WORDS: Final = {
 _SAME_MG_DL = 1e-9
 
 
-@dataclass(frozen=True)
 class PlottedRun:
-    """One trace as NumPy arrays."""
+    """One trace of one person as NumPy arrays, by a label; Refusal for many people."""
 
-    label: str
-    t_min: Floats
-    """(samples + 1,) times of the samples and of the horizon."""
-    insulin_mU_min: Floats
-    """(samples + 1,) rates delivered from each of these times on; the last repeats that of the last sample."""
-    fine_t_min: Floats
-    fine_glucose_mg_dl: Floats
-    """Glucose of the model, which may be below 0 where the model is not valid."""
-    reading_t_min: Floats
-    """Times of valid readings; empty if all of them equal the patient's glucose."""
-    reading_mg_dl: Floats
-    setpoint_mg_dl: float
-    basal_insulin_mU_min: float
-    lowest_valid_mg_dl: float
-    """Glucose below which the patient's model is not valid."""
-    validity_note: str | None
-    """Sentence on the times at which glucose was below that limit; None if it never was."""
-    boluses: tuple[tuple[float, float], ...]
-    """Time and size of each bolus that was delivered, (min, U)."""
-    command_mU_min: Floats
-    """(samples + 1,) rates that the controller commanded, as `insulin_mU_min`; NaN where it gave no number."""
-    command_boluses: tuple[tuple[float, float], ...]
-    """Time and size of each bolus that was commanded, (min, U)."""
-    periods: Mapping[str, tuple[Period, ...]]
-    """Periods without a valid reading, and those of each status of decisions but OK, by a name in words."""
-    meals: tuple[tuple[float, float], ...]
-    """Time in min and carbohydrate in g of each meal."""
-
-    @property
-    def shown_glucose_mg_dl(self) -> Floats:
-        """Glucose to be drawn; NaN where it is below 0."""
-        return concentrations(self.fine_glucose_mg_dl)
-
-    @property
-    def horizon_min(self) -> float:
-        """Length of the run."""
-        return float(self.fine_t_min[-1])
+    def __init__(self, label: str, trace: Trace) -> None:
+        self.label = label
+        self.fine_t_min = np.asarray(trace.fine_t_min, float)
+        self.fine_glucose_mg_dl = np.asarray(trace.fine_glucose_mg_dl, float)  # below 0 where the model is not valid
+        if self.fine_glucose_mg_dl.ndim != 1:
+            people = self.fine_glucose_mg_dl.shape[1:]
+            raise Refusal(f"{label!r} is of people of shape {people}; show one person at a time")
+        self.shown_glucose_mg_dl = concentrations(self.fine_glucose_mg_dl)
+        self.setpoint_mg_dl = float(trace.setpoint_mg_dl)
+        self.basal_insulin_mU_min = float(trace.basal_insulin_mU_min)
+        self.lowest_valid_mg_dl = float(trace.lowest_valid_mg_dl)
+        self.validity_note = validity_note(trace)
+        # (samples + 1,) times of the samples and of the horizon, and rates from each on, of which the last is repeated
+        sample_t_min = np.asarray(trace.t_min, float)
+        self.t_min = np.append(sample_t_min, self.fine_t_min[-1])
+        self.insulin_mU_min = _held_to_the_end(trace.insulin_mU_min)
+        self.command_mU_min = _held_to_the_end(trace.command_mU_min)  # NaN where the controller gave no number
+        # valid readings, or none if all of them equal the patient's glucose
+        reading = np.asarray(trace.reading_mg_dl, float)
+        valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
+        differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
+        shown = valid & (valid & differs).any()
+        self.reading_t_min, self.reading_mg_dl = sample_t_min[shown], reading[shown]
+        # times in min, with U of insulin or g of carbohydrate
+        self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
+        self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
+        self.meals = _above_zero(self.t_min, trace.carbs_g)
+        # periods without a valid reading, and those of each status of decisions but OK
+        there = {words: np.asarray(trace.status) == kind for kind, words in STATUS_WORDS.items()}
+        there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
+        self.periods = {words: periods(self.t_min, of) for words, of in there.items() if of.any()}
 
 
-def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -> list[PlottedRun]:
+def _held_to_the_end(rates: npt.ArrayLike) -> Floats:
+    held = np.asarray(rates, float)
+    return np.append(held, held[-1])
+
+
+def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:
     """Runs of a trace, or of several by label; Refusal for none, one of many people, or different meals."""
-    named = {label: traces} if isinstance(traces, Trace) else dict(traces)
+    named = {"glucose": traces} if isinstance(traces, Trace) else traces
     if not named:
         raise Refusal("there is no trace to show; give at least one")
-    runs = [_run(str(name), trace) for name, trace in named.items()]
+    runs = [PlottedRun(str(label), trace) for label, trace in named.items()]
     for run in runs[1:]:
         if run.meals != runs[0].meals:
             raise Refusal(
@@ -95,58 +91,15 @@ def labelled_runs(traces: Trace | Mapping[str, Trace], label: str = "glucose") -
     return runs
 
 
-def _run(label: str, trace: Trace) -> PlottedRun:
-    fine_glucose = np.asarray(trace.fine_glucose_mg_dl, float)
-    if fine_glucose.ndim != 1:
-        raise Refusal(f"{label!r} is of people of shape {fine_glucose.shape[1:]}; show one person at a time")
-    t_min, fine_t_min = np.asarray(trace.t_min, float), np.asarray(trace.fine_t_min, float)
-    insulin, reading = np.asarray(trace.insulin_mU_min, float), np.asarray(trace.reading_mg_dl, float)
-    carbs_g, command = np.asarray(trace.carbs_g, float), np.asarray(trace.command_mU_min, float)
-    valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
-    differs = ~np.isclose(reading, np.asarray(trace.glucose_mg_dl), rtol=0.0, atol=_SAME_MG_DL)
-    shown = valid if (valid & differs).any() else np.zeros_like(valid)
-    return PlottedRun(
-        label=label,
-        t_min=np.append(t_min, fine_t_min[-1]),
-        insulin_mU_min=np.append(insulin, insulin[-1]),
-        fine_t_min=fine_t_min,
-        fine_glucose_mg_dl=fine_glucose,
-        reading_t_min=t_min[shown],
-        reading_mg_dl=reading[shown],
-        setpoint_mg_dl=float(trace.setpoint_mg_dl),
-        basal_insulin_mU_min=float(trace.basal_insulin_mU_min),
-        lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
-        validity_note=validity_note(trace),
-        meals=_above_zero(t_min, carbs_g),
-        boluses=_boluses(t_min, trace.bolus_mU),
-        command_mU_min=np.append(command, command[-1]),
-        command_boluses=_boluses(t_min, trace.command_bolus_mU),
-        periods=_periods(np.append(t_min, fine_t_min[-1]), np.asarray(trace.status), valid),
-    )
-
-
-def _periods(
-    t_min: Floats, status: npt.NDArray[np.int64], valid: npt.NDArray[np.bool_]
-) -> dict[str, tuple[Period, ...]]:
-    """Periods of each status that occurs, from its first sample to the one after its last."""
-    of_all = {STATUS_WORDS[kind]: status == kind for kind in STATUS_WORDS}
-    of_all[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
-    return {name: periods(t_min, there) for name, there in of_all.items() if there.any()}
-
-
-def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> tuple[Period, ...]:
+def periods(t_min: Floats, there: npt.NDArray[np.bool_]) -> list[Pair]:
     """Periods in which something is there at samples ``(n,)`` that begin at the times ``(n + 1,)``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
-    return tuple((float(t_min[first]), float(t_min[after])) for first, after in edges.reshape(-1, 2))
+    return [(float(t_min[first]), float(t_min[after])) for first, after in stretches(there)]
 
 
-def _boluses(t_min: Floats, bolus_mU: npt.ArrayLike | None) -> tuple[tuple[float, float], ...]:
-    return () if bolus_mU is None else _above_zero(t_min, np.asarray(bolus_mU, float) / MU_PER_U)
-
-
-def _above_zero(t_min: Floats, amounts: Floats) -> tuple[tuple[float, float], ...]:
+def _above_zero(t_min: Floats, amounts: npt.ArrayLike | None, divisor: float = 1.0) -> list[Pair]:
     """Times and amounts, where there is any."""
-    return tuple((float(t), float(amount)) for t, amount in zip(t_min, amounts, strict=True) if amount > 0.0)
+    some = () if amounts is None else np.asarray(amounts, float) / divisor
+    return [(float(t), float(amount)) for t, amount in zip(t_min, some, strict=False) if amount > 0.0]
 
 
 def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
@@ -154,6 +107,6 @@ def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:
     return list(dict.fromkeys(run.lowest_valid_mg_dl for run in runs if run.validity_note is not None))
 
 
-def values_in_words(values: list[float], unit: str) -> str:
+def values_in_words(values: Sequence[float], unit: str) -> str:
     """Text of the distinct values with their unit."""
     return " and ".join(dict.fromkeys(f"{value:.4g}" for value in values)) + f" {unit}"

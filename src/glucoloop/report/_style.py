@@ -39,7 +39,16 @@ ZONE_COLOURS: Final = {"A": "#009E73", "B": "#56B4E9", "C": "#F0E442", "D": "#E6
 """Colours of the zones of the control-variability grid."""
 # Dashes tell the lines apart in grey print. With one dash fewer than colours, 30 runs look different.
 DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+# Horizontal lines.
+SETPOINT: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.7}
+BOUND: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+BASAL: Final[dict[str, Any]] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5)), "zorder": 1}
+PUMP_LIMIT: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.6, "linestyle": (0, (6, 2, 1, 2)), "zorder": 1}
 
+PANEL_SHARE: Final = 0.8
+"""Share of a figure's width that panels fill; the rest holds ticks and labels."""
+_LOOP_MM: Final = {"single": 95.0, "double": 115.0}
+_LINE_MM: Final = 3.0  # a line of text, and about two of its characters
 _MM_PER_INCH: Final = 25.4
 _MAX_LEGEND_COLUMNS: Final = 4
 _LEGEND_MM: Final = 14.0  # which a figure's height allows for
@@ -58,22 +67,48 @@ def literal(text: str) -> str:
 
 
 def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
-    """An empty figure of a column's width, its title wrapped.
-
-    Raises
-    ------
-    ValueError
-        For an unknown width.
-    """
-    from glucoloop.report.print_figure import print_figure
+    """An empty figure of a column's width, its title wrapped; Refusal for an unknown width."""
+    from glucoloop.report.print_figure import PrintFigure
 
     if width not in WIDTHS_MM:
         raise Refusal(f"unknown width {width!r}; use one of {', '.join(map(repr, WIDTHS_MM))}")
     size = (WIDTHS_MM[width] / _MM_PER_INCH, height_mm / _MM_PER_INCH)
-    figure = print_figure(size, dpi=300)
+    figure = PrintFigure(figsize=size, dpi=300, layout="constrained")
     if title:
         figure.suptitle(literal(textwrap.fill(title, _characters(width, TITLE_PT))), fontsize=TITLE_PT)
     return figure
+
+
+def loop_panels(
+    horizon_min: float, title: str | None, width: Width, *, ratio: float
+) -> tuple[Figure, Axes, Axes, float]:
+    """Figure with glucose above insulin, so many times as high, on one axis of time, and the minutes of its unit."""
+    figure = new_figure(width, _LOOP_MM.get(width, 0.0), title)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[ratio, 1.0])
+    divisor, unit, tick = time_axis(horizon_min, width)
+    above.set_ylabel("Glucose (mg/dl)")
+    below.set(xlabel=f"Time ({unit})", ylabel="Insulin (mU/min)", xlim=(0.0, horizon_min / divisor))
+    below.xaxis.set_major_locator(every(tick))
+    dress(above, below)
+    figure.align_ylabels([above, below])
+    return figure, above, below, divisor
+
+
+def mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], horizon_min: float, width: Width) -> None:
+    """Mark each meal at the upper edge with its carbohydrate above, rotated where meals are close."""
+    if not meals:
+        return
+    divisor, upper_edge = time_axis(horizon_min, width)[0], axes.get_xaxis_transform()
+    t_min = np.array([t for t, _ in meals])
+    mark: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": "black", "clip_on": False}
+    axes.plot(t_min / divisor, np.ones_like(t_min), **mark, transform=upper_edge)
+    apart_mm = PANEL_SHARE * WIDTHS_MM[width] / horizon_min * np.diff(t_min).min(initial=np.inf)
+    if apart_mm < _LINE_MM:
+        return
+    texts = [f"{carbs_g:.4g} g" for _, carbs_g in meals]
+    upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
+    for t, text in zip(t_min, texts, strict=True):
+        write(axes, text, (t / divisor, 1.0), down=-4, xycoords=upper_edge, rotation=90 if upright else 0)
 
 
 def _characters(width: Width, font_pt: float) -> int:
@@ -81,25 +116,27 @@ def _characters(width: Width, font_pt: float) -> int:
     return int(WIDTHS_MM[width] / _MM_PER_INCH * 72.0 / (0.65 * font_pt))
 
 
-def dress(axes: Axes) -> None:
-    """Style frame, ticks and fonts of a panel."""
-    axes.spines[["top", "right"]].set_visible(False)
-    for spine in axes.spines.values():
-        spine.set_linewidth(0.6)
-    axes.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
-    axes.xaxis.label.set_fontsize(FONT_PT)
-    axes.yaxis.label.set_fontsize(FONT_PT)
+def dress(*panels: Axes) -> None:
+    """Style frame, ticks and fonts of panels."""
+    for axes in panels:
+        axes.spines[["top", "right"]].set_visible(False)
+        for spine in axes.spines.values():
+            spine.set_linewidth(0.6)
+        axes.tick_params(labelsize=FONT_PT, width=0.6, length=2.5)
+        axes.xaxis.label.set_fontsize(FONT_PT)
+        axes.yaxis.label.set_fontsize(FONT_PT)
 
 
 def add_axis(axes: Axes, factor: float, name: str) -> None:
     """Add a second axis on the right; a unit of the left axis is `factor` of its own."""
-    right = axes.secondary_yaxis(
-        "right",
-        functions=(
-            lambda left: np.asarray(left, float) * factor,
-            lambda right: np.asarray(right, float) / factor,
-        ),
-    )
+
+    def right_of(left: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return np.asarray(left, float) * factor
+
+    def left_of(right: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return np.asarray(right, float) / factor
+
+    right = axes.secondary_yaxis("right", functions=(right_of, left_of))
     right.set_ylabel(name)
     dress_right(right)
 
@@ -114,8 +151,8 @@ def dress_right(axes: Any) -> None:
 
 def write(axes: Axes, text: str, place: tuple[float, float], *, down: float = 0.0, **how: Any) -> None:
     """Write a text at a place, by default above it, and so many points further down."""
-    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": FONT_PT, **how}
-    axes.annotate(text, place, xytext=(0, -down), textcoords="offset points", **style)
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": FONT_PT, "xytext": (0, -down), **how}
+    axes.annotate(text, place, textcoords="offset points", **style)
 
 
 def draw_bands(
@@ -136,14 +173,14 @@ def draw_bands(
     return [*drawn, *axes.plot(t, median, **style, drawstyle="steps-post" if held else "default", zorder=3)]
 
 
-def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], width: Width) -> None:
+def add_legend(figure: Figure, entries: Mapping[str, Artist], width: Width) -> None:
     """A legend below the panels, in as many columns as fit; a long one makes the figure higher."""
     # An empty prefix, since a label that begins with an underscore would be left out.
     room = _characters(width, FONT_PT) - 10
-    texts = ["\u200b" * label.startswith("_") + textwrap.fill(literal(label), room) for label in labels]
+    texts = ["\u200b" * label.startswith("_") + textwrap.fill(literal(label), room) for label in entries]
     for columns in range(min(_MAX_LEGEND_COLUMNS, len(texts)), 0, -1):
         legend = figure.legend(
-            handles,
+            list(entries.values()),
             texts,
             loc="outside lower center",
             ncols=columns,

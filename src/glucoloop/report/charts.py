@@ -9,15 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.report._style import time_axis
+from glucoloop.report.validity import stretches
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U
 
 Floats = npt.NDArray[np.float64]
+
+Lane = tuple[str, Sequence[tuple[Sequence[tuple[float, float]], str]]]
+"""Title of a line of time, and its rows: periods in min, and the class of their colour."""
 
 PER_MIN: Final = 10
 """Number of units of the horizontal axis of a path in a minute; no sample time is a part of one."""
@@ -28,17 +32,14 @@ _TICK_REM: Final = 1.9
 """Least distance of two ticks."""
 
 
-@dataclass(frozen=True)
-class PlottedQuantity:
-    """A quantity over time, with its unit and a second one."""
+class PlottedQuantity(NamedTuple):
+    """A quantity over time, with a second unit of which `factor` are in its own; paths have the resolution `step`."""
 
     name: str
     unit: str
     other_unit: str
     factor: float
-    """Number of other units in a unit."""
     step: float
-    """Resolution of the path."""
     digits: int
 
 
@@ -56,7 +57,7 @@ class TimeAxis:
     @property
     def end(self) -> int:
         """The end, in the units of paths."""
-        return round(self.end_min * PER_MIN)
+        return self.across(self.end_min)
 
     @property
     def scale(self) -> tuple[float, str, list[tuple[float, str]]]:
@@ -74,15 +75,12 @@ class TimeAxis:
         return f"{100.0 * t_min / self.end_min:.4g}"
 
 
-@dataclass(frozen=True)
-class PlottedCurve:
-    """A line, a band, or dots."""
+class PlottedCurve(NamedTuple):
+    """A line, a band, or dots; `kind` are its classes of style, and one without a name is only seen, never told."""
 
     path: str
     kind: str
-    """Classes of its style."""
     name: str | None = None
-    """Name under which a moment tells its value; None for one that is only seen."""
     person: int | None = None
     band: bool = False
 
@@ -115,7 +113,10 @@ class Panel:
 
     def steps(self, t_min: npt.ArrayLike, values: npt.ArrayLike, kind: str, **named: Any) -> None:
         """Draw values that are held until the next time; the last time ends the last one."""
-        self.line(*_without_middles(*_held(t_min, values)), kind, **named)
+        t, held = _held(t_min, values)
+        same = np.diff(held) == 0.0
+        corner = ~np.pad(same[1:] & same[:-1], 1) if held.size > 1 else np.ones(held.shape, bool)
+        self.line(t[corner], held[corner], kind, **named)
 
     def band(
         self, t_min: npt.ArrayLike, low: npt.ArrayLike, high: npt.ArrayLike, kind: str, name: str, *, held: bool = False
@@ -146,27 +147,17 @@ class Panel:
         return round(value / self.quantity.step)
 
     def _path(self, t_min: Floats, values: Floats) -> str:
-        x = np.rint(np.asarray(t_min, float) * PER_MIN)
-        y = np.asarray(values, float) / self.quantity.step
-        finite = np.isfinite(y)
-        starts = np.flatnonzero(finite & ~np.concatenate([[False], finite[:-1]]))
-        ends = np.flatnonzero(finite & ~np.concatenate([finite[1:], [False]])) + 1
+        points = np.column_stack([np.asarray(t_min, float) * PER_MIN, np.asarray(values, float) / self.quantity.step])
         parts = []
-        for start, end in zip(starts, ends, strict=True):
-            points = np.rint(np.column_stack([x[start:end], y[start:end]])).astype(np.int64)
-            moves = np.diff(points, axis=0)
-            first, *rest = points[0].tolist()
-            path_text = f"M{first} {rest[0]}"
-            if len(moves):
-                path_text += "l" + " ".join(f"{dx} {dy}" for dx, dy in moves.tolist()).replace(" -", "-")
-            parts.append(path_text if len(moves) else path_text + "l0 0")  # a point alone is seen by its round ends
+        for start, end in stretches(np.isfinite(points[:, 1])):
+            whole = np.rint(points[start:end]).astype(np.int64)
+            moves = " ".join(f"{right} {up}" for right, up in np.diff(whole, axis=0).tolist())
+            # a point alone is seen by its round ends
+            parts.append(f"M{whole[0, 0]} {whole[0, 1]}l{moves.replace(' -', '-') or '0 0'}")
         return "".join(parts)
 
     def ticks(self, factor: float = 1.0) -> list[tuple[str, str, int]]:
-        """Round values of a unit of which there are `factor` in the quantity's own.
-
-        With each, its place in percent from the top, and in the units of paths.
-        """
+        """Round values of a unit, `factor` in the quantity's own; places in percent from the top, and in paths."""
         levels = nice_ticks(self.low * factor, self.high * factor, int(self.rem / _TICK_REM))
         span = self.high - self.low
         return [(f"{at:g}", f"{100.0 * (self.high - at / factor) / span:.4g}", self.up(at / factor)) for at in levels]
@@ -176,13 +167,6 @@ def _held(t_min: npt.ArrayLike, values: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Corners of steps."""
     t = np.asarray(t_min, float)
     return np.repeat(t, 2)[1:-1], np.repeat(np.asarray(values, float)[: t.size - 1], 2)
-
-
-def _without_middles(t: Floats, held: Floats) -> tuple[Floats, Floats]:
-    """Points of steps without those in the middle of a longer step."""
-    same = np.diff(held) == 0.0
-    middle = np.concatenate([[False], same[:-1] & same[1:], [False]]) if held.size > 1 else np.zeros(held.shape, bool)
-    return t[~middle], held[~middle]
 
 
 def nice_ticks(low: float, high: float, most: int) -> list[float]:
@@ -207,12 +191,12 @@ def thinned(t_min: npt.ArrayLike, values: npt.ArrayLike, most: int) -> tuple[Flo
     t, y = np.asarray(t_min, float), np.asarray(values, float)
     if t.size <= most:
         return t, y
-    kept = {0, t.size - 1}
+    places = {0, t.size - 1}
     for part in np.array_split(np.arange(t.size), max(1, most // 2)):
         finite = part[np.isfinite(y[part])]
-        kept |= {int(finite[y[finite].argmin()]), int(finite[y[finite].argmax()])} if finite.size else {int(part[0])}
-    places = sorted(kept)
-    return t[places], y[places]
+        places |= {int(finite[y[finite].argmin()]), int(finite[y[finite].argmax()])} if finite.size else {int(part[0])}
+    chosen = sorted(places)
+    return t[chosen], y[chosen]
 
 
 def looks(index: int) -> str:
@@ -225,18 +209,9 @@ def colour(index: int) -> str:
     return f"colour-{index % _COLOURS}"
 
 
-@dataclass(frozen=True)
-class TimeLane:
-    """A line of time with rows of periods in min, each row with the class of its colour."""
-
-    title: str
-    rows: Sequence[tuple[Sequence[tuple[float, float]], str]]
-
-
-@dataclass(frozen=True)
-class Plot:
+class Plot(NamedTuple):
     """Panels above each other, and lanes below them, with one axis of time."""
 
     name: str
     panels: Sequence[Panel]
-    lanes: Sequence[TimeLane] = ()
+    lanes: Sequence[Lane] = ()

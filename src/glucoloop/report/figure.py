@@ -25,11 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
-_HEIGHTS_MM: Final = {"single": 95.0, "double": 115.0}
-_PANEL_SHARE: Final = 0.8  # of the figure's width; the rest holds labels
 _MOST_NAMED: Final = 12
 """Boluses whose size is written; more would hide one another."""
-_LINE_MM: Final = 3.0  # a line of text, and about two of its characters
 
 
 def plot(
@@ -87,38 +84,28 @@ def plot(
             else "traces holds runs of one person and of many; draw them in two figures"
         )
     runs = [] if of_people else labelled_runs(of_one)
-    horizon_min = max([float(run.t_min[-1]) for run in of_people.values()] or [run.horizon_min for run in runs])
-    figure = _style.new_figure(width, _HEIGHTS_MM.get(width, 0.0), title)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    divisor, unit, tick = _style.time_axis(horizon_min, width)
-    above.set_ylabel("Glucose (mg/dl)")
-    below.set_ylabel("Insulin (mU/min)")
-    below.set_xlabel(f"Time ({unit})")
-    below.set_xlim(0.0, horizon_min / divisor)
-    below.xaxis.set_major_locator(_style.every(tick))
+    shown: list[PeopleRun | PlottedRun] = [*of_people.values(), *runs]
+    horizon_min = max(float(run.t_min[-1]) for run in shown)
+    figure, above, below, divisor = _style.loop_panels(horizon_min, title, width, ratio=1.6)
     entries: dict[str, Artist] = {}
     if of_people:
         _draw_people(above, below, of_people, divisor, entries)
-        first = next(iter(of_people.values()))
-        meals = [(meal.t_min, meal.carbs_g) for meal in first.scenario.meals]
-        _draw_levels(above, [first.setpoint_mg_dl], lowest_glucose_mg_dl, entries)
+        meals = [(meal.t_min, meal.carbs_g) for meal in next(iter(of_people.values())).scenario.meals]
     else:
         _draw_glucose(above, runs, divisor, entries)
-        meals = list(runs[0].meals)
-        _draw_levels(above, [run.setpoint_mg_dl for run in runs], lowest_glucose_mg_dl, entries)
+        meals = runs[0].meals
+    _draw_levels(above, [float(run.setpoint_mg_dl) for run in shown], lowest_glucose_mg_dl, entries)
+    if runs:
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)
-    _mark_meals(above, meals, divisor, mm_per_min=_PANEL_SHARE * _style.WIDTHS_MM[width] / horizon_min)
-    for axes in (above, below):
-        _style.dress(axes)
-    figure.align_ylabels([above, below])
+    _style.mark_meals(above, meals, horizon_min, width)
     if mmol:
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
     elif units_per_hour:
         _style.add_axis(below, u_h_from_mu_min(1.0), "Insulin (U/h)")
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
 
 
@@ -154,11 +141,9 @@ def _draw_people(
 def _draw_levels(axes: Axes, setpoints: Sequence[float], lowest_mg_dl: float, entries: dict[str, Artist]) -> None:
     """Setpoints and the bound on glucose."""
     for setpoint in dict.fromkeys(setpoints):
-        line = axes.axhline(setpoint, color=GREY, linewidth=0.7, zorder=1)
-    entries[f"setpoint {values_in_words(list(setpoints), 'mg/dl')}"] = line
-    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = axes.axhline(
-        lowest_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1
-    )
+        line = axes.axhline(setpoint, **_style.SETPOINT, zorder=1)
+    entries[f"setpoint {values_in_words(setpoints, 'mg/dl')}"] = line
+    entries[f"lowest allowed {lowest_mg_dl:g} mg/dl"] = axes.axhline(lowest_mg_dl, **_style.BOUND, zorder=1)
 
 
 def _draw_glucose(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entries: dict[str, Artist]) -> None:
@@ -188,29 +173,12 @@ def _draw_glucose_limits(
     axes.set_ylim(low - 0.12 * (high - low), high + 0.05 * (high - low))
 
 
-def _mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], divisor: float, mm_per_min: float) -> None:
-    """Mark each meal at the upper edge with its carbohydrate above, rotated where meals are close."""
-    if not meals:
-        return
-    t_min = np.array([t for t, _ in meals])
-    upper_edge = axes.get_xaxis_transform()
-    mark: dict[str, Any] = {"linestyle": "none", "marker": "v", "markersize": 4, "color": "black", "clip_on": False}
-    axes.plot(t_min / divisor, np.ones_like(t_min), **mark, transform=upper_edge)
-    apart_mm = mm_per_min * np.diff(t_min).min(initial=np.inf)
-    if apart_mm < _LINE_MM:
-        return
-    texts = [f"{carbs_g:.4g} g" for _, carbs_g in meals]
-    upright = apart_mm < _LINE_MM / 2.0 * (max(map(len, texts)) + 1)
-    for t, text in zip(t_min, texts, strict=True):
-        _style.write(axes, text, (t / divisor, 1.0), down=-4, xycoords=upper_edge, rotation=90 if upright else 0)
-
-
 def _draw_insulin(
     axes: Axes, runs: Sequence[PlottedRun], divisor: float, limits: DoseLimits, entries: dict[str, Artist]
 ) -> None:
-    basal = list(dict.fromkeys(run.basal_insulin_mU_min for run in runs))
-    for rate in basal:
-        line = axes.axhline(rate, color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
+    basal = [run.basal_insulin_mU_min for run in runs]
+    for rate in dict.fromkeys(basal):
+        line = axes.axhline(rate, **_style.BASAL)
     entries[f"basal {values_in_words(basal, 'mU/min')}"] = line
     for index, run in enumerate(runs):
         axes.step(run.t_min / divisor, run.insulin_mU_min, where="post", **_style.line_style(index), zorder=3)
@@ -218,7 +186,7 @@ def _draw_insulin(
     low, high = low - 0.05 * (high - low), high + 0.08 * (high - low)
     in_view = [bound for bound in (float(limits.min_mU_min), float(limits.max_mU_min)) if low <= bound <= high]
     for bound in in_view:
-        at_limit = axes.axhline(bound, color="black", linewidth=0.6, linestyle=(0, (6, 2, 1, 2)), zorder=1)
+        at_limit = axes.axhline(bound, **_style.PUMP_LIMIT)
     if in_view:
         noun = "pump limit" if len(in_view) == 1 else "pump limits"
         entries[f"{noun} {values_in_words(in_view, 'mU/min')}"] = at_limit

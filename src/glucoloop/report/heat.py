@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.report import _style
@@ -28,16 +27,12 @@ _APART: Final = 0.35  # of a row, below the first one
 _MOST_NAME: Final = 30  # characters
 
 
-@dataclass(frozen=True)
-class Shade:
-    """A class of values with its colour."""
+class Shade(NamedTuple):
+    """A class of values up to `most`, with its colour and that of text on it; None for the usual ones."""
 
     most: float
-    """Upper limit of the class; the lower one is that of the class before."""
     colour: str | None
-    """Colour of the cell, or None for the background."""
     ink: str | None
-    """Colour of text on it, or None for the usual one."""
     words: str
 
 
@@ -57,32 +52,27 @@ SHADES_PCT: Final = (
 UNKNOWN: Final = Shade(0.0, "#b0b0b0", _DARK, NOT_AVAILABLE)
 
 
-def shade_of(value: float | None, shades: Sequence[Shade] = SHADES_PCT) -> Shade:
+def shade_of(value: float | None) -> Shade:
     """Class of a value; None is unknown."""
     if value is None:
         return UNKNOWN
-    return next((shade for shade in shades if value <= shade.most), shades[-1])
+    return next((shade for shade in SHADES_PCT if value <= shade.most), SHADES_PCT[-1])
 
 
-@dataclass(frozen=True)
-class HeatCell:
-    """A cell of a map."""
+class HeatCell(NamedTuple):
+    """A cell of a map: a text, a second, smaller one, as in ``"▲2"``, and what the page tells when it is pointed at."""
 
     shade: Shade
     text: str
     mark: str = ""
-    """Second, smaller text: ``"▲2"``."""
     hover: str = ""
-    """Text that is shown on the page for a cell that is pointed at."""
 
 
-@dataclass(frozen=True)
-class HeatMap:
-    """A map: names of rows and columns, and a cell for each of their pairs."""
+class HeatMap(NamedTuple):
+    """A map: names of rows, of which the first is set apart, and of columns, and a cell for each of their pairs."""
 
     title: str
     rows: Sequence[str]
-    """The first one is set apart from the others."""
     columns: Sequence[str]
     cell: Callable[[str, str], HeatCell]
 
@@ -91,10 +81,10 @@ class HeatMap:
         return [self.cell(row, column) for row in self.rows for column in self.columns]
 
 
-def legend_shades(maps: Iterable[HeatMap], shades: Sequence[Shade] = SHADES_PCT) -> list[Shade]:
+def legend_shades(maps: Iterable[HeatMap]) -> list[Shade]:
     """Classes of the scale, and the one for unknown values if there are any."""
-    unknown = any(cell.shade is UNKNOWN for of in maps for cell in of.cells())
-    return [*shades, *([UNKNOWN] if unknown else [])]
+    unknown = any(cell.shade is UNKNOWN for each in maps for cell in each.cells())
+    return [*SHADES_PCT, *([UNKNOWN] if unknown else [])]
 
 
 def plot_heat_maps(
@@ -102,7 +92,6 @@ def plot_heat_maps(
     *,
     what: str,
     mark: str = "",
-    shades: Sequence[Shade] = SHADES_PCT,
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
@@ -121,7 +110,7 @@ def plot_heat_maps(
     characters = max(1, int(column_mm / _CHARACTER_MM))
     upright = any(len(word) > characters for head in columns for word in head.split())
     heads = [textwrap.fill(head, _MOST_NAME if upright else characters) for head in columns]
-    longest = max(len(f"{cell.text} {cell.mark}".strip()) for of in maps for cell in of.cells())
+    longest = max(len(f"{cell.text} {cell.mark}".strip()) for each in maps for cell in each.cells())
     two_lines = column_mm < _CHARACTER_MM * longest
     row_mm = _LINE_MM * max(2 if two_lines else 1, *(name.count("\n") + 1 for name in names)) + 1.2
     head_mm = _LINE_MM * (2 + max(head.count("\n") for head in heads))
@@ -131,34 +120,33 @@ def plot_heat_maps(
     down = len(maps) if stacked else 1
     figure = _style.new_figure(width, down * (len(names) * row_mm + head_mm + _GAP_MM) + _AROUND_MM, title)
     panels = figure.subplots(down, len(maps) // down, squeeze=False).ravel()
-    for place, (axes, of) in enumerate(zip(panels, maps, strict=True)):
-        places = _draw(axes, of, apart="\n" if two_lines else " ")
+    for place, (axes, shown) in enumerate(zip(panels, maps, strict=True)):
+        places = _draw(axes, shown, apart="\n" if two_lines else " ")
         axes.set_xticks(range(len(columns)), map(_style.literal, heads), rotation=90 if upright else 0)
         axes.set_yticks(places, map(_style.literal, names))
         _style.dress(axes)
         axes.tick_params(length=0.0, labeltop=True, labelbottom=False, top=False, bottom=False)
         axes.spines[:].set_visible(False)
-        axes.set_title(of.title, fontsize=FONT_PT, fontweight="bold", loc="left")
+        axes.set_title(shown.title, fontsize=FONT_PT, fontweight="bold", loc="left")
         if place and not stacked:
             axes.tick_params(labelleft=False)
-    entries = _legend(legend_shades(maps, shades), what, mark)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    entries = _legend(legend_shades(maps), what, mark)
+    _style.add_legend(figure, entries, width)
     return figure
 
 
-def _draw(axes: Axes, of: HeatMap, apart: str) -> list[float]:
+def _draw(axes: Axes, shown: HeatMap, apart: str) -> list[float]:
     """Draw the cells of a map, and tell the places of its rows."""
     from matplotlib.patches import Rectangle
 
-    places = [place + (_APART if place else 0.0) for place in range(len(of.rows))]
-    for place, row in zip(places, of.rows, strict=True):
-        for across, column in enumerate(of.columns):
-            cell = of.cell(row, column)
+    places = [place + (_APART if place else 0.0) for place in range(len(shown.rows))]
+    for place, row in zip(places, shown.rows, strict=True):
+        for across, column in enumerate(shown.columns):
+            cell = shown.cell(row, column)
             axes.add_patch(Rectangle((across - 0.48, place - 0.46), 0.96, 0.92, **_patch(cell.shade)))
             text, ink = apart.join(filter(None, (cell.text, cell.mark))), cell.shade.ink or "black"
             _style.write(axes, text, (across, place), va="center", color=ink, linespacing=1.0)
-    axes.set_xlim(-0.5, len(of.columns) - 0.5)
-    axes.set_ylim(places[-1] + 0.5, -0.5)
+    axes.set(xlim=(-0.5, len(shown.columns) - 0.5), ylim=(places[-1] + 0.5, -0.5))
     return places
 
 

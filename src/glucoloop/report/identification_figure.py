@@ -58,10 +58,8 @@ def plot_identification(
     side_by_side = bool(names) and width == "double"
     heights = [2.0, *_HEIGHTS[: len(names)]]
     figure = _style.new_figure(width, 90.0 if side_by_side or not names else 40.0 + 32.0 * len(heights), title)
-    if side_by_side:
-        panels = figure.subplot_mosaic([["response", name] for name in names], height_ratios=heights[1:])
-    else:
-        panels = figure.subplot_mosaic([[name] for name in ["response", *names]], height_ratios=heights)
+    mosaic: Any = [["response", name] for name in names] if side_by_side else [[name] for name in ["response", *names]]
+    panels = figure.subplot_mosaic(mosaic, height_ratios=heights[1:] if side_by_side else heights)
     entries = _draw_response(panels["response"], identification, truth)
     if validation is not None:
         sample_time_min = identification.model.sample_time_min
@@ -127,8 +125,7 @@ def _draw_response(axes: Axes, identification: Identification, truth: ArrayLike 
     if identification.laguerre_coefficients.size:
         smoothed = np.asarray(identification.smoothed_impulse_response)
         curves["Laguerre projection"] = smoothed, {"color": OKABE_ITO[0], "linewidth": 1.2}
-    axes.set_xlabel("Time since the dose (min)")
-    axes.set_ylabel("Impulse response (mg/dl per mU/min)")
+    axes.set(xlabel="Time since the dose (min)", ylabel="Impulse response (mg/dl per mU/min)")
     axes.set_xlim(0.0, lag_min[-1] + lag_min[0])  # room for the last marker
     axes.xaxis.set_major_locator(_style.every(_style.time_axis(lag_min[-1], "single")[2]))
     return {name: axes.plot(lag_min, np.asarray(values, float), **look)[0] for name, (values, look) in curves.items()}
@@ -169,10 +166,10 @@ def _draw_validation(
 
 
 def _finished(figure: Figure, panels: dict[str, Axes], entries: dict[str, Artist], width: Width) -> Figure:
+    _style.dress(*panels.values())
     for axes in panels.values():
-        _style.dress(axes)
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_offset_text().set_fontsize(FONT_PT)
     figure.align_ylabels([axes for name, axes in panels.items() if name != "response"])
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure

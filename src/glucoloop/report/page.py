@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
-from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
-from glucoloop.report.charts import (
-    BOLUS,
-    GLUCOSE,
-    INSULIN,
-    Panel,
-    Plot,
-    TimeAxis,
-    TimeLane,
-    colour,
-    extent,
-    looks,
-    thinned,
-)
-from glucoloop.report.facts import fault_in_words
-from glucoloop.report.fault_words import window_of
-from glucoloop.report.table import metric_rows
+from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
+from glucoloop.report.columns import metric_rows
+from glucoloop.report.descriptions import fault_in_words, windows
 from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import in_words, periods_below
 from glucoloop.simulation import Trace
@@ -104,11 +91,12 @@ def interactive_page(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
-    time = TimeAxis(max(run.horizon_min for run in runs))
+    time = TimeAxis(max(float(run.t_min[-1]) for run in runs))
     panels = [_glucose_panel(runs, lowest_glucose_mg_dl, time), _insulin_panel(runs, limits, time)]
     if any(run.boluses or run.command_boluses for run in runs):
         panels.append(_bolus_panel(runs, time))
-    mark_faults(panels, faults)
+    chosen = [FAULTS.choose(fault) for fault in faults]
+    mark_faults(panels, chosen)
     named = dict.fromkeys(by_label, traces) if isinstance(traces, Trace) else traces
     return render(
         Path(__file__).with_name("templates") / "run.html",
@@ -122,9 +110,9 @@ def interactive_page(
         levels=[entry for panel in panels for entry in panel.legend],
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
-        commanded=any(_differs(run, limits) for run in runs),
-        plot=Plot("Glucose and insulin", panels, list(_lanes(runs, faults, time.end_min))),
-        events=list(_events(runs, faults)),
+        commanded=len(panels[1].curves) > len(runs),
+        plot=Plot("Glucose and insulin", panels, list(_lanes(runs, chosen, time.end_min))),
+        events=list(_events(runs, chosen)),
         metrics=["Value"] if single else labels,
         rows=metric_rows(by_label),
         **_numbers(runs),
@@ -136,38 +124,41 @@ def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = "
     return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 
-def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAxis) -> Panel:
-    setpoints = [run.setpoint_mg_dl for run in runs]
-    shown = [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)]
+def glucose_panel(
+    time: TimeAxis, setpoints: Sequence[float], lowest_mg_dl: float, shown: Sequence[Floats], **about: Any
+) -> Panel:
+    """Panel with room for the curves shown, on which the range of the target, setpoints and the bound are drawn."""
     low, high = extent([*setpoints, lowest_mg_dl], *shown)
+    margin = 0.05 * (high - low)
+    panel = Panel(GLUCOSE, time, low - margin, high + margin, **about)
+    panel.area("target", (0.0, time.end_min), TARGET_MG_DL)
+    panel.level(setpoints, "level", f"setpoint {values_in_words(setpoints, 'mg/dl')}")
+    panel.level([lowest_mg_dl], "level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl")
+    return panel
+
+
+def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAxis) -> Panel:
     alt = "; ".join(_name(runs, run, _course(run), ": ") for run in runs)
-    panel = Panel(
-        GLUCOSE,
+    panel = glucose_panel(
         time,
-        low - 0.05 * (high - low),
-        high + 0.05 * (high - low),
+        [run.setpoint_mg_dl for run in runs],
+        lowest_mg_dl,
+        [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)],
         rem=18.0,
         alt=f"Glucose over {time.end_min:g} min. {alt}",
         marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
     )
-    panel.area("target", (0.0, time.end_min), TARGET_MG_DL)
-    panel.level(setpoints, "level", f"setpoint {values_in_words(setpoints, 'mg/dl')}")
-    panel.level([lowest_mg_dl], "level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl")
     if passed := limits_passed(runs):
         panel.level(passed, "level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}")
     most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
     for index, run in enumerate(runs):
         if run.reading_t_min.size:
-            dots = _apart(run.reading_t_min), _apart(run.reading_mg_dl)
+            gaps = np.arange(run.reading_t_min.size) + 1  # after each point, which leaves dots
+            dots = np.insert(run.reading_t_min, gaps, np.nan), np.insert(run.reading_mg_dl, gaps, np.nan)
             panel.line(*dots, f"run-{index} dots {colour(index)}")
         drawn = thinned(run.fine_t_min, run.shown_glucose_mg_dl, most)
         panel.line(*drawn, f"run-{index} {looks(index)}", name=_name(runs, run, "glucose"))
     return panel
-
-
-def _apart(values: Floats) -> Floats:
-    """Values with a gap after each."""
-    return np.insert(values, np.arange(values.size) + 1, np.nan)
 
 
 def _course(run: PlottedRun) -> str:
@@ -183,22 +174,24 @@ def _course(run: PlottedRun) -> str:
 
 
 def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxis) -> Panel:
+    bounds = float(limits.min_mU_min), float(limits.max_mU_min)
     basal = [run.basal_insulin_mU_min for run in runs]
-    commanded = [_within(run.command_mU_min, limits) for run in runs]
-    _, high = extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)
-    told = "; ".join(
+    # within the limits of the pump, so that a command beyond them does not squeeze the other rates
+    commanded = [np.clip(run.command_mU_min, *bounds) for run in runs]
+    high = 1.08 * extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)[1]
+    rates = "; ".join(
         f"{run.label}: from {np.nanmin(run.insulin_mU_min):.2f} to {np.nanmax(run.insulin_mU_min):.2f} mU/min, "
         f"basal rate {run.basal_insulin_mU_min:.2f}"
         for run in runs
         if np.isfinite(run.insulin_mU_min).any()
     )
-    panel = Panel(INSULIN, time, 0.0, 1.08 * high, rem=10.0, alt=f"Rate of insulin. {told}")
+    panel = Panel(INSULIN, time, 0.0, high, rem=10.0, alt=f"Rate of insulin. {rates}")
     panel.level(basal, "level dash-2", f"basal {values_in_words(basal, 'mU/min')}")
-    bounds = [float(limits.min_mU_min), float(limits.max_mU_min)]
-    seen = [bound for bound in bounds if 0.0 < bound <= panel.high]
+    seen = [bound for bound in bounds if 0.0 < bound <= high]
     panel.level(seen, "level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}")
     for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
-        if _differs(run, limits):
+        # a command is drawn where it differs from the delivered rate by more than the picture shows
+        if not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
             kind = f"run-{index} asked dash-2 {colour(index)}"
             panel.steps(run.t_min, asked, kind, name=_name(runs, run, "commanded"))
         kind = f"run-{index} {looks(index)}"
@@ -206,19 +199,8 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxi
     return panel
 
 
-def _within(command_mU_min: Floats, limits: DoseLimits) -> Floats:
-    """Commanded rates within the limits of the pump, so that one beyond them does not squeeze the others."""
-    return np.clip(command_mU_min, float(limits.min_mU_min), float(limits.max_mU_min))
-
-
-def _differs(run: PlottedRun, limits: DoseLimits) -> bool:
-    """Whether another rate was delivered than was commanded, by more than the picture shows."""
-    asked = _within(run.command_mU_min, limits)
-    return not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True)
-
-
 def _bolus_panel(runs: Sequence[PlottedRun], time: TimeAxis) -> Panel:
-    delivered = "; ".join(f"{run.label}: {_boluses_told(run.boluses)}" for run in runs)
+    delivered = "; ".join(f"{run.label}: {_boluses_text(run.boluses)}" for run in runs)
     few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
     panel = Panel(
         BOLUS,
@@ -237,31 +219,24 @@ def _bolus_panel(runs: Sequence[PlottedRun], time: TimeAxis) -> Panel:
     return panel
 
 
-def mark_faults(panels: Sequence[Panel], faults: Sequence[str]) -> None:
+def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultPart]) -> None:
     """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
-    for fault, window in _windows(faults, panels[0].time.end_min):
-        panel = panels[0] if FAULTS.choose(fault).part == "sensor" else panels[1]
+    for fault, window in windows(faults, panels[0].time.end_min):
+        panel = panels[0] if fault.part == "sensor" else panels[1]
         panel.area("fault", window, (panel.low, panel.high))
 
 
-def _windows(faults: Sequence[str], end_min: float) -> Iterator[tuple[str, tuple[float, float]]]:
-    for fault in faults:
-        window = window_of(FAULTS.choose(fault), end_min)
-        if window is not None:
-            yield fault, window
-
-
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[str], end_min: float) -> Iterator[TimeLane]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: float) -> Iterator[Lane]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
-    for fault, window in _windows(faults, end_min):
-        yield TimeLane(f"Fault: {fault_in_words(FAULTS.choose(fault))}", [([window], colour(1))])
+    for fault, window in windows(faults, end_min):
+        yield f"Fault: {fault_in_words(fault)}", [([window], colour(1))]
     for name in STATUS_WORDS.values():
         rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
         if any(periods for periods, _ in rows):
-            yield TimeLane(name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]])
+            yield name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]]
 
 
-def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
+def _boluses_text(boluses: Sequence[tuple[float, float]]) -> str:
     if not boluses:
         return "none"
     total = sum(size for _, size in boluses)
@@ -270,10 +245,10 @@ def _boluses_told(boluses: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
 
 
-def _events(runs: Sequence[PlottedRun], faults: Sequence[str]) -> Iterator[str]:
+def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart]) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
-    yield from (f"Fault: {fault_in_words(FAULTS.choose(fault))}." for fault in faults)
+    yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
     for run in runs:
         yield from (_name(runs, run, event, ": ") for event in _events_of(run))
 
@@ -284,7 +259,7 @@ def _events_of(run: PlottedRun) -> Iterator[str]:
             if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
                 yield f"Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
     if run.boluses or run.command_boluses:
-        yield f"Boluses delivered: {_boluses_told(run.boluses)}."
+        yield f"Boluses delivered: {_boluses_text(run.boluses)}."
     yield from (f"{name} {in_words(periods)}." for name, periods in run.periods.items())
     if run.validity_note is not None:
         yield run.validity_note

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,8 +43,8 @@ _AROUND_MM: Final = 40.0
 _MOST_TICKS: Final = 8
 _DARK: Final = 0.45  # a ground of less luminance than this has white letters
 _LEAST: Final = 1e-12  # a logarithm is taken
-# The legend's words, hatching, and a ground where the cell has no number.
-_HATCHES: Final[dict[str, tuple[str, str, str | None]]] = {
+# Words, hatching, and a ground where the cell has no number.
+_KINDS: Final[dict[str, tuple[str, str, str | None]]] = {
     "breaks": ("breaks a constraint", "xxxxx", None),
     "oscillates": ("oscillates", "/////", None),
     "not finite": ("glucose left the finite numbers", "+++++", "0.75"),
@@ -52,72 +52,73 @@ _HATCHES: Final[dict[str, tuple[str, str, str | None]]] = {
     "impossible": ("p < m, no such tuning", "", "0.88"),
     "not tried": ("not tried", "", "0.97"),
 }
+"""Kinds of cells of which there is more to say than a number."""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One place of the grid."""
+class Cell(NamedTuple):
+    """One place of the grid: a kind of `_KINDS` or ``"kept"``, its point on the surface, or why it was refused."""
 
-    kind: Literal["tried", "impossible", "refused", "not tried"]
-    """Kind of the cell: "impossible" if the prediction horizon is shorter than the move horizon; "refused" if the
-    design failed.
-    """
+    kind: str
     point: int | None = None
-    """Index into the surface's arrays, if the tuning was tried."""
     reason: str = ""
-    """Reason why the design failed."""
 
 
 @dataclass(frozen=True)
 class SurfaceLayout:
-    """Axes and panels of the parameters, and the content of every cell."""
+    """Parameters of the axes and those that tell panels apart, and the content of every cell."""
 
     x: str
     y: str
     panels: tuple[str, ...]
     levels: dict[str, list[float]]
     """The values of each parameter, in rising order."""
-    cells: dict[tuple[float, ...], Cell]
-    """Cells by the values of the parameters, in the order of `levels`."""
+    cells: dict[tuple[float, ...], list[list[Cell]]]
+    """Cells ``[row][column]`` of each panel, by its values of the parameters in `panels`; every place holds a cell."""
 
     def combinations(self) -> list[tuple[float, ...]]:
         """Parameter values that distinguish the panels; one empty combination for a single panel."""
-        place = [list(self.levels).index(name) for name in self.panels]
-        return sorted({tuple(values[at] for at in place) for values in self.cells})
+        return list(self.cells)
 
     def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
-        """Cells of a panel, `[row][column]`; every place holds a cell."""
-        fixed = {name: values[0] for name, values in self.levels.items()}
-        fixed |= dict(zip(self.panels, combination, strict=True))
-
-        def cell(x: float, y: float) -> Cell:
-            values = fixed | {self.x: x, self.y: y}
-            known = self.cells.get(tuple(values[name] for name in self.levels))
-            if known is not None:
-                return known
-            return Cell("impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried")
-
-        return [[cell(x, y) for x in self.levels[self.x]] for y in self.levels[self.y]]
+        """Cells of a panel, ``[row][column]``."""
+        return self.cells[combination]
 
 
 def layout(surface: TuningSurface) -> SurfaceLayout:
     """Lay out a surface; Refusal for more panels than can be read."""
     cells = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
-    cells |= {tuning: Cell("tried", point) for point, tuning in enumerate(surface.tunings)}
+    cells |= {tuning: Cell(_kind(surface, point), point) for point, tuning in enumerate(surface.tunings)}
     filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
     names = [name for name in PARAMETERS if filtered or name != "reference_filter"]
-    levels = {name: sorted({float(getattr(tuning, name)) for tuning in cells}) for name in names}
+    known = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
+    levels = {name: sorted(set(values)) for name, values in zip(names, zip(*known, strict=True), strict=True)}
     varying = [name for name in names if len(levels[name]) > 1]
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
-    by_values = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
-    found = SurfaceLayout(x, y, tuple(varying[2:]), levels, by_values)
-    needed = len(found.combinations())
-    if needed > MOST_PANELS:
+    panels = tuple(varying[2:])
+    combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in known})
+    if len(combinations) > MOST_PANELS:
         raise Refusal(
-            f"the surface would need {needed} panels, at most {MOST_PANELS} can be seen; "
-            f"give fewer values of {' and '.join(found.panels)}"
+            f"the surface would need {len(combinations)} panels, at most {MOST_PANELS} can be seen; "
+            f"give fewer values of {' and '.join(panels)}"
         )
-    return found
+
+    def cell(values: dict[str, float]) -> Cell:
+        missing = "impossible" if values["prediction_horizon"] < values["move_horizon"] else "not tried"
+        return known.get(tuple(values[name] for name in names), Cell(missing))
+
+    rows = {}
+    for combination in combinations:
+        fixed = {name: values[0] for name, values in levels.items()} | dict(zip(panels, combination, strict=True))
+        rows[combination] = [[cell(fixed | {x: right, y: up}) for right in levels[x]] for up in levels[y]]
+    return SurfaceLayout(x, y, panels, levels, rows)
+
+
+def _kind(surface: TuningSurface, point: int) -> str:
+    if not np.isfinite(surface.sse[point]):
+        return "not finite"
+    if not surface.feasible[point]:
+        return "breaks"
+    return "oscillates" if surface.oscillates[point] else "kept"
 
 
 def texts(names: Sequence[str], symbols: dict[str, str], values: Sequence[float]) -> str:
@@ -137,30 +138,22 @@ def plot_surface(
 
     Tunings that break the constraints or oscillate are hatched; the best of the others has a star and the printed one,
     or what it is `called` in the legend, a diamond; if it is not a point of the surface, only the legend mentions it.
-    Cells without a number are grey, and the legend gives the reason.
-
-    Raises
-    ------
-    ValueError
-        For more panels than can be seen, no finite result, or an unknown width.
+    Cells without a number are grey, and the legend gives the reason. Refusal for more panels than can be seen, or for
+    no finite result.
     """
     places = layout(surface)
-    combinations = places.combinations()
     if not np.isfinite(surface.sse).any():
         raise Refusal("the surface has no finite sum of squared errors to show")
-    columns = min(_PANELS_PER_ROW.get(width, 1), len(combinations))
-    rows = -(-len(combinations) // columns)
+    count = len(places.cells)
+    columns = min(_PANELS_PER_ROW.get(width, 1), count)
+    rows = -(-count // columns)
     figure = _style.new_figure(width, rows * _ROW_MM + _AROUND_MM, title)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    marked = {"best": surface.best() if surface.acceptable.any() else None, called: printed}
     entries: dict[str, Artist] = {}
-    image = None
-    for number, axes in enumerate(grid.flat):
-        if number >= len(combinations):
-            axes.set_visible(False)
-            continue
-        cells = places.rows(combinations[number])
+    for number, (axes, (values, cells)) in enumerate(zip(grid.flat, places.cells.items(), strict=False)):
         image = _draw_cells(axes, surface, cells, entries)
-        _draw_marks(axes, surface, cells, {"best": _best(surface), called: printed}, entries)
+        _draw_marks(axes, surface, cells, marked, entries)
         _style.dress(axes)
         for levels, set_ticks in (
             (places.levels[places.x], axes.set_xticks),
@@ -168,22 +161,20 @@ def plot_surface(
         ):
             at = np.arange(0, len(levels), -(-len(levels) // _MOST_TICKS))
             set_ticks(at + 0.5, [f"{levels[place]:g}" for place in at])
-        axes.set_title(texts(places.panels, _SYMBOLS, combinations[number]), fontsize=FONT_PT)
-        if number + columns >= len(combinations):
+        axes.set_title(texts(places.panels, _SYMBOLS, values), fontsize=FONT_PT)
+        if number + columns >= count:
             # beside each other there is no room for more than the symbol
             axes.set_xlabel(_NAMES[places.x] if columns == 1 else _SYMBOLS[places.x], fontsize=FONT_PT)
             axes.tick_params(labelbottom=True)
         if number % columns == 0:
             axes.set_ylabel(_NAMES[places.y], fontsize=FONT_PT)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
     if printed is not None and printed not in surface.tunings:
         entries[f"{called} {tuning_text(printed)}, beside the grid"] = _mark("D")
     _add_bar(figure, image, grid)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.add_legend(figure, entries, width)
     return figure
-
-
-def _best(surface: TuningSurface) -> MPCTuning | None:
-    return surface.best() if surface.acceptable.any() else None
 
 
 def cell_colours(surface: TuningSurface) -> list[tuple[str, str]]:
@@ -226,12 +217,12 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
     low, high = max(float(finite.min()), _LEAST), max(float(finite.max()), _LEAST)
     cells = np.ma.masked_invalid(np.maximum(np.array(sums, float), _LEAST))
     image = axes.pcolormesh(cells, cmap="viridis_r", norm=LogNorm(low, max(high, 1.01 * low)), rasterized=False)
-    for state, (label, hatch, face) in _HATCHES.items():
+    for kind, (label, hatch, face) in _KINDS.items():
         chosen = [
             Path.unit_rectangle().transformed(Affine2D().translate(x, y))
             for y, row in enumerate(rows)
             for x, cell in enumerate(row)
-            if _state(surface, cell) == state
+            if cell.kind == kind
         ]
         if chosen:
             look: dict[str, Any] = {"edgecolor": "black", "hatch": hatch, "linewidth": 0.0}
@@ -242,17 +233,6 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
     return image
 
 
-def _state(surface: TuningSurface, cell: Cell) -> str:
-    """Text of a cell in addition to its number; empty where the number is enough."""
-    if cell.point is None:
-        return cell.kind
-    if not np.isfinite(surface.sse[cell.point]):
-        return "not finite"
-    if not surface.feasible[cell.point]:
-        return "breaks"
-    return "oscillates" if surface.oscillates[cell.point] else ""
-
-
 def _draw_marks(
     axes: Axes,
     surface: TuningSurface,
@@ -261,15 +241,13 @@ def _draw_marks(
     entries: dict[str, Artist],
 ) -> None:
     """A star and a diamond on two tunings, by what they are called."""
+    places = {cell.point: (x + 0.5, y + 0.5) for y, row in enumerate(rows) for x, cell in enumerate(row)}
     for marker, (called, tuning) in zip("*D", tunings.items(), strict=True):
-        if tuning is None or tuning not in surface.tunings:
-            continue
-        point = surface.index(tuning)
-        for y, row in enumerate(rows):
-            for x, cell in enumerate(row):
-                if cell.point == point:
-                    axes.add_line(_mark(marker, x + 0.5, y + 0.5))
-        entries.setdefault(f"{called} {tuning_text(tuning)}", _mark(marker))
+        if tuning is not None and tuning in surface.tunings:
+            point = surface.index(tuning)
+            if point in places:
+                axes.add_line(_mark(marker, *places[point]))
+            entries.setdefault(f"{called} {tuning_text(tuning)}", _mark(marker))
 
 
 def _mark(marker: str, *place: float) -> Any:

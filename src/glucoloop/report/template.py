@@ -24,7 +24,7 @@ import glucoloop
 from glucoloop.printable import glucose_text, percent
 from glucoloop.report.charts import colour
 from glucoloop.report.columns import headings
-from glucoloop.report.fault_words import settings_in_words, when_in_words
+from glucoloop.report.descriptions import settings_in_words, when_in_words
 from glucoloop.situations.toml import toml_text, with_code
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -67,22 +67,12 @@ def render(
     `sentences` are the results in words, `facts` everything that they depend on, by name, and `repeat` what repeats
     them; a page with plots needs the `script`.
     """
-    code = f"\n{_asset('page.js')}" if script else ""
-    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
-    return (
-        _environment(template.parent)
-        .get_template(template.name)
-        .render(
-            title=title,
-            sentences=list(sentences),
-            facts=facts or {},
-            repeat=repeat,
-            style=_asset("page.css"),
-            script=_asset("page.js") if script else "",
-            script_source=Markup(f"'sha256-{digest}'" if script else "'none'"),
-            **values,
-        )
-    )
+    code = _asset("page.js") if script else Markup("")
+    digest = base64.b64encode(hashlib.sha256(f"\n{code}".encode()).digest()).decode()
+    values |= {"title": title, "sentences": list(sentences), "facts": facts or {}, "repeat": repeat, "script": code}
+    source = Markup(f"'sha256-{digest}'" if script else "'none'")
+    page = _environment(template.parent).get_template(template.name)
+    return page.render(style=_asset("page.css"), script_source=source, **values)
 
 
 @functools.cache
@@ -105,7 +95,7 @@ def _environment(folder: Path) -> jinja2.Environment:
         "percent": percent,
         "quoted": lambda text: quote(text, safe=""),
         "settings_in_words": settings_in_words,
-        "thousands": _thousands,
+        "thousands": lambda count: f"{count:,}".replace(",", "\u202f"),
         "toml": toml_text,
         "when_in_words": when_in_words,
         "with_code": with_code,
@@ -116,11 +106,6 @@ def _environment(folder: Path) -> jinja2.Environment:
 @functools.cache
 def _asset(name: str) -> Markup:
     return Markup(importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8"))
-
-
-def _thousands(count: int) -> str:
-    """Text of a number with its thousands separated."""
-    return f"{count:,}".replace(",", "\u202f")
 
 
 def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,9 +16,9 @@ from glucoloop.metrics.control_variability import (
 )
 from glucoloop.printable import percent
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO, RANGE_COLOURS, ZONE_COLOURS, Width
+from glucoloop.report._style import FONT_PT, GREY, RANGE_COLOURS, ZONE_COLOURS, Width
 from glucoloop.report.charts import extent
-from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport
+from glucoloop.report.trial_report import RANGES, CaseReport, TrialReport
 from glucoloop.units import u_h_from_mu_min
 
 if TYPE_CHECKING:
@@ -31,18 +30,11 @@ _COLUMNS: Final = {"single": 2, "double": 4}
 _GLUCOSE_MM: Final = 34.0
 _INSULIN_MM: Final = 24.0
 _BAR_MM: Final = 8.5
-_PANEL_SHARE: Final = 0.8  # of a column; the rest is for ticks and gaps
 _CHARACTER_MM: Final = 1.7  # of the font's boldest
 _AROUND_MM: Final = 30.0  # title, legend and the axis of the bars
-_LEAST_SHARE_TOLD: Final = 7.0  # percent of a bar that has room for its own number
-
-
-BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
+_LEAST_SHARE_WRITTEN: Final = 7.0  # percent of a bar that has room for its own number
+_BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
 """Lower and upper quantile of each band, and its opacity."""
-
-
-def _colour(index: int) -> str:
-    return OKABE_ITO[index % len(OKABE_ITO)]
 
 
 def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = "double") -> Figure:
@@ -69,49 +61,50 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     ValueError
         For an unknown width.
     """
-    people = len(report.cases)
-    figure, panels, columns = _sheet(people, report.title if title is None else title, width)
-    characters = max(12, int(_PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM))
+    number = len(report.cases)
+    figure, panels, columns = _sheet(number, report.title if title is None else title, width)
+    characters = max(12, int(_style.PANEL_SHARE * _style.WIDTHS_MM[width] / columns / _CHARACTER_MM))
     divisor, unit, tick = _style.time_axis(report.horizon_min, "single")
-    least = [report.setpoint_mg_dl, report.lowest_glucose_mg_dl]
     cases = report.cases.values()
-    low, high = extent(least, *(case.glucose_quantiles[of] for case in cases for of in (0.01, 0.99)))
+    levels = [report.setpoint_mg_dl, report.lowest_glucose_mg_dl]
+    low, high = extent(levels, *(case.glucose_quantiles[quantile] for case in cases for quantile in (0.01, 0.99)))
     _, most = extent([0.0], *(case.insulin_quantiles[0.99] for case in cases))
     for index, (label, case) in enumerate(report.cases.items()):
         glucose, insulin, grid = (panels[f"{kind} {index}"] for kind in ("glucose", "insulin", "grid"))
-        _draw_bands(glucose, case.bands_t_min / divisor, case.glucose_quantiles, index)
+        style = {"color": _style.line_style(index)["color"], "linewidth": 1.1}
+        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
         held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
-        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1]) / divisor
-        _draw_bands(insulin, held_t, held, index, held=True)
-        setpoint = glucose.axhline(report.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=4)
-        bound = glucose.axhline(
-            report.lowest_glucose_mg_dl, color="black", linewidth=0.8, linestyle=(0, (4, 3)), zorder=4
-        )
-        _draw_grid(grid, case, _colour(index), characters)
+        for axes, t_min, quantiles in (
+            (glucose, case.bands_t_min, case.glucose_quantiles),
+            (insulin, held_t, held),
+        ):
+            bands = [(quantiles[below], quantiles[above], opacity) for below, above, opacity in _BANDS]
+            _style.draw_bands(axes, t_min / divisor, bands, quantiles[0.5], style, held=axes is insulin)
+            axes.set_xlim(0.0, report.horizon_min / divisor)
+            axes.xaxis.set_major_locator(_style.every(tick))
+        setpoint = glucose.axhline(report.setpoint_mg_dl, **_style.SETPOINT, zorder=4)
+        bound = glucose.axhline(report.lowest_glucose_mg_dl, **_style.BOUND, zorder=4)
+        _draw_grid(grid, case, style["color"], characters)
         for axes in (glucose, grid):
             heading = _style.literal(textwrap.fill(label, characters))
             axes.set_title(heading, fontsize=FONT_PT, fontweight="bold", loc="left")
         glucose.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-        insulin.set_ylim(0.0, 1.05 * most)
-        for axes in (glucose, insulin):
-            _style.dress(axes)
-            axes.set_xlim(0.0, report.horizon_min / divisor)
-            axes.xaxis.set_major_locator(_style.every(tick))
         glucose.tick_params(labelbottom=False)
-        insulin.set_xlabel(f"Time ({unit})")
+        insulin.set(ylim=(0.0, 1.05 * most), xlabel=f"Time ({unit})")
         for axes, name in ((glucose, "Glucose (mg/dl)"), (insulin, "Insulin (mU/min)"), (grid, "Maximum (mg/dl)")):
             if index % columns == 0:
                 axes.set_ylabel(name)
             else:
                 axes.tick_params(labelleft=False)
-        if report.units_per_hour and ((index + 1) % columns == 0 or index + 1 == people):
+        if report.units_per_hour and ((index + 1) % columns == 0 or index + 1 == number):
             _style.add_axis(insulin, u_h_from_mu_min(1.0), "Insulin (U/h)")
-    figure.align_ylabels([axes for name, axes in panels.items() if name != "bars"])
     entries = _legend_of_bands()
     entries[f"setpoint {report.setpoint_mg_dl:g} mg/dl"] = setpoint
     entries[f"lowest allowed {report.lowest_glucose_mg_dl:g} mg/dl"] = bound
     _draw_ranges(panels["bars"], report, entries, width)
-    _style.add_legend(figure, list(entries.values()), list(entries), width)
+    _style.dress(*panels.values())
+    figure.align_ylabels([axes for name, axes in panels.items() if name != "bars"])
+    _style.add_legend(figure, entries, width)
     return figure
 
 
@@ -119,7 +112,7 @@ def _sheet(people: int, title: str, width: Width) -> tuple[Figure, dict[str, Axe
     """Empty figure with as many rows of panels as the controllers need, and the bars below; its number of columns."""
     rows = -(-people // _COLUMNS.get(width, 1))
     columns = -(-people // rows)
-    grid_mm = min(48.0, _PANEL_SHARE * _style.WIDTHS_MM.get(width, 0.0) / columns)
+    grid_mm = min(48.0, _style.PANEL_SHARE * _style.WIDTHS_MM.get(width, 0.0) / columns)
     heights = [_GLUCOSE_MM, _INSULIN_MM] * rows + [grid_mm] * rows + [_BAR_MM * people]
     figure = _style.new_figure(width, sum(heights) + 6.0 * len(heights) + _AROUND_MM, title)
     places = [range(columns * row, columns * (row + 1)) for row in range(rows)]
@@ -129,11 +122,6 @@ def _sheet(people: int, title: str, width: Width) -> tuple[Figure, dict[str, Axe
     return figure, figure.subplot_mosaic(mosaic, height_ratios=heights), columns
 
 
-def _draw_bands(axes: Axes, t: Floats, quantiles: Mapping[float, Floats], index: int, *, held: bool = False) -> None:
-    bands = [(quantiles[low], quantiles[high], opacity) for low, high, opacity in BANDS]
-    _style.draw_bands(axes, t, bands, quantiles[0.5], {"color": _colour(index), "linewidth": 1.1}, held=held)
-
-
 def _legend_of_bands() -> dict[str, Artist]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -141,13 +129,13 @@ def _legend_of_bands() -> dict[str, Artist]:
     entries: dict[str, Artist] = {"median": Line2D([], [], color=GREY, linewidth=1.1)}
     # a band lies over the wider ones
     transparency = 1.0
-    for low, high, opacity in BANDS:
+    for low, high, opacity in _BANDS:
         transparency *= 1.0 - opacity
         entries[f"middle {100 * (high - low):.0f} %"] = Patch(facecolor="0.2", alpha=1.0 - transparency, linewidth=0.0)
     return entries
 
 
-def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> None:
+def _draw_grid(axes: Axes, case: CaseReport, colour: str, characters: int) -> None:
     from matplotlib.colors import LinearSegmentedColormap, LogNorm, to_rgba
     from matplotlib.patches import Rectangle
 
@@ -158,32 +146,22 @@ def _draw_grid(axes: Axes, case: CaseReport, of_case: str, characters: int) -> N
         place = (corner[0] + CELLS - 1.0, corner[1] + CELLS - 1.0)
         _style.write(axes, region[-1], place, ha="left", va="top", zorder=4)
     counts = np.ma.masked_less(np.asarray(case.cvga_counts, float).T, 0.5)
-    colours = LinearSegmentedColormap.from_list("people", [to_rgba(of_case, 0.3), to_rgba(of_case, 1.0)])
+    colours = LinearSegmentedColormap.from_list("people", [to_rgba(colour, 0.3), to_rgba(colour, 1.0)])
     edges = np.arange(3 * CELLS + 1)
     top = max(10.0, float(counts.max() or 1.0)) if counts.count() else 10.0
     axes.pcolormesh(edges, edges, counts, cmap=colours, norm=LogNorm(1.0, top), zorder=2, rasterized=True)
-    _style.dress(axes)
     axes.spines[:].set_visible(False)
     ticks = np.arange(0, 3 * CELLS + 1, CELLS)
     axes.set_xticks(ticks, [f"{limit:g}" for limit in MINIMUM_LIMITS_MG_DL])
     axes.set_yticks(ticks, [f"{limit:g}" for limit in MAXIMUM_LIMITS_MG_DL])
-    axes.set_box_aspect(1.0)
-    axes.set_anchor("W")
-    axes.set_xlim(3 * CELLS, 0)
-    axes.set_ylim(0, 3 * CELLS)
-    shares = [f"{zone} {percent(share)}" for zone, share in zone_pct(case.cvga_counts).items() if share != 0.0]
-    axes.set_xlabel("Minimum (mg/dl)\n" + _fill(", ".join(shares), characters))
-
-
-def _fill(text: str, characters: int) -> str:
-    """Text broken into lines at ordinary spaces only."""
-    lines = [""]
-    for word in text.split(" "):
-        if lines[-1] and len(lines[-1]) + len(word) >= characters:
-            lines.append(word)
-        else:
-            lines[-1] = f"{lines[-1]} {word}".strip(" ")
-    return "\n".join(lines)
+    axes.set(box_aspect=1.0, anchor="W", xlim=(3 * CELLS, 0), ylim=(0, 3 * CELLS))
+    shares = [
+        f"{zone}\N{NO-BREAK SPACE}{percent(share)}"
+        for zone, share in zone_pct(case.cvga_counts).items()
+        if share != 0.0
+    ]
+    text = textwrap.fill(", ".join(shares), characters, break_on_hyphens=False, break_long_words=False)
+    axes.set_xlabel(f"Minimum (mg/dl)\n{text}")
 
 
 def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], width: Width) -> None:
@@ -195,17 +173,14 @@ def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], wi
         for name, time in zip(RANGES, times, strict=True):
             bar = axes.barh(index, time, left=left, height=0.42, color=RANGE_COLOURS[name], linewidth=0.0)
             entries.setdefault(f"{name} mg/dl", bar[0])
-            if time >= _LEAST_SHARE_TOLD:
+            if time >= _LEAST_SHARE_WRITTEN:
                 _style.write(axes, percent(time), (left + time / 2.0, index), va="center_baseline")
             left += time
-        name_told = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
-        _style.write(axes, name_told, (0.0, index - 0.26), ha="left", fontweight="bold")
+        name = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
+        _style.write(axes, name, (0.0, index - 0.26), ha="left", fontweight="bold")
         if width == "double":
-            told = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
-            _style.write(axes, told, (100.0, index - 0.26), ha="right")
-    _style.dress(axes)
+            beyond = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
+            _style.write(axes, beyond, (100.0, index - 0.26), ha="right")
     axes.spines["left"].set_visible(False)
-    axes.set_yticks([])
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(len(report.cases) - 0.7, -0.75)
+    axes.set(xlim=(0.0, 100.0), ylim=(len(report.cases) - 0.7, -0.75), yticks=[])
     axes.set_xlabel("Time in range, mean over the people (%)")

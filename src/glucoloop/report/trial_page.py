@@ -10,14 +10,16 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
-from glucoloop.printable import NOT_AVAILABLE, glucose_text
+from glucoloop.metrics import control_variability as cvga
+from glucoloop.parts.faults import FAULTS
+from glucoloop.parts.metrics import result_named
+from glucoloop.printable import NOT_AVAILABLE, glucose_text, percent
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
-from glucoloop.report.charts import GLUCOSE, INSULIN, Panel, Plot, TimeAxis, colour, extent, thinned
-from glucoloop.report.page import TARGET_MG_DL, mark_faults
-from glucoloop.report.table import Row
+from glucoloop.report.charts import INSULIN, Panel, Plot, TimeAxis, colour, extent, nice_ticks, thinned
+from glucoloop.report.columns import MetricRow
+from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
-from glucoloop.report.trial_charts import distribution_of, grid_of
-from glucoloop.report.trial_report import RANGES, CaseReport, Floats, TrialReport, WorstPerson
+from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
 from glucoloop.units import MG_DL_PER_MMOL_L
 
@@ -29,6 +31,10 @@ _WORST_TIMES: Final = 500
 _LEAST_TIMES: Final = 40
 _MOST_WORST: Final = 60
 """Largest number of people whose curves are drawn, over all controllers, but for two of each."""
+_SHADES: Final = 6
+"""Number of shades of the control-variability grid, on a logarithmic scale."""
+_OUTLINE: Final = (1000, 100)
+"""Width and height of the outline of a distribution."""
 
 
 def trial_page(report: TrialReport) -> str:
@@ -64,10 +70,10 @@ def trial_page(report: TrialReport) -> str:
         bin_text=f"{GLUCOSE_BIN_MG_DL:g} mg/dl or {INSULIN_BIN_MU_MIN:g} mU/min",
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),
-        distributions=[distribution_of(report, metric) for metric in cases[0].metric_counts],
+        distributions=[_distribution(report, metric) for metric in cases[0].metric_counts],
         ranges={name: _in_mmol_l(name) for name in RANGES},
         range_colours=RANGE_COLOURS,
-        grids=[grid_of(case, most) for case in cases],
+        grids=[_grid(case, most) for case in cases],
         zone_colours=ZONE_COLOURS,
         worst=_worst(report, people, shown, worst_times),
         worst_people=min(shown, max(len(case.worst) for case in cases)),
@@ -76,16 +82,18 @@ def trial_page(report: TrialReport) -> str:
     )
 
 
-def _headlines(cases: Sequence[CaseReport]) -> list[Row]:
+def _headlines(cases: Sequence[CaseReport]) -> list[MetricRow]:
     rows = []
     for name in cases[0].table:
         text, opening, unit = name.rpartition(" (")
         text, unit = (text, unit[:-1]) if opening and unit.endswith(")") else (name, "")
         values = [case.table[name] for case in cases]
-        mmol_l = None
-        if unit == "mg/dl":
-            mmol_l = tuple(_text(v if isinstance(v, str) else v / MG_DL_PER_MMOL_L) for v in values)
-        rows.append(Row("", text, unit, tuple(map(_text, values)), mmol_l))
+        in_mmol_l = [value if isinstance(value, str) else value / MG_DL_PER_MMOL_L for value in values]
+        rows.append(
+            MetricRow(
+                "", text, unit, list(map(_text, values)), list(map(_text, in_mmol_l)) if unit == "mg/dl" else None
+            )
+        )
     return rows
 
 
@@ -106,18 +114,16 @@ def _in_mmol_l(name: str) -> str:
     return " ".join(f"{float(word) / MG_DL_PER_MMOL_L:.1f}" if word.isdigit() else word for word in words)
 
 
-def _frame(report: TrialReport, glucose: list[Floats], insulin: list[Floats], alts: tuple[str, str]) -> list[Panel]:
+def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats], alts: tuple[str, str]) -> list[Panel]:
     """Empty panels of glucose and insulin, the same for all controllers."""
     time = TimeAxis(report.horizon_min)
-    low, high = extent([report.setpoint_mg_dl, report.lowest_glucose_mg_dl], *glucose)
-    margin = 0.05 * (high - low)
     marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals if t_min < time.end_min]
-    above = Panel(GLUCOSE, time, low - margin, high + margin, rem=13.0, alt=alts[0], marks=marks)
-    above.area("target", (0.0, time.end_min), TARGET_MG_DL)
-    above.level([report.setpoint_mg_dl], "level")
-    above.level([report.lowest_glucose_mg_dl], "level dash-1")
-    panels = [above, Panel(INSULIN, time, 0.0, 1.05 * extent([0.0], *insulin)[1], rem=7.0, alt=alts[1])]
-    mark_faults(panels, report.faults)
+    levels = [report.setpoint_mg_dl], report.lowest_glucose_mg_dl
+    panels = [
+        glucose_panel(time, *levels, glucose, rem=13.0, alt=alts[0], marks=marks),
+        Panel(INSULIN, time, 0.0, 1.05 * extent([0.0], *insulin)[1], rem=7.0, alt=alts[1]),
+    ]
+    mark_faults(panels, map(FAULTS.choose, report.faults))
     return panels
 
 
@@ -128,17 +134,21 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     insulin = [case.insulin_quantiles[BANDS[0][1]] for case in cases]
     plots = []
     for index, (label, case) in enumerate(report.cases.items()):
-        panels = _frame(report, glucose, insulin, _alts(label, case))
+        courses = ", ".join(
+            _course(name, case.glucose_quantiles[quantile], case.bands_t_min, "mg/dl")
+            for quantile, name in ((0.05, "5th percentile"), (0.5, "median"), (0.95, "95th percentile"))
+        )
+        doses = _course("median", case.insulin_quantiles[0.5], case.insulin_t_min, "mU/min")
+        alts = f"Glucose under {label}: {courses}", f"Insulin under {label}: {doses}"
+        panels = _panels(report, glucose, insulin, alts)
         # each rate is held until the next, the last until the end
         for panel, t_min, quantiles, held in (
             (panels[0], case.bands_t_min, case.glucose_quantiles, False),
             (panels[1], np.append(case.insulin_t_min, case.bands_t_min[-1]), case.insulin_quantiles, True),
         ):
-            kept = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
-            t = t_min[kept]
-            shown = {
-                quantile: np.append(values, values[-1:])[: len(t_min)][kept] for quantile, values in quantiles.items()
-            }
+            drawn = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
+            t = t_min[drawn]
+            shown = {q: np.append(values, values[-1:])[drawn] for q, values in quantiles.items()}
             for low, high in BANDS:
                 name = f"{100 * (high - low):.0f} % of the people"
                 panel.band(t, shown[low], shown[high], f"band {colour(index)}", name, held=held)
@@ -147,22 +157,14 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     return plots
 
 
-def _alts(label: str, case: CaseReport) -> tuple[str, str]:
-    def course(quantiles: Floats, t_min: Floats, unit: str) -> str:
-        if not np.isfinite(quantiles).any():
-            return "not known"
-        least, most = int(np.nanargmin(quantiles)), int(np.nanargmax(quantiles))
-        return (
-            f"least {quantiles[least]:.1f} {unit} at {t_min[least]:g} min, greatest {quantiles[most]:.1f} at "
-            f"{t_min[most]:g} min"
-        )
-
-    glucose = ", ".join(
-        f"{name} {course(np.asarray(case.glucose_quantiles[q]), case.bands_t_min, 'mg/dl')}"
-        for q, name in ((0.05, "5th percentile"), (0.5, "median"), (0.95, "95th percentile"))
+def _course(name: str, quantiles: Floats, t_min: Floats, unit: str) -> str:
+    if not np.isfinite(quantiles).any():
+        return f"{name} not known"
+    least, most = int(np.nanargmin(quantiles)), int(np.nanargmax(quantiles))
+    return (
+        f"{name} least {quantiles[least]:.1f} {unit} at {t_min[least]:g} min, greatest {quantiles[most]:.1f} at "
+        f"{t_min[most]:g} min"
     )
-    insulin = course(np.asarray(case.insulin_quantiles[0.5]), case.insulin_t_min, "mU/min")
-    return f"Glucose under {label}: {glucose}", f"Insulin under {label}: median {insulin}"
 
 
 def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most: int) -> list[Plot]:
@@ -173,13 +175,81 @@ def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most:
         worst = case.worst[:shown]
         least = ", ".join(f"person {one.person} {glucose_text(one.minimum_mg_dl)} mg/dl" for one in worst)
         alts = f"Glucose under {label} of the worst: least {least}", f"Insulin under {label}"
-        above, below = panels = _frame(report, glucose, insulin, alts)
+        above, below = panels = _panels(report, glucose, insulin, alts)
         for one in worst:
             kind = f"thin {colour(index)}"
             named: dict[str, Any] = {"name": f"person {one.person}", "person": one.person}
             above.line(*thinned(one.t_min, concentrations(one.glucose_mg_dl), most), kind, **named)
-            kept = slice(None, None, -(-len(one.insulin_t_min) // most))
-            rate = one.insulin_mU_min[kept]
-            below.steps(np.append(one.insulin_t_min[kept], one.t_min[-1]), np.append(rate, rate[-1:]), kind, **named)
+            drawn = slice(None, None, -(-len(one.insulin_t_min) // most))
+            rate = one.insulin_mU_min[drawn]
+            below.steps(np.append(one.insulin_t_min[drawn], one.t_min[-1]), np.append(rate, rate[-1:]), kind, **named)
         plots.append(Plot(label, panels))
     return plots
+
+
+def _grid(case: CaseReport, most: float) -> dict[str, Any]:
+    """Content of the macro ``grid`` for a controller; `most` people in a cell have the strongest colour."""
+    side, counts = 3 * cvga.CELLS, np.asarray(case.cvga_counts, float)
+    rank = np.minimum(np.log(np.maximum(counts, 1.0)) / np.log(max(most, 2.0)) * _SHADES, _SHADES - 1).astype(int)
+    people = []
+    for shade in range(_SHADES):
+        # the least glucose rises to the left, the greatest upwards
+        cells = [(side - 1 - c, side - 1 - r) for c, r in np.argwhere((counts > 0) & (rank == shade)).tolist()]
+        if cells:
+            path = "".join(f"M{x} {y}h1v1h-1z" for x, y in cells)
+            people.append((f"{0.3 + 0.7 * shade / (_SHADES - 1):.2f}", path))
+    return {
+        "people": people,
+        "zones": [
+            (side - cvga.CELLS * (place // 3 + 1), side - cvga.CELLS * (place % 3 + 1), region[-1])
+            for place, region in enumerate(cvga.region_pct(case.cvga_counts))
+        ],
+        "shares": {zone: percent(share) for zone, share in cvga.zone_pct(case.cvga_counts).items()},
+        "limits": (cvga.MINIMUM_LIMITS_MG_DL, cvga.MAXIMUM_LIMITS_MG_DL),
+        "side": side,
+        "cells": cvga.CELLS,
+    }
+
+
+def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
+    """Content of the macro ``distribution``: outlines of a metric under all controllers, on one axis."""
+    result, cases = result_named(metric), {label: case.metric_counts[metric] for label, case in report.cases.items()}
+    occupied = np.flatnonzero(np.sum([part.counts for part in cases.values()], axis=0))
+    edges = np.asarray(next(iter(cases.values())).edges, float) / result.divisor
+    first, last = (int(occupied[0]), int(occupied[-1])) if occupied.size else (0, edges.size - 2)
+    shown = edges[first : last + 2]
+    alike = first == last and all(result.text(part.p5) == result.text(part.p95) for part in cases.values())
+    zero = all(map(_all_zero, cases.values()))
+    ticks = [] if zero or alike else nice_ticks(float(shown[0]), float(shown[-1]), 5)
+    width, height = _OUTLINE
+    outlines = {}
+    for label, part in cases.items():
+        counts, words, path, places = np.asarray(part.counts, float)[first : last + 1], "", "", None
+        if _all_zero(part):
+            words = "0 for everybody"
+        elif counts.any() and alike:
+            words = "the same for everybody"
+        elif counts.any():
+            x = np.rint(width * (shown - shown[0]) / (shown[-1] - shown[0])).astype(int)
+            y = np.rint(height * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
+            steps = "".join(f"V{up}H{right}" for up, right in zip(y.tolist(), x[1:].tolist(), strict=True))
+            path = f"M0 {height}{steps}V{height}z"
+            values = np.array([part.p5, part.median, part.p95]) / result.divisor
+            places = np.rint(np.interp(values, shown, x)).astype(int)
+        outlines[label] = {"part": part, "words": words, "path": path, "places": places}
+    return {
+        "result": result,
+        "outlines": outlines,
+        "size": _OUTLINE,
+        "unit": "" if zero else result.unit,
+        "ticks": [(f"{100.0 * (tick - shown[0]) / (shown[-1] - shown[0]):.4g}", f"{tick:g}") for tick in ticks],
+    }
+
+
+def _all_zero(part: MetricDistribution) -> bool:
+    """Whether the metric is 0 for everybody: all are in the bin of 0, and so is what 95 % stay below."""
+    occupied = np.flatnonzero(np.asarray(part.counts))
+    if occupied.size != 1 or part.p5 != 0.0 or part.p95 != 0.0:
+        return False
+    low, high = np.asarray(part.edges, float)[occupied[0] : occupied[0] + 2]
+    return bool(low <= 0.0 <= high)

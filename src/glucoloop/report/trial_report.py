@@ -14,9 +14,6 @@ from glucoloop.report.template import Repeat
 
 Floats = npt.NDArray[np.float64]
 
-QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-"""Quantiles between which bands are drawn."""
-
 RANGES: Final = {
     "below 54": ("time_below_54_pct",),
     "54 to 70": ("time_below_70_pct", "time_below_54_pct"),
@@ -73,11 +70,11 @@ class CaseReport:
     bands_t_min: Floats
     """(samples + 1,) times of the samples and of the horizon."""
     glucose_quantiles: Mapping[float, Floats]
-    """(samples + 1,) quantiles of glucose [mg/dl] over the people, for each of `QUANTILES`."""
+    """(samples + 1,) quantiles of glucose [mg/dl] over the people: 0.01, 0.05, 0.25, 0.5, 0.75, 0.95 and 0.99."""
     insulin_t_min: Floats
     """(samples,) times from which each rate was delivered."""
     insulin_quantiles: Mapping[float, Floats]
-    """(samples,) quantiles of delivered insulin [mU/min] over the people, for each of `QUANTILES`."""
+    """(samples,) the same quantiles of delivered insulin [mU/min]."""
     metric_counts: Mapping[str, MetricDistribution]
     """Distributions by the name of a metric, in the order shown."""
     cvga_counts: npt.NDArray[Any]

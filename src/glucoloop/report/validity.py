@@ -13,13 +13,18 @@ from glucoloop.simulation import Trace
 _MOST_PERIODS: Final = 3
 
 
+def stretches(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First place of each stretch in which something is there, and the place after its last one."""
+    first, after = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0)).reshape(-1, 2).T.tolist()
+    return list(zip(first, after, strict=True))
+
+
 def periods_below(
     t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: npt.ArrayLike
 ) -> list[tuple[float, float]]:
     """First and last moment of each period in which the glucose of one person is below a limit; NaN is not."""
     t, below = np.asarray(t_min, float), np.asarray(glucose_mg_dl, float) < np.asarray(limit_mg_dl, float)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], below, [False]]).astype(int)))
-    return [(float(t[first]), float(t[after - 1])) for first, after in edges.reshape(-1, 2)]
+    return [(float(t[first]), float(t[after - 1])) for first, after in stretches(below)]
 
 
 def concentrations(glucose_mg_dl: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -35,10 +40,10 @@ def validity(trace: Trace) -> dict[str, Any]:
 
 def validity_note(trace: Trace) -> str | None:
     """Warning about a run in which glucose was below the range in which the model is valid, or None."""
-    return validity_told(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
+    return validity_sentence(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
 
 
-def validity_told(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
+def validity_sentence(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
     """The same warning for glucose at given times and the limit of the model; arguments as for `periods_below`."""
     periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:

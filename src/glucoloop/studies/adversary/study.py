@@ -274,7 +274,7 @@ def plot_adversary(found: Findings, title: str) -> Figure:
         axes.xaxis.set_major_formatter(lambda value, place: f"{value / divisor:g}")
     for axes in panels[-1]:
         axes.set_xlabel(f"Time ({unit})")
-    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    _style.add_legend(figure, entries, "double")
     return figure
 
 

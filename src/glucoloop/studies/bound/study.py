@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
@@ -16,20 +15,18 @@ from glucoloop.meals import Meal
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
-from glucoloop.report._style import FONT_PT, GREY
+from glucoloop.report.charts import extent
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.validity import validity_told
+from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.bound import BoundRequest
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_PANELS_MM: Final = 115.0
 _COURSES: Final = ("t_min", "insulin_mU_min", "fine_t_min", "glucose_mg_dl")
 """Values of a plan over time."""
 
@@ -161,7 +158,7 @@ def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
             )
     limit = float(lowest_valid_glucose_mg_dl(asked.nominal))
     for label, plan in bounds.plans.items():
-        not_valid = validity_told(plan.fine_t_min, plan.glucose_mg_dl, limit)
+        not_valid = validity_sentence(plan.fine_t_min, plan.glucose_mg_dl, limit)
         if not_valid is not None:
             yield f"{label}: {not_valid}"
     if asked.dead_time_min and bounds.plans:
@@ -230,14 +227,12 @@ def plot_bound(
 
     A plan ends where it is followed to. The pump's limits are drawn where they come into view.
     """
-    figure = _style.new_figure("double", _PANELS_MM, title)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1.0])
     horizon_min = max(float(plan.fine_t_min[-1]) for plan in plans.values())
-    divisor, unit, tick = _style.time_axis(horizon_min, "double")
+    figure, above, below, divisor = _style.loop_panels(horizon_min, title, "double", ratio=1.4)
     first = next(iter(plans.values()))
     entries: dict[str, Artist] = {}
-    setpoint = above.axhline(first.setpoint_mg_dl, color=GREY, linewidth=0.7, zorder=1)
-    basal = below.axhline(first.basal_insulin_mU_min, color=GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
+    setpoint = above.axhline(first.setpoint_mg_dl, **_style.SETPOINT, zorder=1)
+    basal = below.axhline(first.basal_insulin_mU_min, **_style.BASAL)
     for index, (label, plan) in enumerate(plans.items()):
         style = _style.line_style(index)
         entries[label] = above.plot(plan.fine_t_min / divisor, plan.glucose_mg_dl, **style, zorder=3)[0]
@@ -246,45 +241,14 @@ def plot_bound(
         below.step(t_min / divisor, doses, where="post", **style, zorder=3)
     entries[f"setpoint {first.setpoint_mg_dl:.4g} mg/dl"] = setpoint
     entries[f"basal {first.basal_insulin_mU_min:.4g} mU/min"] = basal
-    _mark_meals(above, meals, divisor)
-    above.set_ylim(*_extent([plan.glucose_mg_dl for plan in plans.values()], 0.08))
-    low, high = _extent([np.zeros(1), *(plan.insulin_mU_min for plan in plans.values())], 0.06)
+    _style.mark_meals(above, [(meal.t_min, meal.carbs_g) for meal in meals], horizon_min, "double")
+    low, high = extent(*(plan.glucose_mg_dl for plan in plans.values()))
+    above.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    low, high = extent([0.0], *(plan.insulin_mU_min for plan in plans.values()))
+    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
     for limit in (float(limits.min_mU_min), float(limits.max_mU_min)):
         if low <= limit <= high:
-            line = below.axhline(limit, color="black", linewidth=0.6, linestyle=(0, (6, 2, 1, 2)), zorder=1)
-            entries["pump limits"] = line
+            entries["pump limits"] = below.axhline(limit, **_style.PUMP_LIMIT)
     below.set_ylim(low, high)
-    below.set_xlim(0.0, horizon_min / divisor)
-    below.xaxis.set_major_locator(_style.every(tick))
-    above.set_ylabel("Glucose (mg/dl)")
-    below.set_ylabel("Insulin (mU/min)")
-    below.set_xlabel(f"Time ({unit})")
-    for axes in (above, below):
-        _style.dress(axes)
-    figure.align_ylabels([above, below])
-    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    _style.add_legend(figure, entries, "double")
     return figure
-
-
-def _extent(shown: Iterable[npt.NDArray[np.float64]], margin: float) -> tuple[float, float]:
-    values = np.concatenate(list(shown))
-    low, high = float(values.min()), float(values.max())
-    room = margin * max(high - low, 0.1)
-    return low - room, high + room
-
-
-def _mark_meals(axes: Axes, meals: Sequence[Meal], divisor: float) -> None:
-    """Mark each meal at the upper edge with its carbohydrate above."""
-    for meal in meals:
-        place, upper_edge = (meal.t_min / divisor, 1.0), axes.get_xaxis_transform()
-        axes.plot(*place, "v", markersize=4, color="black", transform=upper_edge, clip_on=False)
-        axes.annotate(
-            f"{meal.carbs_g:.4g} g",
-            place,
-            xycoords=upper_edge,
-            xytext=(0, 4),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=FONT_PT,
-        )

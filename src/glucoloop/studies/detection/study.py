@@ -22,7 +22,7 @@ from glucoloop.report.columns import (
     terminal_table,
     whole,
 )
-from glucoloop.report.facts import engine_facts
+from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
@@ -218,7 +218,7 @@ def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
     for axes in panels.values():
         _style.dress(axes)
     figure.align_ylabels([panels["eating"], panels["emptying"]])
-    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    _style.add_legend(figure, entries, "double")
     return figure
 
 

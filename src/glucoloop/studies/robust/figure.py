@@ -41,9 +41,8 @@ def plot_robust(asked: Search, found: Findings, *, title: str | None = None) -> 
         axes.set_xlim(0.0, 1.04 * check["undershoot_mg_dl"].to_numpy().max())
     noise.tick_params(labelleft=False)
     noise.set_ylabel("")
-    for axes in (trade, people, noise):
-        _style.dress(axes)
-    _style.add_legend(figure, list(entries.values()), list(entries), "double")
+    _style.dress(trade, people, noise)
+    _style.add_legend(figure, entries, "double")
     return figure
 
 
@@ -111,17 +110,8 @@ def _zoom(
     axes.set_ylim(low[1] - room[1], high[1] + room[1])
     beyond = int((tried > high + room).any(axis=1).sum())
     if beyond:
-        axes.annotate(
-            f"{beyond} beyond",
-            (1.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-2.0, -2.0),
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            fontsize=FONT_PT,
-            color=GREY,
-        )
+        inside: dict[str, Any] = {"xytext": (-2.0, -2.0), "xycoords": "axes fraction", "ha": "right", "va": "top"}
+        _style.write(axes, f"{beyond} beyond", (1.0, 1.0), **inside, color=GREY)
 
 
 def _draw_check(axes: Axes, check: pl.DataFrame, what: str, styles: Mapping[str, Mapping[str, Any]]) -> None:

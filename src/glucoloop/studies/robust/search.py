@@ -18,7 +18,7 @@ from glucoloop.parts.setting import known_names
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, decimals
-from glucoloop.report.facts import engine_facts
+from glucoloop.report.descriptions import engine_facts
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows

@@ -16,7 +16,7 @@ from glucoloop.parts.models import FilePart
 from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
-from glucoloop.report.facts import comparison_facts, run_facts
+from glucoloop.report.descriptions import comparison_facts, run_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run

@@ -11,8 +11,7 @@ from glucoloop.parts.faults import FAULTS
 from glucoloop.printable import how_many, percent, the_first
 from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table, whole_glucose
-from glucoloop.report.facts import controllers_facts, engine_facts, trial_facts
-from glucoloop.report.fault_words import short_names
+from glucoloop.report.descriptions import controllers_facts, engine_facts, short_names, trial_facts
 from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_maps, shade_of
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render

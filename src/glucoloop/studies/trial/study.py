@@ -16,10 +16,15 @@ from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.parts.metrics import result_named
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, glucose_text, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.facts import controllers_facts, engine_facts, engine_notes, trial_facts
-from glucoloop.report.person_words import person_in_words
+from glucoloop.report.columns import MetricRow, lines_table
+from glucoloop.report.descriptions import (
+    controllers_facts,
+    engine_facts,
+    engine_notes,
+    person_in_words,
+    trial_facts,
+)
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.table import Row, lines_table
 from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
@@ -206,14 +211,14 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
     ]
 
 
-def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[Row]:
+def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
     controllers = summary["controllers"].values()
     for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for position, statistic in enumerate(statistics):
             values = (of["metrics"][metric][statistic] for of in controllers)
             cells = (NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values)
-            yield Row("", "" if position else how.title, how.unit, tuple(cells), second=statistic)
+            yield MetricRow("", "" if position else how.title, how.unit, list(cells), statistic=statistic)
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
             counts = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers)
@@ -221,9 +226,9 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[Row]:
                 NOT_AVAILABLE if of["share_pct"] is None else f"{of['people']} ({percent(of['share_pct'])})"
                 for of in counts
             )
-            yield Row("", f"People ever below {limit} mg/dl", "", tuple(cells), second="number")
+            yield MetricRow("", f"People ever below {limit} mg/dl", "", list(cells), statistic="number")
     if all("engine" in of for of in controllers):  # earlier versions did not tell it
-        yield Row("", "Engine", "", tuple(of["engine"] for of in controllers))
+        yield MetricRow("", "Engine", "", [of["engine"] for of in controllers])
 
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:

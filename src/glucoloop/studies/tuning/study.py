@@ -18,7 +18,7 @@ from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
-from glucoloop.report.facts import run_facts
+from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render

@@ -11,7 +11,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.parts.patients import PATIENTS
 from glucoloop.printable import how_many
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
-from glucoloop.report.facts import engine_notes
+from glucoloop.report.descriptions import engine_notes
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import ControlledSituation, boluses_into_a_vein
 from glucoloop.storage.findings import Findings

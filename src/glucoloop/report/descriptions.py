@@ -1,0 +1,291 @@
+"""Descriptions in words: settings of runs, trials and controllers by name, faults, engines, and virtual people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import jax
+
+from glucoloop.cohorts.trial import Trial
+from glucoloop.meals import Meal
+from glucoloop.parts.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
+from glucoloop.parts.patients import patient_entry
+from glucoloop.parts.pumps import PUMPS, PumpPart
+from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
+from glucoloop.parts.setting import Value, value_text
+from glucoloop.patients.model import patient_model
+from glucoloop.patients.population import Population
+from glucoloop.printable import the_first
+from glucoloop.situations.case import Case
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import Situation
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
+
+# The longest first: what a name ends in.
+_UNITS: Final = {
+    "mg_dl_h": "mg/dl/h",
+    "mg_dl_U": "mg/dl/U",
+    "g_U": "g/U",
+    "mU_min": "mU/min",
+    "mg_dl": "mg/dl",
+    "min": "min",
+}
+# What changes nothing, if it is not 0.
+_NEUTRAL: Final = {"gain": 1.0}
+_REMARKABLE: Final = 3
+
+
+# ---------------------------------------------------------------------------------- runs, comparisons and trials
+
+
+def run_facts(run: Run, case: Case, designed: Mapping[str, float] | None = None) -> dict[str, str]:
+    """Settings of a run, and those that followed from the design of its controller."""
+    return {**_case_facts("Controller", "As designed", case, designed), **_run_facts(run)}
+
+
+def comparison_facts(asked: Run, designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """Settings of a comparison, and those that followed from the designs of its controllers, by label."""
+    facts: dict[str, str] = {}
+    for case in asked.cases:
+        facts |= _case_facts(f"Case {case.label}", f"As designed, {case.label}", case, designed.get(case.label))
+    return {**facts, **_run_facts(asked)}
+
+
+def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
+    numbers = {key: float(f"{value:.4g}") for key, value in (designed or {}).items()}
+    return {name: case_in_words(case), **({as_designed: _settings(numbers)} if numbers else {})}
+
+
+def trial_facts(trial: Trial) -> dict[str, str]:
+    """Settings of a trial."""
+    plan = trial.plan
+    meals = ", ".join(map(_meal, plan.meals)) or "none"
+    if plan.varies:
+        meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
+    return {
+        "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
+        "Length": _length(plan.horizon_min),
+        **_situation_facts(trial, meals),
+        "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
+        "Arithmetic": f"{trial.precision}, {trial.arithmetic}, JAX {jax.__version__}",
+        **({"First person": str(trial.first_person)} if trial.first_person else {}),
+    }
+
+
+def controllers_facts(cases: Iterable[Case]) -> dict[str, str]:
+    """Controllers with their settings, by label."""
+    return {f"Controller {case.label}": case_in_words(case) for case in cases}
+
+
+def case_in_words(case: Case) -> str:
+    """A controller with its settings, guard and faults."""
+    parts = [
+        f"{case.controller.called}, {case.controller.summary}",
+        _settings(case.tuning),
+        "knows the dead time" if case.known_dead_time else "",
+        "with the guard" if case.guard is not None else "",
+        *map(fault_in_words, case.faults),
+    ]
+    return "; ".join(filter(None, parts))
+
+
+def _run_facts(run: Run) -> dict[str, str]:
+    start = run.initial_glucose_mg_dl
+    integrator = "exponential integrator" if run.integrator == "fast" else "adaptive Runge-Kutta integrator"
+    return {
+        **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none"),
+        **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
+        "Length": _length(run.duration_min),
+        "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
+    }
+
+
+def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
+    limits, pump, under_the_skin = situation.limits, situation.pump, situation.patient.under_the_skin
+    usual = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
+    least, most = float(limits.min_mU_min), float(limits.max_mU_min)
+    noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
+    per_hour = f" ({u_h_from_mu_min(least):.3g} to {u_h_from_mu_min(most):.3g} U/h)"
+    beside_limits = [
+        f"{name}={value_text(of)}" for name, of in pump.values().items() if name not in PumpPart.settings()
+    ]
+    sensor_parts = [
+        *(part.text for part in situation.sensor if not isinstance(part, usual)),
+        noise if situation.noise_variance else "no noise",
+        f"dead time {situation.dead_time_samples * situation.sample_time_min:g} min",
+        f"a reading every {situation.sample_time_min:g} min",
+        f"at the site {situation.site}" if situation.site else "",
+    ]
+    pump_parts = [
+        *([] if pump.called == PUMPS.usual else [pump.called, *beside_limits]),
+        f"{least:g} to {most:g} mU/min{per_hour if under_the_skin else ''}",
+        f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
+        f"steps of {pump.resolution_mU_min:g} mU/min" if pump.resolution_mU_min else "",
+        f"boluses of at most {float(situation.bolus.max_mU) / MU_PER_U:g} U" if under_the_skin else "",
+    ]
+    if situation.announce_meals and meals != "none":
+        meals += ", announced"
+        if situation.miscounts:
+            meals += f" with an error of {situation.carb_error_pct:g} % and a bias of {situation.carb_bias_pct:g} %"
+    return {
+        "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
+        "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
+        "Meals": meals,
+        "Digestion": str(situation.meal_model or "the patient's own model"),
+        "Sensor": ", ".join(filter(None, sensor_parts)),
+        "Pump": ", ".join(filter(None, pump_parts)),
+        "Faults": "; ".join(map(fault_in_words, situation.faults)) or "none",
+        "Seed": str(situation.seed),
+    }
+
+
+def _settings(tuning: Mapping[str, Value]) -> str:
+    return ", ".join(setting_in_words(key, value) for key, value in tuning.items())
+
+
+def _length(horizon_min: float) -> str:
+    days, rest = divmod(horizon_min, MIN_PER_DAY)
+    if rest or not days:
+        return f"{horizon_min:g} min"
+    return "a day" if days == 1.0 else f"{days:g} days"
+
+
+def _meal(meal: Meal) -> str:
+    clock = f"{meal.t_min:g} min" if meal.t_min % 15.0 else f"{meal.t_min / MIN_PER_H:g} h"
+    return f"{meal.carbs_g:g} g at {clock}" + (f", eaten for {meal.eating_min:g} min" if meal.eating_min else "")
+
+
+# ---------------------------------------------------------------------------------------------- engines
+
+
+def engine_facts(engines: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The engines that run the loops of controllers, by their labels, and what native code lacks for the others."""
+    labels: dict[str, list[str]] = {}
+    for label, engine in engines.items():
+        lacking = engine.get("not_native", "it was asked for")
+        labels.setdefault("native code" if engine["engine"] == "native" else f"JAX (xla): {lacking}", []).append(label)
+    if len(labels) == 1:
+        return {"Engine": next(iter(labels))}
+    return {"Engine": "; ".join(f"{the_first(alike)}: {text}" for text, alike in labels.items())}
+
+
+def engine_notes(engines: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Notes on loops that native code could not take, by the labels of their controllers."""
+    labels: dict[str, list[str]] = {}
+    for label, engine in engines.items():
+        if engine.get("not_native") is not None:
+            labels.setdefault(engine["not_native"], []).append(label)
+    for lacking, alike in labels.items():
+        which, them = ("this loop, which has", "it") if len(alike) == 1 else ("these loops, which have", "them")
+        yield (
+            f"{the_first(alike)}: native code cannot take {which} {lacking}; JAX ran {them}, to the same result but "
+            "for rounding, and more slowly."
+        )
+
+
+# ---------------------------------------------------------------------------------------------- faults
+
+
+def fault_in_words(fault: FaultPart) -> str:
+    """A fault with its settings and times."""
+    return ", ".join(filter(None, (fault.name, settings_in_words(fault), when_in_words(fault))))
+
+
+def short_names(faults: Sequence[str]) -> dict[str, str]:
+    """Short name of each fault: its kind, and the settings that distinguish it from others of its kind.
+
+    Settings that are the same for all faults of a kind are left out, and so are settings without effect. Two faults
+    never have the same name: if necessary it is the full text of the fault.
+    """
+    parsed = {fault: FAULTS.choose(fault) for fault in faults}
+    names = {text: _short_name(fault, parsed.values()) for text, fault in parsed.items()}
+    taken = list(names.values())
+    return {fault: fault if taken.count(name) > 1 else name for fault, name in names.items()}
+
+
+def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
+    kind = [of for of in among if of.name == fault.name]
+
+    def differ(keys: Iterable[str]) -> int:
+        # compared as text, since what is not a number is not equal to itself
+        return len({tuple(repr(of.values().get(key)) for key in keys) for of in kind})
+
+    keys = [key for key in fault.settings() if differ([key]) > 1]
+    # what it is comes before when it is, and of the times the duration first
+    what = [key for key in keys if key not in TIMING]
+    candidates = [what, *([*what, key] for key in (DURATION, PER_DAY, START, LATEST)), keys]
+    chosen = next((some for some in candidates if differ(some) == len(kind)), keys)
+    values = {key: fault.values()[key] for key in chosen if key in fault.values()}
+    matter = {key: value for key, value in values.items() if isinstance(value, bool) or value != _NEUTRAL.get(key, 0.0)}
+    return f"{fault.name} {_settings(matter or values)}".rstrip()
+
+
+def setting_in_words(key: str, value: Value) -> str:
+    """A setting with its unit: ``size 60 mg/dl``, ``not noticed``."""
+    end = next((end for end in _UNITS if key == end or key.endswith(f"_{end}")), "")
+    name, unit = key.removesuffix(end).rstrip("_").replace("_", " "), _UNITS.get(end, "")
+    if isinstance(value, bool):
+        return name if value else f"not {name}"
+    name = {DURATION: "", PER_DAY: "", START: "from", LATEST: "up to"}.get(key, name)
+    number = value if isinstance(value, str) else f"{value:g}"
+    return " ".join(filter(None, (name, number, "a day" if key == PER_DAY else unit)))
+
+
+def settings_in_words(fault: FaultPart) -> str:
+    """Settings of a fault apart from its times; empty if it has none."""
+    return _settings({key: value for key, value in fault.values().items() if key not in TIMING})
+
+
+def when_in_words(fault: FaultPart) -> str:
+    """Times of a fault, in a phrase."""
+    times = {key: f"{float(value):g}" for key, value in fault.values().items() if key in TIMING}
+    if not fault.timed:
+        return "at random, at any time" if fault.comes_and_goes else "always"
+    if PER_DAY in times:
+        lasting = f"for {times[DURATION]} min" if DURATION in times else "for one sample"
+        return f"at random, {times[PER_DAY]} times a day, {lasting}"
+    if not times:
+        return "always"
+    start = times.get(START, "0")
+    latest = times.get(LATEST, start)
+    begins = f"from {start} min" if latest == start else f"from a moment between {start} and {latest} min"
+    return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
+
+
+def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
+    """Time within which a fault is present, by its settings; None if it comes at random at any time."""
+    times = fault.values()
+    if not fault.timed or PER_DAY in times:
+        return None
+    start = float(times.get(START, 0.0))
+    latest = float(times.get(LATEST, start))
+    stop = min(end_min, latest + float(times.get(DURATION, end_min)))
+    return (start, stop) if start < end_min else None
+
+
+def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[FaultPart, tuple[float, float]]]:
+    """Faults that have a time before the end, with these times."""
+    for fault in faults:
+        window = window_of(fault, end_min)
+        if window is not None:
+            yield fault, window
+
+
+# ---------------------------------------------------------------------------------------------- people
+
+
+def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
+    """Basal rate of a person, who is a row of a summary, and the parameters that are farthest from the middle."""
+    distributions, meanings = population.distributions(), patient_model(population.patient).meanings
+    drawn: Mapping[str, float] = person["parameters"]
+    spans = {name: distributions[name].upper - distributions[name].lower for name in drawn}
+    apart = {name: (value - distributions[name].centre) / spans[name] for name, value in drawn.items()}
+    basal = person["basal_insulin_mU_min"]
+    per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).under_the_skin else ""
+    phrases = [f"basal rate {basal:.1f} mU/min{per_hour}"]
+    for name in sorted(drawn, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
+        centre, way = distributions[name].centre, "above" if apart[name] > 0.0 else "below"
+        far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way
+        phrases.append(f"{meanings.get(name, name)} {drawn[name]:.3g}, {far} the usual {centre:.3g}")
+    return "; ".join(phrases)
