@@ -126,9 +126,9 @@ def _run(asked: Hil, board: Link | None, progress: Callable[[int], None]) -> Hil
 def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
     with tempfile.TemporaryDirectory(prefix="glucoloop-hil-") as name:
         folder = Path(name)
-        program = build(exported, chip, folder)
+        command = build(exported, chip, folder)
         plan = plan_at(exported.source, Payloads(exported.source, exported.precision))
-        with contextlib.closing(ProcessLink(program, folder, plan)) as link:
+        with contextlib.closing(ProcessLink(command, folder, plan)) as link:
             yield link
 
 
