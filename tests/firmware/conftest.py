@@ -30,8 +30,8 @@ class OnChip:
 
     def link(self, folder, chip=HOST, *warnings):
         folder.mkdir(exist_ok=True)
-        program = build(self.exported, chip, folder, warnings)
-        return ProcessLink(program, folder, plan_at(self.exported.source, self.payloads))
+        command = build(self.exported, chip, folder, warnings)
+        return ProcessLink(command, folder, plan_at(self.exported.source, self.payloads))
 
     @property
     def payloads(self):

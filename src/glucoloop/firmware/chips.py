@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.resources
 import shutil
 import subprocess
@@ -58,51 +59,42 @@ class Chip:
 MENDED_SUMS: Final = ("-Wl,--wrap=__aeabi_dadd,--wrap=__aeabi_dsub",)
 """Options of the linker that put the functions of ``double.c`` in the place of libgcc's."""
 _MPS2: Final = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
-CHIPS: Final = {
-    chip.name: chip
-    for chip in (
-        Chip(
-            name="cortex-m4f",
-            summary="ARM Cortex-M4 with a unit for float32, emulated as the board mps2-an386",
-            compiler="arm-none-eabi-gcc",
-            package="gcc-arm-none-eabi",
-            library_package="libnewlib-dev",
-            flags=("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
-            emulator="qemu-system-arm",
-            emulator_package="qemu-system-arm",
-            machine=("-machine", "mps2-an386", "-cpu", "cortex-m4", *_MPS2),
-            flash="0x00000000",
-            ram="0x20000000",
-            doubles=False,
-        ),
-        Chip(
-            name="cortex-m7",
-            summary="ARM Cortex-M7 with a unit for float32 and float64, emulated as the board mps2-an500",
-            compiler="arm-none-eabi-gcc",
-            package="gcc-arm-none-eabi",
-            library_package="libnewlib-dev",
-            flags=("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
-            emulator="qemu-system-arm",
-            emulator_package="qemu-system-arm",
-            machine=("-machine", "mps2-an500", "-cpu", "cortex-m7", *_MPS2),
-            flash="0x00000000",
-            ram="0x20000000",
-        ),
-        Chip(
-            name="rv32",
-            summary="RISC-V of 32 bits with a unit for float32, emulated as the board virt",
-            compiler="riscv64-unknown-elf-gcc",
-            package="gcc-riscv64-unknown-elf",
-            library_package="picolibc-riscv64-unknown-elf",
-            flags=("-march=rv32imafc", "-mabi=ilp32f", "-mcmodel=medany", "--specs=picolibc.specs"),
-            emulator="qemu-system-riscv32",
-            emulator_package="qemu-system-misc",
-            machine=("-machine", "virt", "-bios", "none", *_MPS2),
-            flash="0x80000000",
-            ram="0x80400000",
-        ),
-    )
-}
+_CORTEX_M4F: Final = Chip(
+    name="cortex-m4f",
+    summary="ARM Cortex-M4 with a unit for float32, emulated as the board mps2-an386",
+    compiler="arm-none-eabi-gcc",
+    package="gcc-arm-none-eabi",
+    library_package="libnewlib-dev",
+    flags=("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+    emulator="qemu-system-arm",
+    emulator_package="qemu-system-arm",
+    machine=("-machine", "mps2-an386", "-cpu", "cortex-m4", *_MPS2),
+    flash="0x00000000",
+    ram="0x20000000",
+    doubles=False,
+)
+_CORTEX_M7: Final = dataclasses.replace(
+    _CORTEX_M4F,
+    name="cortex-m7",
+    summary="ARM Cortex-M7 with a unit for float32 and float64, emulated as the board mps2-an500",
+    flags=("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
+    machine=("-machine", "mps2-an500", "-cpu", "cortex-m7", *_MPS2),
+    doubles=True,
+)
+_RV32: Final = Chip(
+    name="rv32",
+    summary="RISC-V of 32 bits with a unit for float32, emulated as the board virt",
+    compiler="riscv64-unknown-elf-gcc",
+    package="gcc-riscv64-unknown-elf",
+    library_package="picolibc-riscv64-unknown-elf",
+    flags=("-march=rv32imafc", "-mabi=ilp32f", "-mcmodel=medany", "--specs=picolibc.specs"),
+    emulator="qemu-system-riscv32",
+    emulator_package="qemu-system-misc",
+    machine=("-machine", "virt", "-bios", "none", *_MPS2),
+    flash="0x80000000",
+    ram="0x80400000",
+)
+CHIPS: Final = {chip.name: chip for chip in (_CORTEX_M4F, _CORTEX_M7, _RV32)}
 HOST: Final = "c"
 """Target name of C for any computer, without a chip."""
 SMALL: Final = ("-Os", "-fno-inline", "-fno-thread-jumps", "-fno-reorder-blocks")

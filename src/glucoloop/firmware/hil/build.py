@@ -59,13 +59,6 @@ EMULATED: Final = tuple(_BOARDS)
 """Names of the chips that need no hardware."""
 
 
-@dataclass(frozen=True)
-class FirmwareProgram:
-    """A compiled firmware, and the command that runs it in its folder."""
-
-    command: tuple[str, ...]
-
-
 def portable_files(exported: Exported) -> dict[str, str]:
     """Files of the firmware for any board, which brings the functions of ``board.h``."""
     source = exported.source
@@ -96,8 +89,8 @@ def refuse_missing_tools(chip: str) -> None:
         raise Refusal(f"{chip} cannot be emulated: {missing}, or take --chip host")
 
 
-def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> FirmwareProgram:
-    """Write and compile the firmware for one of the chips `EMULATED` in an empty folder, with `extra` options."""
+def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Write and compile the firmware for one of `EMULATED` in an empty folder, and give the command that runs it."""
     refuse_missing_tools(chip)
     texts = files(exported, chip)
     for name, text in texts.items():
@@ -105,7 +98,7 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     sources = sorted(name for name in texts if name.endswith(".c"))
     if chip == HOST:
         _compile([str(compiler()), *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
-        return FirmwareProgram((str(folder / "firmware"),))
+        return (str(folder / "firmware"),)
     of = CHIPS[chip]
     _, told = of.support(exported.precision)
     flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *of.flags, *LINK, *told]
@@ -115,7 +108,7 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     with (folder / _IMAGE).open("r+b") as image:
         (folder / _VECTORS).write_bytes(image.read(_VECTORS_BYTES))
         image.truncate(_MEMORY[chip].size)
-    return FirmwareProgram(_emulation(of))
+    return _emulation(of)
 
 
 def _emulation(chip: Chip) -> tuple[str, ...]:

@@ -10,10 +10,11 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
-from glucoloop.firmware.hil.build import NVM, FirmwareProgram
+from glucoloop.firmware.hil.build import NVM
 from glucoloop.firmware.hil.protocol import Plan
 from glucoloop.refusal import Refusal
 
@@ -58,8 +59,8 @@ class ProcessLink:
     failure stands at the place `plan_at` of its non-volatile memory.
     """
 
-    def __init__(self, program: FirmwareProgram, folder: Path, plan_at: int) -> None:
-        self._program, self._folder, self._plan_at = program, folder, plan_at
+    def __init__(self, command: Sequence[str], folder: Path, plan_at: int) -> None:
+        self._command, self._folder, self._plan_at = command, folder, plan_at
         self._process: subprocess.Popen[bytes] | None = None
         self._switch: socket.socket | None = None
         (folder / NVM).write_bytes(b"\xff" * (plan_at + _PLAN.size))
@@ -71,7 +72,7 @@ class ProcessLink:
         self._switch, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                self._program.command,
+                self._command,
                 cwd=self._folder,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,

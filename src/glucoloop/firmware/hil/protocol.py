@@ -118,8 +118,6 @@ class Hello:
 
     design: str
     """SHA-256 of the controller's design, in hexadecimal."""
-    observation_bytes: int
-    decision_bytes: int
     watchdog_ms: int
     asked: int
     """Number of the question that is answered; 0 if there was none."""
@@ -132,8 +130,8 @@ class Hello:
         """Content of a frame; None if it has another length."""
         if len(frame.payload) != _HELLO.size:
             return None
-        design, observation, decision, watchdog_ms, asked = _HELLO.unpack(frame.payload)
-        return Hello(design.hex(), observation, decision, watchdog_ms, asked, frame.session, frame.sample)
+        design, _, _, watchdog_ms, asked = _HELLO.unpack(frame.payload)
+        return Hello(design.hex(), watchdog_ms, asked, frame.session, frame.sample)
 
 
 class Payloads:

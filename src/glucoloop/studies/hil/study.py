@@ -106,9 +106,9 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
 def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
     with tempfile.TemporaryDirectory(prefix="glucoloop-hil-") as name:
         folder = Path(name)
-        program = build(exported, chip, folder)
+        command = build(exported, chip, folder)
         plan = plan_at(exported.source, Payloads(exported.source, exported.precision))
-        with contextlib.closing(ProcessLink(program, folder, plan)) as link:
+        with contextlib.closing(ProcessLink(command, folder, plan)) as link:
             yield link
 
 
