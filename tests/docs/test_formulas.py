@@ -85,5 +85,5 @@ def test_a_link_is_not_loaded(text, docs_module):
 def test_an_included_file_is_no_page(docs_module):
     included = docs_module("generate").included(DOCS)
     assert "guide/parker1999.md" in included
-    assert "_generated/readings.md" in included
+    assert "_generated/interpretations.md" in included
     assert "guide/reproducing.md" not in included
