@@ -86,7 +86,6 @@ def individual_model(
 
     Parameters
     ----------
-    nominal : FedModel
     basal_insulin_mU_min : () array
     gain, lag : () array
         Gain and lag of insulin relative to the nominal person's, above 0.

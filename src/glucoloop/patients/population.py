@@ -103,7 +103,6 @@ def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
 
     Parameters
     ----------
-    population : Population
     seed : int
         Seed, from 0 to 2**32 - 1.
     person : (n,) array of int
@@ -168,7 +167,6 @@ def virtual_people(
 
     Parameters
     ----------
-    population : Population
     seed : int
         Seed, from 0 to 2**32 - 1.
     person : (n,) array of int

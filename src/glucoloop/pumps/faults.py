@@ -112,7 +112,6 @@ def occlusion(
 
     Parameters
     ----------
-    episodes : Episodes
     inner : Pump, optional
         Inner pump; one with the limits of the paper by default.
     open_fraction : float
@@ -173,7 +172,6 @@ def unheard(episodes: Episodes, inner: Pump | None = None) -> Unheard:
 
     Parameters
     ----------
-    episodes : Episodes
     inner : Pump, optional
         Inner pump; by default one whose commands expire after two samples.
     """

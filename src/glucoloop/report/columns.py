@@ -263,10 +263,6 @@ def metrics_table(metrics: Metrics) -> Table:
     metrics : Metrics
         Metrics of one person.
 
-    Returns
-    -------
-    rich.table.Table
-
     Raises
     ------
     ValueError
@@ -285,10 +281,6 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     distances : mapping of str to Distance, optional
         Distances to the bound of the situation, under the same labels, for a further section; a run for which the
         bound does not hold has none.
-
-    Returns
-    -------
-    rich.table.Table
 
     Raises
     ------

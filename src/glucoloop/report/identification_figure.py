@@ -34,7 +34,6 @@ def plot_identification(
 
     Parameters
     ----------
-    identification : Identification
     truth : array_like, shape (M,), optional
         Impulse response free of noise [mg/dl per mU/min].
     validation : Validation, optional
@@ -44,10 +43,6 @@ def plot_identification(
     title : str, optional
     width : {"single", "double"}
         Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------
@@ -79,17 +74,11 @@ def plot_validation(
 
     Parameters
     ----------
-    validation : Validation
-    sample_time_min : float
     insulin_deviation_mU_min : array_like, shape (N,), optional
         Input of the validation.
     title : str, optional
     width : {"single", "double"}
         Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------

@@ -45,7 +45,6 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
 
     Parameters
     ----------
-    report : TrialReport
     title : str, optional
         Title; that of the report if not given, none if empty.
     width : {"single", "double"}

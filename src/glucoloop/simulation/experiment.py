@@ -92,13 +92,10 @@ def excite(
 
     Parameters
     ----------
-    patient : Patient
     insulin_mU_min : (N,) array
         Rates, each held over one sample. The patient starts at rest at the basal rate.
     sensor : Sensor, optional
         Sensor; an ideal one by default. One with dead time gives a record from which the dead time is identified too.
-    key : JAX key or int
-    sample_time_min : float
     integrator : Integrator, optional
         Eight exponential steps per sample by default, since the sequence may jump far.
 
@@ -145,10 +142,8 @@ def identify(
 
     Parameters
     ----------
-    patient : Patient
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
-    key : JAX key or int
     memory : int, optional
         Samples M after which the response has died out; by default what is usual for the route: 3 h for a vein, 24 h
         under the skin.
@@ -165,7 +160,6 @@ def identify(
     under_the_skin : bool, optional
         Whether the response begins at 0 with a slope of 0 and is never above 0; see `identification.skin_response`.
         By default it follows from the patient's route of insulin.
-    sample_time_min : float
 
     Notes
     -----
@@ -230,12 +224,8 @@ def validate_on(
 
     Parameters
     ----------
-    patient : Patient
-    model : StepResponseModel
-    samples : int
     amplitude_mU_min : float, optional
         Amplitude; a tenth of the basal rate by default.
-    seed : int
 
     Returns
     -------
@@ -265,14 +255,11 @@ def fit_step(
 
     Parameters
     ----------
-    patient : Patient
     step_mU_min : float, optional
         Height of the step above the basal rate; by default half the paper's nominal rate, 11.165 mU/min, or half the
         basal rate where that is less.
-    horizon_min : float
     delay_min : float or None
         Dead time of the model; None fits it too.
-    sample_time_min : float
 
     Raises
     ------

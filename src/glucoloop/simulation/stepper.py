@@ -127,10 +127,8 @@ class Stepper:
 
     Parameters
     ----------
-    patient : Patient
     sensor, pump : Sensor, Pump, optional
         Argument as for `simulate`.
-    sample_time_min : float
     setpoint_mg_dl : float, optional
         Setpoint in the observations; the patient's own by default.
     initial_glucose_mg_dl : float, optional

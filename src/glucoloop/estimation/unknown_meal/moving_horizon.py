@@ -376,7 +376,6 @@ def design_meal_horizon(
 
     Parameters
     ----------
-    model : FedModel
     habits : MealHabits, optional
     horizon : int
         L, samples over which the beginning or the end of a meal is searched for, 2 to 100.

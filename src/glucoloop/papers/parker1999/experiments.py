@@ -183,8 +183,6 @@ def study(
 
     Parameters
     ----------
-    operating_point : str
-    experiments : set
     seeds : int
         Runs of each noisy experiment.
     seed : int

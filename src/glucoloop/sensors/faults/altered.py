@@ -128,7 +128,6 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
     ----------
     mg_dl_h : float
         Growth of the error in an hour, of either sign.
-    episodes : Episodes
     inner : Sensor, optional
         Inner sensor; an ideal one by default.
     sample_time_min : float
