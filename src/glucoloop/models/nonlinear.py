@@ -14,29 +14,23 @@ class NonlinearModel(Protocol):
     @property
     def sample_time_min(self) -> float:
         """Time between samples."""
-        ...
 
     @property
     def state(self) -> jax.Array:
         """State at rest at the operating point."""
-        ...
 
     @property
     def insulin_mU_min(self) -> jax.Array:
         """Infusion at the operating point."""
-        ...
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the state, per minute."""
-        ...
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """State one sample on, under a held infusion."""
-        ...
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state."""
-        ...
 
 
 class FedModel(NonlinearModel, Protocol):
@@ -48,7 +42,6 @@ class FedModel(NonlinearModel, Protocol):
         `appearance_mg_min` is ``(3,)``: the Legendre moments of the rate over the sample, as
         `meals.absorption.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
         """
-        ...
 
 
 def own_reading(model: NonlinearModel) -> Callable[[jax.Array], jax.Array] | None:
