@@ -44,8 +44,7 @@ class Reliability:
     gain_margin: float
     """Half the width of the 95 % confidence interval of the gain [mg/dl per mU/min]."""
     explained_percent: float
-    """Part of the variance of readings left out of the fit that the fit predicts: 100 is perfect, 0 no better than
-    the mean of the other readings, and below 0 worse."""
+    """Part of the variance of readings left out of the fit that it predicts: 100 is perfect, 0 as good as their mean."""
 
 
 def doubts(
