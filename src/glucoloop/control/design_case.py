@@ -43,13 +43,7 @@ class DesignCase(Protocol):
 
     @property
     def identified(self) -> StepResponseModel:
-        """Step response identified from a record, delayed by the known dead time.
-
-        Raises
-        ------
-        TypeError
-            For a controller whose entry says that it uses no identified model.
-        """
+        """Step response identified from a record, delayed by the known dead time; TypeError where it is not used."""
 
     def behind_lag(self, lag_min: float) -> DesignCase:
         """The same case with a sensor that lags, whose reading is one more state of its models; 0: no lag."""

@@ -1,7 +1,7 @@
 """Gain and lag of a person's response to insulin, relative to a person whose response is known.
 
 The person responds as the known one would to another rate: the person's own rate, times the gain, through the lag of
-`models.individual.IndividualModel`. Two numbers can be found in a record in which a whole step response would be lost
+`models.nonlinear.IndividualModel`. Two numbers can be found in a record in which a whole step response would be lost
 in noise; a prior about (1, 1) keeps them where the record says little.
 
 The fit is Levenberg and Marquardt's, in the logarithms of the two: K. Levenberg, Q. Appl. Math. 2, 1944; D. W.
@@ -20,7 +20,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
-from glucoloop.models.individual import LAG_MIN
+from glucoloop.models.nonlinear import LAG_MIN
 from glucoloop.refusal import Refusal
 
 GAIN_SPREAD: Final = 0.35

@@ -44,7 +44,7 @@ class Reliability:
     gain_margin: float
     """Half the width of the 95 % confidence interval of the gain [mg/dl per mU/min]."""
     explained_percent: float
-    """Part of the variance of readings left out of the fit that it predicts: 100 is perfect, 0 as good as their mean."""
+    """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
 
 
 def doubts(

@@ -142,11 +142,6 @@ def missed_pulses(share: float, inner: Pump | None = None, *, noticed: bool = Fa
         Whether the pump reports that no insulin passed.
     key : int
         Number that makes the random draws of this fault differ from those of others around the same pump; 0 to 65535.
-
-    Raises
-    ------
-    ValueError
-        For a number out of its range.
     """
     return occlusion(recurring(share, key=key), inner, noticed=noticed)
 

@@ -144,11 +144,6 @@ class Stepper:
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
 
-    Raises
-    ------
-    ValueError
-        If an argument is not possible.
-
     Examples
     --------
     >>> import glucoloop as gl
@@ -353,10 +348,7 @@ class Stepper:
     def restore(self, saved: bytes) -> Observation:
         """Continue from the saved state of a stepper with the same patient, sensor and pump, to the same bits.
 
-        Returns
-        -------
-        Observation
-            Observation at the coming sample.
+        The coming observation is returned.
 
         Raises
         ------
