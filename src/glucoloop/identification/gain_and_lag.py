@@ -90,12 +90,9 @@ def identify_gain_and_lag(
     fit = functools.partial(
         _fit, response=response, sample_time_min=sample_time_min, noise_variance=noise_variance, spreads=spreads
     )
-    found: GainAndLag = fit(insulin, glucose) if insulin.ndim == 1 else _fit_people(fit, insulin, glucose)
+    of_all = fit if insulin.ndim == 1 else jax.vmap(fit, in_axes=-1, out_axes=-1)
+    found: GainAndLag = of_all(insulin, glucose)
     return found
-
-
-def _fit_people(fit: functools.partial[GainAndLag], insulin: jax.Array, glucose: jax.Array) -> GainAndLag:
-    return jax.vmap(fit, in_axes=-1, out_axes=-1)(insulin, glucose)
 
 
 def answer(

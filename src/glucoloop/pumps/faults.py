@@ -1,4 +1,4 @@
-"""Faults of a pump: small objects that wrap any pump, and one another."""
+"""Faults of a pump: small objects that wrap any `inner` pump, by default one with the limits of the paper."""
 
 from __future__ import annotations
 
@@ -112,8 +112,6 @@ def occlusion(
 
     Parameters
     ----------
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
     open_fraction : float
         Fraction of the insulin that still passes.
     noticed : bool
@@ -136,8 +134,6 @@ def missed_pulses(share: float, inner: Pump | None = None, *, noticed: bool = Fa
     ----------
     share : float
         Probability that the insulin of a sample does not reach the person; samples are independent.
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
     noticed : bool
         Whether the pump reports that no insulin passed.
     key : int

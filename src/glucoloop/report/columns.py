@@ -256,18 +256,7 @@ def _text(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
 
 
 def metrics_table(metrics: Metrics) -> Table:
-    """Name, value and unit of each metric of one run.
-
-    Parameters
-    ----------
-    metrics : Metrics
-        Metrics of one person.
-
-    Raises
-    ------
-    ValueError
-        For metrics of many people.
-    """
+    """Name, value and unit of each metric of one run of one person; ValueError for metrics of many people."""
     return lines_table("Metric", ["Value"], metric_rows({"Value": metrics}))
 
 

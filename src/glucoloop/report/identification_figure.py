@@ -72,18 +72,7 @@ def plot_validation(
 ) -> Figure:
     """Draw measured and predicted glucose, the residuals, and the input if given.
 
-    Parameters
-    ----------
-    insulin_deviation_mU_min : array_like, shape (N,), optional
-        Input of the validation.
-    title : str, optional
-    width : {"single", "double"}
-        Width of a printed column: 88 or 180 mm.
-
-    Raises
-    ------
-    ValueError
-        If the input has another length than it should, or the width is unknown.
+    Arguments and errors are those of `plot_identification`.
     """
     names = _panels(insulin_deviation_mU_min)
     figure = _style.new_figure(width, 25.0 + 30.0 * len(names), title)
