@@ -93,9 +93,6 @@ class IndividualModel:
         """State at rest at the basal rate."""
         return jnp.append(self.nominal.state, 0.0)
 
-    def _forget(self) -> jax.Array:
-        return self.sample_time_min / (LAG_MIN * self.lag)
-
     def _given(self, w: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         away = insulin_mU_min - self.insulin_mU_min
         return self.nominal.insulin_mU_min + self.gain * (w + (away - w) / self.lag)
@@ -113,7 +110,7 @@ class IndividualModel:
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
         """State one sample on with glucose from meals; the nominal model gets the mean of v over the sample."""
         w, away = x[-1], insulin_mU_min - self.insulin_mU_min
-        z = self._forget()
+        z = self.sample_time_min / (LAG_MIN * self.lag)
         mean = away + (w - away) * -jnp.expm1(-z) / z
         later = away + (w - away) * jnp.exp(-z)
         given = self._given(mean, insulin_mU_min)
