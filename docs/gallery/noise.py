@@ -4,7 +4,7 @@ Readings carry normal noise of variance 1.45 (mg/dl)²; the dots are readings, t
 """
 
 import glucoloop as gl
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 
 patient = gl.patient()
 tuning = PARKER_1999["setpoint-81", True]

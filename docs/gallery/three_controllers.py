@@ -5,7 +5,7 @@ control on a first-order model (IMC).
 """
 
 import glucoloop as gl
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 
 patient = gl.patient()
 tuning = PARKER_1999["setpoint-81", False]

@@ -89,11 +89,6 @@ def once(start_sample: int, samples: float = math.inf, *, latest_sample: int | N
     key : int
         Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
         0 to 65535.
-
-    Raises
-    ------
-    ValueError
-        For a number out of its range.
     """
     start = _whole("an onset at sample", start_sample, least=0)
     latest = start if latest_sample is None else _whole("a latest onset at sample", latest_sample, least=start_sample)
@@ -113,11 +108,6 @@ def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episod
     key : int
         Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
         0 to 65535.
-
-    Raises
-    ------
-    ValueError
-        For a number out of its range.
     """
     if isinstance(probability, bool) or not 0.0 <= probability <= 1.0:
         raise Refusal(f"a probability of {probability} per sample is not possible; give a value from 0 to 1")

@@ -42,7 +42,6 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
 
     Parameters
     ----------
-    data : bytes
     like : pytree of arrays
         Another state of the same kind, such as the one that ``init`` makes. An axis may have another length.
     of : str

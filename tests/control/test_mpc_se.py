@@ -10,7 +10,7 @@ import scipy.linalg
 
 from glucoloop._pytree import pytree
 from glucoloop.control import StateTuning, Status, design_mpc_se
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 from glucoloop.estimation import steady_state_gain
 from glucoloop.estimation.noise_level import SensorError
 from glucoloop.models.state_space import LinearModel

@@ -10,7 +10,7 @@ import scipy.integrate
 import scipy.linalg
 
 from glucoloop.control import StateTuning, Status, design_mpc_se, design_nlqdmc_se
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, SensorError, noisy_filters
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.control.parker1999 import (
+from glucoloop.control.settings import MPCSESettings, NLQDMCSettings
+from glucoloop.control.tuning import (
     IMC_DELAY_MIN,
     IMC_FILTER_MIN,
     IMC_STEP_MU_MIN,
     PARKER_1999,
 )
-from glucoloop.control.settings import MPCSESettings, NLQDMCSettings
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 

@@ -11,7 +11,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import MealMPC
 from glucoloop.experiments import individual
 from glucoloop.experiments.individual import by_record, impulse_response, individual_design, pulses
-from glucoloop.models.individual import individual_model
+from glucoloop.models.nonlinear import individual_model
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured

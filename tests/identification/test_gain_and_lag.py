@@ -5,7 +5,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import lsim
 
 from glucoloop.identification.gain_and_lag import GAIN_SPREAD, LAG_SPREAD, identify_gain_and_lag
-from glucoloop.models.individual import LAG_MIN
+from glucoloop.models.nonlinear import LAG_MIN
 
 SAMPLES = 96
 T = 5.0 * np.arange(SAMPLES + 1)

@@ -16,8 +16,7 @@ from glucoloop.control import (
     design_pid,
     internal_model_tuning,
 )
-from glucoloop.control.parker1999 import PARKER_1999
-from glucoloop.control.tuning import NOISY
+from glucoloop.control.tuning import NOISY, PARKER_1999
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients import OPERATING_POINTS, patient
 from glucoloop.patients.capabilities import process_noise

@@ -14,7 +14,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
 from glucoloop.control.settings import MPCSESettings
 from glucoloop.experiments.designs import controller_of
-from glucoloop.models.individual import individual_model
+from glucoloop.models.nonlinear import individual_model
 from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response
 from glucoloop.sensors.delay import lagged

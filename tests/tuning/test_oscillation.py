@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.control import MPCTuning, design_linear_mpc, design_mpc_se, design_nlqdmc_se
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.tuning.oscillation import crossings, oscillation, turns

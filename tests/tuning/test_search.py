@@ -16,7 +16,7 @@ from glucoloop.control import (
     design_open_loop,
 )
 from glucoloop.control.catalogue import controller_entry
-from glucoloop.control.parker1999 import PARKER_1999
+from glucoloop.control.tuning import PARKER_1999
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
@@ -28,8 +28,7 @@ from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
-from glucoloop.tuning.paper import paper_tuning_surface, printed_tuning
-from glucoloop.tuning.search import _block, move_slots, padded, search, stack
+from glucoloop.tuning.search import _block, move_slots, padded, paper_tuning_surface, printed_tuning, search, stack
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]

@@ -98,12 +98,10 @@ def hedged_doses(
         A scenario with exactly one meal.
     noise_variance : float
         Variance of the white noise on the readings, (mg/dl)^2. Bounds of the noise are left out.
-    pump_limits : DoseLimits
     errors : sequence of float
         Each above 0 and below 0.5.
     dead_time_min : float
         Delay of the readings, rounded to samples.
-    sample_time_min : float
 
     Returns
     -------

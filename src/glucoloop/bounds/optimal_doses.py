@@ -127,7 +127,6 @@ def optimal_doses(
         One person.
     scenario : Scenario, optional
         The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
-    pump_limits : DoseLimits
     known_after_min : float
         Time at which each meal and its size become known, counted from its start: 0 is perfect information from its
         first minute, a negative value is knowledge in advance, and `IN_ADVANCE` from the start of the run. What is
@@ -136,7 +135,6 @@ def optimal_doses(
         One of `OBJECTIVES`.
     undershoot_weight : float
         Weight of the squares below the setpoint, for ``sse``.
-    sample_time_min : float
     start_mU_min : (samples,) array, optional
         Doses from which the search begins; the basal rate by default. They are brought within the limits.
 

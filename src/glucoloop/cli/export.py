@@ -78,7 +78,7 @@ def _check(typed: Given) -> None:
     with stage("Checking"):
         rungs = check(asked, folder)
     if typed.get("json"):
-        from glucoloop.storage.strict_json import json_text, with_version
+        from glucoloop.storage.files import json_text, with_version
 
         print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
     else:

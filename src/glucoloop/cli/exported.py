@@ -20,10 +20,9 @@ from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.parts.models import FilePart
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
-from glucoloop.storage.files import read_text
+from glucoloop.storage.files import json_text, read_text, with_version
 from glucoloop.storage.folder import OutputFolder
 from glucoloop.storage.model_file import ModelFile
-from glucoloop.storage.strict_json import json_text, with_version
 from glucoloop.studies.closed_loop import model_arguments, model_for
 from glucoloop.studies.exported import Export, exported_controller, name_of
 

@@ -31,7 +31,7 @@ def _list(typed: Given) -> None:
     """Print a description of each part."""
     parts = listed(typed.get("what"), _REQUESTS)
     if typed.get("json"):
-        from glucoloop.storage.strict_json import json_text, with_version
+        from glucoloop.storage.files import json_text, with_version
 
         print(json_text(with_version({"parts": parts})))
     else:

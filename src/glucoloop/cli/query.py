@@ -42,7 +42,7 @@ def _query(typed: Given) -> None:
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
     seconds = None if timeout is None else _seconds(timeout)
-    from glucoloop.storage.strict_json import json_text
+    from glucoloop.storage.files import json_text
     from glucoloop.storage.trials.query import trial_tables
 
     with trial_tables(Path(folder)) as tables:

@@ -76,7 +76,7 @@ def _console() -> Console:
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: Iterable[str] = ()) -> None:
     """Print the report with the paths of its files, and notes on standard error."""
-    from glucoloop.storage.strict_json import json_text, with_version
+    from glucoloop.storage.files import json_text, with_version
 
     print(json_text({**with_version(report), "files": files}))
     note(notes)

@@ -91,10 +91,6 @@ def simulate_people(
     threads : int, optional
         Number of threads; one for each core by default.
 
-    Returns
-    -------
-    PeopleRun
-
     Raises
     ------
     ValueError

@@ -205,7 +205,6 @@ def design_basal_bolus(
         Shortest time from the last bolus to such a correction.
     bolus : BolusLimits
         Limits of the pump; no larger bolus is asked for.
-    sample_time_min : float
 
     Raises
     ------

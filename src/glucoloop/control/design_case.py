@@ -20,63 +20,45 @@ class DesignCase(Protocol):
     @property
     def limits(self) -> DoseLimits:
         """Limits of the pump."""
-        ...
 
     @property
     def bolus(self) -> BolusLimits:
         """Limits of a bolus of the pump."""
-        ...
 
     @property
     def sample_time_min(self) -> float:
         """Time between two readings, and between two doses."""
-        ...
 
     @property
     def noise_variance(self) -> float:
         """Noise variance of the readings, (mg/dl)^2."""
-        ...
 
     @property
     def dead_time_samples(self) -> int:
         """Dead time that the controller knows, 0 if it does not know it."""
-        ...
 
     @property
     def basal_insulin_mU_min(self) -> float:
         """The patient's basal rate."""
-        ...
 
     @property
     def identified(self) -> StepResponseModel:
-        """Step response identified from a record, delayed by the known dead time.
-
-        Raises
-        ------
-        TypeError
-            For a controller whose entry says that it uses no identified model.
-        """
-        ...
+        """Step response identified from a record, delayed by the known dead time; TypeError where it is not used."""
 
     def behind_lag(self, lag_min: float) -> DesignCase:
         """The same case with a sensor that lags, whose reading is one more state of its models; 0: no lag."""
-        ...
 
     def linearised(self) -> LinearModel:
         """The patient linearised at rest at the setpoint."""
-        ...
 
     def nonlinear(self) -> FedModel:
         """The equations of the patient, at rest at the setpoint."""
-        ...
 
     def first_order(self, step_mU_min: float | None, delay_min: float | None = None) -> FirstOrderModel:
         """First-order model with dead time, fitted to the response to a lasting step of insulin.
 
         For None the step is the usual one, and the dead time is fitted too.
         """
-        ...
 
     def process_noise(self, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
         """Diagonal of Q ``(states,)`` of a filter for the models, from variances of three kinds of states."""
-        ...

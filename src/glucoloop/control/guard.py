@@ -330,7 +330,6 @@ def guarded(
 
     Parameters
     ----------
-    controller : Controller
     settings : GuardSettings, optional
     limits : DoseLimits
         Limits of the pump.

@@ -126,11 +126,6 @@ def design_imc(
     sample_time_min : float
         Sample time T, above 0.
 
-    Raises
-    ------
-    ValueError
-        Outside these bounds.
-
     Examples
     --------
     >>> controller = design_imc(-3.45, 89.1, 5.0)

@@ -34,8 +34,7 @@ from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.estimation.unknown_meal.habits import earlier
 from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
-from glucoloop.models.individual import IndividualModel, individual_model
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, IndividualModel, individual_model
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -381,10 +380,8 @@ def design_meal_mpc(
         Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
     measurement_variance : float
         R of a reading, (mg/dl)^2.
-    fast_horizon, disturbance_variance, largest_disturbance_mg_min, noise_pace
-        As for `design_meal_horizon`, of the moving-horizon estimator.
-    ends_unseen, noise_patience, failures_per_h, failure_min, fast_meals : float
-        As for `design_meal_horizon`.
+    fast_horizon and others
+        Settings of the moving-horizon estimator, as for `design_meal_horizon`.
     dead_time_samples : int
         Dead time of the readings that the controller knows of.
 

@@ -49,7 +49,6 @@ def design_open_loop(
         Rate; by default that at which the loop starts, the patient's basal rate.
     limits : DoseLimits
         Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
-    sample_time_min : float
 
     Raises
     ------

@@ -142,12 +142,9 @@ class Controller(Protocol):
     @property
     def sample_time_min(self) -> float:
         """Time between two observations."""
-        ...
 
     def init(self, observation: Observation) -> Any:
         """State of a controller that starts at this observation."""
-        ...
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, Decision]:
         """Decide on the dose for the coming sample."""
-        ...

@@ -142,13 +142,7 @@ def receive(
 
 
 def holding(decision: Decision, now_min: float, *, sample_time_min: float, samples: int = 2) -> Decision:
-    """A decision with the time until which it holds: for some samples, of which one may be lost by default.
-
-    Raises
-    ------
-    ValueError
-        For an impossible sample time or number of samples.
-    """
+    """A decision with the time until which it holds: for some samples, of which one may be lost by default."""
     check_sample_time(sample_time_min)
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
         raise Refusal(f"a decision that holds for {samples!r} samples is not possible; give 1 or more")

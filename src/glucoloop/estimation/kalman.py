@@ -166,10 +166,6 @@ def _symmetric(name: str, matrix: NDArray[np.float64]) -> None:
 # At every sample ------------------------------------------------------------------------------------------------------
 
 
-def _matvec(A: Array, x: Array) -> Array:
-    return jnp.einsum("ij...,j...->i...", A, x)
-
-
 def _propagate(Phi: Array, P: Array, Q: Array) -> Array:
     """``Phi P Phi' + Q``, symmetric to the last bit."""
     half = jnp.einsum("ij...,jk...->ik...", Phi, P)
@@ -208,7 +204,7 @@ def predict(state: KalmanState, Phi: ArrayLike, Q: ArrayLike, forcing: ArrayLike
         Contribution of the known inputs, ``Gamma u``.
     """
     Phi, Q = jnp.asarray(Phi), jnp.asarray(Q)
-    mean = _matvec(Phi, state.mean)
+    mean = jnp.einsum("ij...,j...->i...", Phi, state.mean)
     added = jnp.asarray(forcing)
     if 0 < added.ndim < mean.ndim:
         added = added[:, None]

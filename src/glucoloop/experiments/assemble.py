@@ -37,17 +37,14 @@ class AtRest(Protocol):
     @property
     def patient(self) -> SemilinearPatient:
         """Constants of the people."""
-        ...
 
     @property
     def rest(self) -> Array:
         """State of each at rest, ``(states, people)``."""
-        ...
 
     @property
     def basal_insulin_mU_min(self) -> Array:
         """Rate under which each rests, ``(people,)``."""
-        ...
 
 
 Own = Callable[[Any], Controller]

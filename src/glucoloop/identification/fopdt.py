@@ -23,22 +23,14 @@ class FirstOrderModel:
 
         y(t) = K (1 - exp(-(t - d)/tau)) step   for t > d, else 0
 
-    Attributes
-    ----------
-    gain : float
-        K [mg/dl per mU/min].
-    tau_min : float
-        Time constant [min].
-    delay_min : float
-        Dead time d [min].
-    residual_rms_mg_dl : float
-        Root mean square of what the fit leaves [mg/dl].
     """
 
     gain: float
+    """Gain K [mg/dl per mU/min]."""
     tau_min: float
     delay_min: float
     residual_rms_mg_dl: float
+    """Root mean square of what the fit leaves."""
 
     def response(self, t_min: ArrayLike, step_mU_min: float) -> Array:
         """Glucose deviation [mg/dl] at `t_min` after a step of insulin at time 0."""
@@ -61,11 +53,6 @@ def fit_first_order(
         Size of the step of insulin, not zero [mU/min].
     delay_min : float or None
         Dead time, taken as known [min]; None fits it as well.
-
-    Returns
-    -------
-    FirstOrderModel
-        Gain, time constant, dead time and root mean square residual.
 
     Raises
     ------

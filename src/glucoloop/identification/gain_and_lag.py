@@ -1,7 +1,7 @@
 """Gain and lag of a person's response to insulin, relative to a person whose response is known.
 
 The person responds as the known one would to another rate: the person's own rate, times the gain, through the lag of
-`models.individual.IndividualModel`. Two numbers can be found in a record in which a whole step response would be lost
+`models.nonlinear.IndividualModel`. Two numbers can be found in a record in which a whole step response would be lost
 in noise; a prior about (1, 1) keeps them where the record says little.
 
 The fit is Levenberg and Marquardt's, in the logarithms of the two: K. Levenberg, Q. Appl. Math. 2, 1944; D. W.
@@ -20,7 +20,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.identification import _check
-from glucoloop.models.individual import LAG_MIN
+from glucoloop.models.nonlinear import LAG_MIN
 from glucoloop.refusal import Refusal
 
 GAIN_SPREAD: Final = 0.35
@@ -64,28 +64,10 @@ def identify_gain_and_lag(
         sum over k of  (y_k - a sum over i of h_i v_(k-i))^2 / R  +  (log a / s_a)^2  +  (log b / s_b)^2
         v = w + (u - w) / b,    55 b w' = u - w
 
-    Parameters
-    ----------
-    insulin_deviation_mU_min : (N,) or (N, people) array
-        Rates less the person's basal rate, each held over one sample.
-    glucose_deviation_mg_dl : (N + 1,) or (N + 1, people) array
-        Readings less the setpoint, from a person who was at rest. A reading that is not finite counts for nothing.
-    impulse_response : (M,) array
-        h_1..h_M of the known person; the response after M samples is left out, so M is best as long as the record.
-    sample_time_min : float
-    noise_variance : float
-        R of a reading, (mg/dl)^2, above 0. Where the fit leaves more than that, the standard errors are as much larger.
-    gain_spread, lag_spread : float
-        Standard deviations of the logarithms of gain and lag in the prior, above 0.
-
-    Returns
-    -------
-    GainAndLag
-
-    Raises
-    ------
-    ValueError
-        For arrays that do not go together, an input that is not finite, or a number outside its bounds.
+    Insulin u is ``(N,)`` or ``(N, people)``, less the basal rate, and glucose y has N + 1 readings, less the setpoint,
+    of a person who was at rest; a reading that is not finite counts for nothing. The response h_1..h_M of the known
+    person is left out after M samples, so M is best as long as the record. Where the fit leaves more than the noise
+    variance R, in (mg/dl)^2, the standard errors are as much larger.
     """
     sample_time_min = _check.positive("The sample time", sample_time_min, "min")
     noise_variance = _check.positive("The noise variance", noise_variance, "(mg/dl)^2")
@@ -108,12 +90,9 @@ def identify_gain_and_lag(
     fit = functools.partial(
         _fit, response=response, sample_time_min=sample_time_min, noise_variance=noise_variance, spreads=spreads
     )
-    found: GainAndLag = fit(insulin, glucose) if insulin.ndim == 1 else _fit_people(fit, insulin, glucose)
+    of_all = fit if insulin.ndim == 1 else jax.vmap(fit, in_axes=-1, out_axes=-1)
+    found: GainAndLag = of_all(insulin, glucose)
     return found
-
-
-def _fit_people(fit: functools.partial[GainAndLag], insulin: jax.Array, glucose: jax.Array) -> GainAndLag:
-    return jax.vmap(fit, in_axes=-1, out_axes=-1)(insulin, glucose)
 
 
 def answer(

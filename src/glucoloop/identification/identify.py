@@ -16,11 +16,7 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.identification import _check
 from glucoloop.identification.basis import Basis, candidates, chosen
 from glucoloop.identification.impulse_response import cross_correlation, least_squares
-from glucoloop.identification.laguerre import (
-    laguerre_coefficients,
-    laguerre_realisation,
-    laguerre_sum,
-)
+from glucoloop.identification.laguerre import laguerre_coefficients, laguerre_realisation, laguerre_sum
 from glucoloop.identification.meal_response import meal_columns, meal_impulse_response, meal_memory
 from glucoloop.identification.record import Record
 from glucoloop.identification.reliability import (
@@ -46,47 +42,27 @@ LARGEST_CORRELATION = 0.05
 
 @pytree
 class Identification:
-    """A step-response model, and how it was obtained.
-
-    Attributes
-    ----------
-    model : StepResponseModel
-        The model, from the smoothed impulse response.
-    impulse_response : Array, shape (M,)
-        The estimate as the record gives it [mg/dl per mU/min].
-    smoothed_impulse_response : Array, shape (M,)
-        Laguerre projection of the estimate, or the estimate itself if none was asked for [mg/dl per mU/min].
-    laguerre_coefficients : Array, shape (L,)
-        Coefficients of the projection; empty if none was asked for [mg/dl per mU/min].
-    laguerre_pole : float
-        Pole of the projection.
-    basal_insulin_mU_min : float
-        Rate from which the insulin deviation was taken [mU/min].
-    baseline_glucose_mg_dl : float
-        Glucose at that rate [mg/dl].
-    smoothing_residual_norm : float
-        2-norm of the estimate minus its projection [mg/dl per mU/min].
-    estimate_rms_mg_dl, model_rms_mg_dl : float
-        Root mean square of the readings minus the prediction by the raw estimate, and by the model [mg/dl].
-    meal_impulse_response : Array, shape (K,)
-        Rise of glucose 1, 2, .. samples after a gram of carbohydrate; empty for a record without meals [mg/dl per g].
-    reliability : Reliability
-        Quality of the model according to the record.
-    method : str
-        Method of the estimation.
-    """
+    """A step-response model from the smoothed impulse response, and how it was obtained."""
 
     model: StepResponseModel
     impulse_response: Array
+    """``(M,)``, the estimate as the record gives it [mg/dl per mU/min]."""
     smoothed_impulse_response: Array
+    """``(M,)``, Laguerre projection of the estimate, or the estimate if none was asked for [mg/dl per mU/min]."""
     laguerre_coefficients: Array
+    """``(L,)``, coefficients of the projection; empty if none was asked for [mg/dl per mU/min]."""
     laguerre_pole: float
     basal_insulin_mU_min: float
+    """Rate from which the insulin deviation was taken."""
     baseline_glucose_mg_dl: float
+    """Glucose at that rate."""
     smoothing_residual_norm: float
+    """2-norm of the estimate minus its projection [mg/dl per mU/min]."""
     estimate_rms_mg_dl: float
     model_rms_mg_dl: float
+    """Root mean square of the readings minus the prediction by the model; before, by the raw estimate."""
     meal_impulse_response: Array
+    """``(K,)``, rise of glucose 1, 2, .. samples after a gram eaten [mg/dl per g]; empty for a record without meals."""
     reliability: Reliability
     method: str = static()
 
@@ -147,11 +123,6 @@ def identify_record(
     Memory, pole, functions and route that are not given are the paper's for "csrs": 3 hours, .84 at 5-min samples, 2,
     and insulin into a vein. For "least-squares" they are chosen by how well readings left out of the fit are predicted,
     see `identification.basis`.
-
-    Returns
-    -------
-    Identification
-        Model, raw and smoothed impulse response, their residuals, and what the record says about their quality.
 
     Raises
     ------
@@ -295,13 +266,7 @@ def chosen_basis(
 ) -> Basis:
     """The basis in which readings left out of the fit are predicted best, or the first if it is about as good.
 
-    Parameters
-    ----------
-    record : Record
-    bases : sequence of Basis
-        Candidates, the usual one first.
-    basal_insulin_mU_min, starts_at_rest
-        As for `identify_record`.
+    Other arguments are those of `identify_record`; the usual basis comes first.
     """
     basal = np.median(np.asarray(record.insulin_mU_min)) if basal_insulin_mU_min is None else basal_insulin_mU_min
     insulin, glucose = np.asarray(record.insulin_mU_min, float) - basal, np.asarray(record.glucose_mg_dl, float)

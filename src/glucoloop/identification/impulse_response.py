@@ -80,12 +80,8 @@ def least_squares(
 
     Parameters
     ----------
-    insulin_deviation : array_like, shape (N,)
-        Input [mU/min from the steady rate].
-    glucose_deviation : array_like, shape (N + 1,) or (N + 1, R)
-        Readings [mg/dl from the steady glucose], or a column for each of R realisations.
-    memory : int
-        M, the number of coefficients.
+    insulin_deviation, glucose_deviation, memory
+        As for `cross_correlation`.
     starts_at_rest : bool
         Whether the input was zero before the record. If not, the first M readings, whose inputs are unknown,
         are left out.

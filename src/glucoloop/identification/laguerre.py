@@ -27,24 +27,16 @@ LEAST_TAIL: Final = 0.05
 
 @pytree
 class PoleSearch:
-    """Residual error of a Laguerre projection against the pole.
-
-    Attributes
-    ----------
-    pole : Array, shape ()
-        The pole of the grid with the least residual error.
-    residual_norm : Array, shape ()
-        Residual error at that pole, the 2-norm of h minus its projection [mg/dl per mU/min].
-    poles : Array, shape (P,)
-        The grid.
-    residual_norms : Array, shape (P,)
-        The error at each pole of the grid [mg/dl per mU/min].
-    """
+    """Residual error of a Laguerre projection at P poles: the 2-norm of h minus its projection [mg/dl per mU/min]."""
 
     pole: Array
+    """Pole with the least residual error."""
     residual_norm: Array
+    """Residual error at that pole."""
     poles: Array
+    """Grid of poles ``(P,)``."""
     residual_norms: Array
+    """Residual error ``(P,)`` at each pole of the grid."""
 
 
 def laguerre_functions(pole: float | Array, functions: int, memory: int) -> Array:
@@ -120,26 +112,9 @@ def laguerre_coefficients(impulse_response: ArrayLike, pole: float | Array, func
 
 
 def laguerre_smooth(impulse_response: ArrayLike, pole: float | Array, functions: int) -> Array:
-    """Projection of an impulse response on the first L Laguerre functions.
+    """Projection of an impulse response on the first L Laguerre functions, of the shape of the response.
 
-    Parameters
-    ----------
-    impulse_response : array_like, shape (M,) or (M, R)
-        h_1..h_M [mg/dl per mU/min].
-    pole : float
-        a, between 0 and 1.
-    functions : int
-        L, from 1 to M.
-
-    Returns
-    -------
-    Array, shape (M,) or (M, R)
-        The smoothed h_1..h_M [mg/dl per mU/min].
-
-    Raises
-    ------
-    ValueError
-        If the response isn't finite, the pole isn't strictly between 0 and 1, or L isn't within 1..M.
+    Arguments and errors are those of `laguerre_coefficients`.
     """
     basis = laguerre_functions(pole, functions, _memory(impulse_response))
     return basis.T @ _fit(basis, jnp.asarray(impulse_response, dtype=float))
@@ -153,20 +128,8 @@ def laguerre_sum(pole: float) -> float:
 def laguerre_realisation(coefficients: ArrayLike, pole: float, memory: int) -> Realisation | None:
     """Realisation of a smoothed impulse response: the Laguerre network that generates its functions, without end.
 
-    Parameters
-    ----------
-    coefficients : array_like, shape (L,) or (L, R)
-        c_1..c_L [mg/dl per mU/min].
-    pole : float
-        a, between 0 and 1.
-    memory : int
-        M, the number of samples over which the response was fitted.
-
-    Returns
-    -------
-    Realisation or None
-        Realisation of all coefficients, those of the memory included; None if each function has died out, with less
-        than `LEAST_TAIL` of its sum after the memory.
+    Coefficients ``(L,)`` or ``(L, R)`` were fitted over `memory` samples. The realisation is of all coefficients, those
+    of the memory included; None if each function has died out, with less than `LEAST_TAIL` of its sum after the memory.
     """
     c, over_all_time = np.asarray(coefficients, dtype=float), laguerre_sum(pole)
     later = over_all_time - np.asarray(laguerre_functions(pole, c.shape[0], memory)).sum(axis=1)
@@ -187,11 +150,6 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
         L, from 1 to M.
     grid : array_like, shape (P,), optional
         Poles to try. By default .01, .02, ..., .99.
-
-    Returns
-    -------
-    PoleSearch
-        The best pole, and the whole error curve.
 
     Raises
     ------

@@ -34,23 +34,15 @@ class Record:
     ``insulin_mU_min[k]`` is held from t_k to t_(k+1) and ``glucose_mg_dl[k]`` is the reading at t_k, t_k = k times the
     sample time. So reading k depends on the insulin of samples k-1, k-2, ..., and the last reading closes the last
     sample: there is one reading more than there are samples.
-
-    Attributes
-    ----------
-    insulin_mU_min : Array, shape (N,)
-        Insulin infusion, absolute [mU/min].
-    glucose_mg_dl : Array, shape (N + 1,)
-        Glucose readings, absolute [mg/dl].
-    sample_time_min : float
-        Sample time [min].
-    carbs_g : Array, shape (N,), optional
-        Carbohydrate eaten in each sample [g]; None where nothing is known of meals.
     """
 
     insulin_mU_min: Array
+    """``(N,)``, absolute infusion."""
     glucose_mg_dl: Array
+    """``(N + 1,)``, absolute readings."""
     sample_time_min: float = static()
     carbs_g: Array | None = None
+    """``(N,)``, carbohydrate eaten in each sample; None where nothing is known of meals."""
 
 
 @checked

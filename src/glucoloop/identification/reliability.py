@@ -39,19 +39,12 @@ _NEGLIGIBLE: Final = 1e-9
 
 @pytree
 class Reliability:
-    """Quality of an identified model according to the record.
-
-    Attributes
-    ----------
-    gain_margin : float
-        Half the width of the 95 % confidence interval of the gain [mg/dl per mU/min].
-    explained_percent : float
-        Part of the variance of readings left out of the fit that the fit predicts: 100 is perfect, 0 no better than
-        the mean of the other readings, and below 0 worse.
-    """
+    """Quality of an identified model according to the record."""
 
     gain_margin: float
+    """Half the width of the 95 % confidence interval of the gain [mg/dl per mU/min]."""
     explained_percent: float
+    """Part of the variance of left-out readings that the fit predicts: 100 is perfect, 0 as good as a mean."""
 
 
 def doubts(
@@ -115,14 +108,8 @@ def margin_of_slower_functions(
 ) -> float:
     """Margin of a gain that reaches what slower functions say, where they predict left-out readings as well; else 0.
 
-    Parameters
-    ----------
-    insulin_deviation : (N,) array
-        Input of the whole record [mU/min].
-    readings, beside : (n,) and (n, K) array
-        The last n readings [mg/dl], and what is fitted beside the response.
-    fit : float and (blocks,) array
-        Gain of the fit in question [mg/dl per mU/min], and its errors on blocks left out, see `held_out_errors`.
+    Insulin ``(N,)`` is of the whole record, `readings` ``(n,)`` are the last ones, with `beside` ``(n, K)`` fitted
+    beside the response. `fit` has the gain in question and its errors by `held_out_errors`.
     """
     gain, errors = fit
     k = np.arange(readings.size)[:, None] / readings.size

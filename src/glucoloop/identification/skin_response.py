@@ -53,20 +53,10 @@ def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int
 def skin_coefficients(columns: Floats, readings: Floats, pole: float, functions: int, memory: int) -> Floats:
     """Laguerre coefficients of the response to insulin under the skin that fits the readings best.
 
-    Parameters
-    ----------
-    columns : (N, L) array
-        Responses of the functions to the insulin, less what is fitted beside them, like a baseline.
-    readings : (N,) or (N, people) array
-        Glucose, less the same [mg/dl].
-    pole, functions, memory
-        Functions, and the number of coefficients whose sign is kept.
-
-    Returns
-    -------
-    (L,) or (L, people) array
-        Coefficients [mg/dl per mU/min]. A fit whose gain is not below 0 without regard to the signs keeps it, so that
-        it is seen that the record contradicts what is known.
+    The columns ``(N, L)`` are responses of the functions to the insulin, and readings ``(N,)`` or ``(N, people)``
+    glucose, both less what is fitted beside them, like a baseline; `memory` is the number of coefficients whose sign is
+    kept. The result is ``(L,)`` or ``(L, people)`` [mg/dl per mU/min]. A fit whose gain is not below 0 without regard
+    to the signs keeps it, so that it is seen that the record contradicts what is known.
     """
     combinations = skin_basis(pole, functions, memory)
     impulse_responses = np.asarray(laguerre_functions(pole, functions, memory)).T @ combinations

@@ -18,52 +18,24 @@ from glucoloop.refusal import Refusal
 
 @pytree
 class Validation:
-    """Comparison of a model's prediction from rest with the readings.
-
-    Attributes
-    ----------
-    predicted_mg_dl : Array, shape (N + 1,)
-        The model's glucose deviation [mg/dl].
-    residuals_mg_dl : Array, shape (N + 1,)
-        Reading minus prediction [mg/dl].
-    sum_absolute_residual_mg_dl : Array, shape ()
-        Sum of the absolute residuals [mg/dl].
-    worst_residual_mg_dl : Array, shape ()
-        Largest absolute residual [mg/dl].
-    fit_percent : Array, shape ()
-        ``100 (1 - |y - prediction| / |y - mean y|)``, 2-norms: 100 is perfect, 0 no better than the mean.
-    """
+    """Comparison of a model's prediction from rest with the readings."""
 
     predicted_mg_dl: Array
+    """Glucose deviation ``(N + 1,)`` of the model."""
     residuals_mg_dl: Array
+    """Readings ``(N + 1,)`` minus prediction."""
     sum_absolute_residual_mg_dl: Array
     worst_residual_mg_dl: Array
+    """Largest absolute residual."""
     fit_percent: Array
+    """``100 (1 - |y - prediction| / |y - mean y|)``, 2-norms: 100 is perfect, 0 no better than the mean."""
 
 
 def random_binary_sequence(samples: int, amplitude_mU_min: float, seed: int, *, hold_samples: int = 1) -> Array:
     """Insulin deviation of +a or -a, each equally likely, drawn anew every `hold_samples` samples.
 
-    Parameters
-    ----------
-    samples : int
-        Length N.
-    amplitude_mU_min : float
-        a [mU/min].
-    seed : int
-        The same seed gives the same sequence.
-    hold_samples : int
-        Samples for which each draw is held; a longer hold excites slow dynamics more.
-
-    Returns
-    -------
-    Array, shape (N,)
-        Insulin deviation [mU/min].
-
-    Raises
-    ------
-    ValueError
-        If a length or the amplitude isn't above zero.
+    It is ``(samples,)`` [mU/min], and the same for the same seed. A longer hold excites slow dynamics more. A
+    ValueError refuses a length or an amplitude that is not above 0.
     """
     samples = _check.whole_number("The number of samples", samples, 1)
     hold = _check.whole_number("The hold", hold_samples, 1)
@@ -83,11 +55,6 @@ def validate(model: StepResponseModel, insulin_deviation: ArrayLike, glucose_dev
         Input [mU/min from the steady rate].
     glucose_deviation : array_like, shape (N + 1,)
         Readings, from the one at rest to the end of the last sample [mg/dl from the steady glucose].
-
-    Returns
-    -------
-    Validation
-        Prediction, residuals and their summaries.
 
     Raises
     ------

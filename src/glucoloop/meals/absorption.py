@@ -75,7 +75,6 @@ def appearance_moments(t_min: jax.Array, step_min: float, absorption: Absorption
         Start of the step.
     step_min : float
         Length h of the step.
-    absorption : Absorption
 
     Returns
     -------

@@ -137,7 +137,6 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
 
     Parameters
     ----------
-    plan : MealPlan
     seed, person
         As for `patients.population.draw`.
 

@@ -54,11 +54,9 @@ class MealModel(Protocol):
 
     def jumps(self, eaten: Eaten) -> Jumps:
         """Jumps of the state due to meals; every meal has the same number of jumps."""
-        ...
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
         """``exp(A z)``, ``(states, states, *z.shape)``: the states z >= 0 minutes after a unit of each state."""
-        ...
 
 
 def matrix(*rows: tuple[jax.Array | float, ...]) -> jax.Array:

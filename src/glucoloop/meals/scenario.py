@@ -31,7 +31,6 @@ class Meal:
 
     Parameters
     ----------
-    carbs_g : float
     t_min : float
         Time at which eating begins.
     eating_min : float
@@ -80,7 +79,6 @@ class Scenario:
 
     Parameters
     ----------
-    meals : iterable of Meal
     horizon_min : float
         Length of the run; a whole number of samples.
     setpoint_mg_dl : float, optional

@@ -113,7 +113,6 @@ def clinical_summary(trace: Trace, metrics: Metrics) -> ClinicalSummary:
 
     Parameters
     ----------
-    trace : Trace
     metrics : Metrics
         Metrics of that trace, as `summarise` finds them.
 

@@ -156,7 +156,6 @@ def summarise(
 
     Parameters
     ----------
-    trace : Trace
     limits : DoseLimits
         Bounds of the constraints (17) and (18), by default those of 1999; give ``gl.usual_limits(patient)`` for another
         patient.

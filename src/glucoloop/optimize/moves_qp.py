@@ -111,11 +111,6 @@ def solve_qp(
     -------
     QPSolution
         Never raises on values: an infeasible, unbounded or non-finite program has `converged` false.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit together.
     """
     H, f, G, h = jnp.asarray(H), jnp.asarray(f), jnp.asarray(G), jnp.asarray(h)
     n, k = f.shape[0], h.shape[0]
@@ -218,21 +213,9 @@ def solve_qp(
 def limit_moves(
     moves: ArrayLike, u_prev: ArrayLike, *, max_move: ArrayLike, u_min: ArrayLike, u_max: ArrayLike
 ) -> Array:
-    """Clip moves in sequence: each to the rate limit, then the input that it leads to into its bounds.
+    """Clip moves ``(m,)`` or ``(m, B)`` in sequence: each to the rate limit, then the input into its bounds.
 
-    Parameters
-    ----------
-    moves : (m,) or (m, B)
-        Moves wanted.
-    u_prev : () or (B,)
-        Input before the first move; clipped into ``[u_min, u_max]``.
-    max_move, u_min, u_max : () or (B,)
-        Largest absolute move, and bounds on the input.
-
-    Returns
-    -------
-    (m,) or (m, B)
-        Moves within the limits.
+    Other arguments are those of `minimise_moves`; the input before the first move is clipped into its bounds too.
     """
     wanted = jnp.asarray(moves)
     max_move, u_min, u_max = jnp.asarray(max_move), jnp.asarray(u_min), jnp.asarray(u_max)
@@ -318,11 +301,6 @@ def minimise_moves(
 
     One and two moves are solved exactly in closed form, more by `minimise_many_moves`. The arguments are those of the
     latter, where people may trail on any of them: ``(m, m, B)``, ``(m, B)``, ``(B,)``.
-
-    Raises
-    ------
-    ValueError
-        If the shapes of `H` and `f` do not fit.
     """
     H, f = jnp.asarray(H), jnp.asarray(f)
     m = f.shape[0]

@@ -83,18 +83,14 @@ def minimise_moves_above_floor(
 
     Parameters
     ----------
-    H : (m, m) or (m, m, B)
-        Hessian, symmetric and positive semi-definite.
-    f : (m,) or (m, B)
-        Gradient at ``d = 0``.
+    H, f, u_prev, max_move, u_min, u_max
+        As for `minimise_moves`, all limits in one unit.
     response : (p, m) or (p, m, B)
         A, the output at each sample ahead for a unit of each move.
     short : (p,) or (p, B)
         Floor less the output if no move is made.
     weight : () or (p,)
         w, 0 or more; 0 leaves the floor out.
-    u_prev, max_move, u_min, u_max : () or (B,)
-        Input before the moves, largest absolute move per sample, and bounds on the input, all finite and in one unit.
 
     Returns
     -------
@@ -102,11 +98,6 @@ def minimise_moves_above_floor(
         Feasible and finite moves. `converged` is true if they are the minimiser, `iterations` counts the rounds, and
         `residual` is the largest distance from the floor, in the output's unit, of an output that lies on the other
         side of it than was reckoned with.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit.
 
     Notes
     -----

@@ -52,27 +52,10 @@ def minimise_two_moves(
 ) -> Array:
     """Minimise ``1/2 d' H d + f' d`` over two moves within the pump's limits, exactly.
 
-    The constraints are ``|d_i| <= max_move`` and ``u_min <= u_prev + cumsum(d)_i <= u_max``.
-
-    Parameters
-    ----------
-    H : (2, 2) or (2, 2, B)
-        Hessian, symmetric and positive semi-definite; only its upper triangle is read.
-    f : (2,) or (2, B)
-        Gradient at ``d = 0``.
-    u_prev : () or (B,)
-        Input before the moves, in the unit of the moves; it is clipped into ``[u_min, u_max]``, so the feasible set is
-        never empty.
-    max_move : () or (B,)
-        Largest absolute move per sample, not negative.
-    u_min, u_max : () or (B,)
-        Bounds on the input.
-
-    Returns
-    -------
-    (2,) or (2, B)
-        The moves, finite and within the limits for whatever `H` and `f`; where these are not numbers the moves are
-        zero. A singular `H` gives one of the minimisers.
+    Constraints and arguments are those of `moves_qp.minimise_many_moves`, where people may trail: ``(2, 2, B)``,
+    ``(2, B)``, ``(B,)``. Only the upper triangle of `H` is read. The moves ``(2,)`` or ``(2, B)`` are finite and within
+    the limits for whatever `H` and `f`; where these are not numbers the moves are zero. A singular `H` gives one of the
+    minimisers.
 
     Notes
     -----

@@ -281,13 +281,7 @@ class MadePart(Part):
     """The function, as ``module:function``; a class will do."""
 
     def made(self, **known: Any) -> Any:
-        """Object that the part stands for; making it imports JAX.
-
-        Raises
-        ------
-        Refusal
-            If it is not possible.
-        """
+        """Object that the part stands for; making it imports JAX."""
         return self.made_of(self.values(), known)
 
     @classmethod

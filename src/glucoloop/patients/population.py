@@ -99,21 +99,7 @@ class Draw:
 
 
 def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
-    """Draw the varied parameters of given persons of a population.
-
-    Parameters
-    ----------
-    population : Population
-    seed : int
-        Seed, from 0 to 2**32 - 1.
-    person : (n,) array of int
-        Numbers of the persons, from 0 to 2**32 - 1, in any order.
-
-    Raises
-    ------
-    ValueError
-        For a seed or a person that does not exist.
-    """
+    """Draw the varied parameters of given persons of a population; arguments and errors as for `virtual_people`."""
     people = checked_people(person)
     checked_counter("seed", seed)
     return Draw(
@@ -168,7 +154,6 @@ def virtual_people(
 
     Parameters
     ----------
-    population : Population
     seed : int
         Seed, from 0 to 2**32 - 1.
     person : (n,) array of int

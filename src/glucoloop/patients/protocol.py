@@ -31,28 +31,22 @@ class Patient(Protocol):
     @property
     def basal_insulin_mU_min(self) -> jax.Array:
         """Infusion rate that holds the setpoint."""
-        ...
 
     @property
     def setpoint_mg_dl(self) -> jax.Array:
         """Glucose at rest under the basal rate."""
-        ...
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
         """State at rest under a constant infusion; raises if none is physiological."""
-        ...
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
         """Infusion in mU/min that holds a glucose; raises if none does."""
-        ...
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Rate of change of the state, per minute."""
-        ...
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Concentration of the glucose that is to be controlled."""
-        ...
 
 
 @runtime_checkable
@@ -69,32 +63,24 @@ class SemilinearPatient(Patient, Protocol):
 
     def split(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Parts `(y, z)` of the state."""
-        ...
 
     def join(self, y: jax.Array, z: jax.Array) -> jax.Array:
         """State from its parts `(y, z)`."""
-        ...
 
     def working_state(self) -> jax.Array:
         """State about which the slow block is linearised, amid the states of a closed loop."""
-        ...
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
         """Mask ``(n, n)`` of the fast entries of the slow block's Jacobian; others may go to the nonlinear part."""
-        ...
 
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Derivative z' of the driven block, linear in both arguments."""
-        ...
 
     def effects(self, z: jax.Array) -> jax.Array:
         """Effects of the driven block on the slow one."""
-        ...
 
     def transport(self, y: jax.Array) -> jax.Array:
         """Linear part ``T y`` of y'."""
-        ...
 
     def kinetics(self, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
         """Remaining part ``k(y, e, m)`` of y', linear in the meal."""
-        ...

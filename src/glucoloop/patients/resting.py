@@ -101,23 +101,11 @@ class RestingPatient(Generic[P]):
     setpoint_mg_dl: jax.Array
 
     def steady_state(self, insulin_mU_min: jax.Array | float) -> jax.Array:
-        """State at rest ``(states, ...)`` under a constant infusion.
-
-        Raises
-        ------
-        ValueError
-            If the infusion is negative or not finite, or so large that glucose would rest at or below zero.
-        """
+        """State at rest ``(states, ...)`` under a constant infusion; ValueError if glucose does not rest above 0."""
         return self.rest.state(self.parameters, insulin_mU_min)
 
     def insulin_for(self, glucose_mg_dl: jax.Array | float) -> jax.Array:
-        """Infusion that holds the given glucose.
-
-        Raises
-        ------
-        ValueError
-            If no infusion of 0 or more holds it.
-        """
+        """Infusion of 0 or more that holds the given glucose; ValueError if none does."""
         return self.rest.insulin(self.parameters, glucose_mg_dl)
 
 

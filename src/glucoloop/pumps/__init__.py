@@ -1,4 +1,7 @@
-"""Insulin pumps: limits of the basal rate and of boluses, delivery resolution, and faults."""
+"""Insulin pumps: limits of the basal rate and of boluses, delivery resolution, and faults.
+
+What wraps an `inner` pump wraps one with the limits of the paper by default.
+"""
 
 from glucoloop.pumps.expiring import Expiring, expiring, rate_in_force
 from glucoloop.pumps.faults import battery_gap, missed_pulses, occlusion, unheard

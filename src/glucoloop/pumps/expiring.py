@@ -73,8 +73,6 @@ def expiring(samples: int = 2, inner: Pump | None = None) -> Expiring:
     samples : int
         Number of samples for which a command holds, the one in which it came included; with 2, one lost command changes
         nothing.
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Faults of a pump: small objects that wrap any pump, and one another."""
+"""Faults of a pump: small objects that wrap any `inner` pump, by default one with the limits of the paper."""
 
 from __future__ import annotations
 
@@ -112,9 +112,6 @@ def occlusion(
 
     Parameters
     ----------
-    episodes : Episodes
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
     open_fraction : float
         Fraction of the insulin that still passes.
     noticed : bool
@@ -137,17 +134,10 @@ def missed_pulses(share: float, inner: Pump | None = None, *, noticed: bool = Fa
     ----------
     share : float
         Probability that the insulin of a sample does not reach the person; samples are independent.
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
     noticed : bool
         Whether the pump reports that no insulin passed.
     key : int
         Number that makes the random draws of this fault differ from those of others around the same pump; 0 to 65535.
-
-    Raises
-    ------
-    ValueError
-        For a number out of its range.
     """
     return occlusion(recurring(share, key=key), inner, noticed=noticed)
 
@@ -173,7 +163,6 @@ def unheard(episodes: Episodes, inner: Pump | None = None) -> Unheard:
 
     Parameters
     ----------
-    episodes : Episodes
     inner : Pump, optional
         Inner pump; by default one whose commands expire after two samples.
     """

@@ -34,7 +34,6 @@ class Pump(Protocol):
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> Any:
         """State of a pump that has delivered the given rate for a long time."""
-        ...
 
     def deliver(
         self, state: Any, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
@@ -44,7 +43,6 @@ class Pump(Protocol):
         The basal rate and the bolus are separate: limits of the rate do not bind the bolus. None stands for a
         controller that never gives a bolus; the delivery then has none either.
         """
-        ...
 
 
 def deliver(

@@ -75,8 +75,6 @@ def with_resolution(
     ----------
     step_mU_min : float
         Step of which doses are multiples.
-    inner : Pump, optional
-        Inner pump; one with the limits of the paper by default.
     least_mU_min : float
         Smallest dose that is delivered at all, rounded up to whole steps.
     limits : DoseLimits, optional

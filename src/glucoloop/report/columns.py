@@ -256,22 +256,7 @@ def _text(result: Result, metrics: Mapping[str, float | int | bool | None]) -> s
 
 
 def metrics_table(metrics: Metrics) -> Table:
-    """Name, value and unit of each metric of one run.
-
-    Parameters
-    ----------
-    metrics : Metrics
-        Metrics of one person.
-
-    Returns
-    -------
-    rich.table.Table
-
-    Raises
-    ------
-    ValueError
-        For metrics of many people.
-    """
+    """Name, value and unit of each metric of one run of one person; ValueError for metrics of many people."""
     return lines_table("Metric", ["Value"], metric_rows({"Value": metrics}))
 
 
@@ -285,10 +270,6 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     distances : mapping of str to Distance, optional
         Distances to the bound of the situation, under the same labels, for a further section; a run for which the
         bound does not hold has none.
-
-    Returns
-    -------
-    rich.table.Table
 
     Raises
     ------

@@ -34,7 +34,6 @@ def plot_identification(
 
     Parameters
     ----------
-    identification : Identification
     truth : array_like, shape (M,), optional
         Impulse response free of noise [mg/dl per mU/min].
     validation : Validation, optional
@@ -44,10 +43,6 @@ def plot_identification(
     title : str, optional
     width : {"single", "double"}
         Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------
@@ -77,24 +72,7 @@ def plot_validation(
 ) -> Figure:
     """Draw measured and predicted glucose, the residuals, and the input if given.
 
-    Parameters
-    ----------
-    validation : Validation
-    sample_time_min : float
-    insulin_deviation_mU_min : array_like, shape (N,), optional
-        Input of the validation.
-    title : str, optional
-    width : {"single", "double"}
-        Width of a printed column: 88 or 180 mm.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ValueError
-        If the input has another length than it should, or the width is unknown.
+    Arguments and errors are those of `plot_identification`.
     """
     names = _panels(insulin_deviation_mU_min)
     figure = _style.new_figure(width, 25.0 + 30.0 * len(names), title)

@@ -57,7 +57,6 @@ def interactive_page(
         Traces of one person each.
     metrics : Metrics or mapping of str to Metrics
         Metrics of these runs, under the same labels.
-    title : str
     limits : DoseLimits
         Limits of the pump.
     lowest_glucose_mg_dl : float

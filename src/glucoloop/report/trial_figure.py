@@ -45,7 +45,6 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
 
     Parameters
     ----------
-    report : TrialReport
     title : str, optional
         Title; that of the report if not given, none if empty.
     width : {"single", "double"}
@@ -55,11 +54,6 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     -------
     matplotlib.figure.Figure
         Figure outside pyplot's state; write it with ``savefig`` to SVG, PDF or PNG (300 dots per inch).
-
-    Raises
-    ------
-    ValueError
-        For an unknown width.
     """
     number = len(report.cases)
     figure, panels, columns = _sheet(number, report.title if title is None else title, width)

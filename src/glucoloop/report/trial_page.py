@@ -45,10 +45,6 @@ def trial_page(report: TrialReport) -> str:
     in each range of glucose; the control-variability grid; the people with the worst outcomes, with their traces; and
     the situation.
 
-    Parameters
-    ----------
-    report : TrialReport
-
     Returns
     -------
     str

@@ -1,4 +1,4 @@
-"""Glucose sensors and their faults: small objects that wrap one another."""
+"""Glucose sensors and their faults: small objects that wrap an `inner` sensor, an ideal one by default."""
 
 from glucoloop.sensors.delay import DeadTime, Lag, dead_time, lag
 from glucoloop.sensors.erring import Erring, erring

@@ -49,8 +49,6 @@ def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor 
         Variance of the noise of each reading, (mg/dl)^2.
     bound_mg_dl : float
         Largest deviation.
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
 
     Raises
     ------
@@ -111,8 +109,6 @@ def correlated_noise(variance: float = 9.0, correlation: float = 0.7, inner: Sen
         Variance of the error of a reading, (mg/dl)^2.
     correlation : float
         Correlation of the errors of two consecutive readings, 0 or more and below 1.
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
 
     Raises
     ------

@@ -24,11 +24,9 @@ class Sensor(Protocol):
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> Any:
         """State of a sensor that has read the given glucose for a long time."""
-        ...
 
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
         """Read once per sample, with a key of its own."""
-        ...
 
 
 def site_of(sensor: Sensor) -> str | None:

@@ -221,14 +221,6 @@ def usual_limits(patient: Patient) -> DoseLimits:
     Designs, `summarise` and `LimitedPump` see no patient and take the limits of 1999; for insulin under the skin those
     keep a controller far within what the pump can give.
 
-    Parameters
-    ----------
-    patient : Patient
-
-    Returns
-    -------
-    DoseLimits
-
     Examples
     --------
     >>> import glucoloop as gl
@@ -288,8 +280,6 @@ def simulate(
 
     Parameters
     ----------
-    patient : Patient
-    controller : Controller
     sensor : Sensor, optional
         Sensor; an ideal one by default.
     pump : Pump, optional
@@ -301,10 +291,6 @@ def simulate(
     integrator : Integrator, optional
         Integrator; by default `Exponential` if the patient allows it, else `Adaptive`, as for one whose constants
         follow the clock.
-
-    Returns
-    -------
-    Trace
 
     Raises
     ------

@@ -54,11 +54,9 @@ class Fold(Protocol):
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
         """State at the start of the run."""
-        ...
 
     def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
         """State after a sample, which was taken at the time `t_min`."""
-        ...
 
 
 @dataclass(frozen=True)

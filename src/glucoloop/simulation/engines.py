@@ -46,23 +46,19 @@ class Engine(Protocol):
     @property
     def name(self) -> str:
         """Name of the engine."""
-        ...
 
     @property
     def precision(self) -> str:
         """Precision, ``"float64"`` or ``"float32"``."""
-        ...
 
     @property
     def not_native(self) -> str | None:
         """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
-        ...
 
     def run(
         self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
         """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
-        ...
 
 
 def make_engine(

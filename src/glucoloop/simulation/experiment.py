@@ -92,13 +92,10 @@ def excite(
 
     Parameters
     ----------
-    patient : Patient
     insulin_mU_min : (N,) array
         Rates, each held over one sample. The patient starts at rest at the basal rate.
     sensor : Sensor, optional
         Sensor; an ideal one by default. One with dead time gives a record from which the dead time is identified too.
-    key : JAX key or int
-    sample_time_min : float
     integrator : Integrator, optional
         Eight exponential steps per sample by default, since the sequence may jump far.
 
@@ -141,42 +138,26 @@ def identify(
     under_the_skin: bool | None = None,
     sample_time_min: float = 5.0,
 ) -> Identification:
-    """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III).
+    """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III): the result's ``model``.
 
     Parameters
     ----------
-    patient : Patient
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
-    key : JAX key or int
-    memory : int, optional
-        Samples M after which the response has died out; by default what is usual for the route: 3 h for a vein, 24 h
-        under the skin.
+    memory, laguerre_pole, laguerre_functions, under_the_skin
+        As for `identify_record`; by default 3 h, a pole of 0.84 at 5-min samples and 2 functions for a vein; 24 h, 0.96
+        and 8 under the skin.
     amplitude_mU_min : float, optional
         Height of the pulses, at most the basal rate; by default the paper's 22.33 mU/min, or the basal rate where that
         is less.
     samples : int, optional
         Length of the record; the shortest, ``2 M``, by default.
-    laguerre_pole : float, optional
-        Pole, by default that of the route: 0.84 or 0.96 at 5-min samples.
-    laguerre_functions : int, None or "usual"
-        Functions that smooth the impulse response; None leaves it as it is. By default as many as the route has: 2 or
-        8.
-    under_the_skin : bool, optional
-        Whether the response begins at 0 with a slope of 0 and is never above 0; see `identification.skin_response`.
-        By default it follows from the patient's route of insulin.
-    sample_time_min : float
 
     Notes
     -----
     Memory, pole, functions and route that are not given are those for insulin under the skin if the patient has it so,
     or if its response to a small step has less than `SETTLED` of its gain at the end of the paper's memory, and else
     the paper's.
-
-    Returns
-    -------
-    Identification
-        Result, whose ``model`` is the one for the design of a controller.
 
     Raises
     ------
@@ -230,12 +211,8 @@ def validate_on(
 
     Parameters
     ----------
-    patient : Patient
-    model : StepResponseModel
-    samples : int
     amplitude_mU_min : float, optional
         Amplitude; a tenth of the basal rate by default.
-    seed : int
 
     Returns
     -------
@@ -265,14 +242,11 @@ def fit_step(
 
     Parameters
     ----------
-    patient : Patient
     step_mU_min : float, optional
         Height of the step above the basal rate; by default half the paper's nominal rate, 11.165 mU/min, or half the
         basal rate where that is less.
-    horizon_min : float
     delay_min : float or None
         Dead time of the model; None fits it too.
-    sample_time_min : float
 
     Raises
     ------

@@ -46,10 +46,8 @@ def linear_model(
 
     Parameters
     ----------
-    patient : Patient
     insulin_mU_min : float, optional
         Infusion of the operating point; the basal rate by default.
-    sample_time_min : float
     setpoint_mg_dl : float, optional
         Glucose at which the model rests, in place of the infusion.
     sensor_lag_min : float
@@ -123,8 +121,6 @@ def nonlinear_model(
 
     Parameters
     ----------
-    patient : Patient
-    sample_time_min : float
     setpoint_mg_dl : float, optional
         Glucose at which the model rests; by default that of the basal operating point.
 

@@ -47,11 +47,9 @@ class Plant(Protocol):
     @property
     def patient(self) -> Patient:
         """Patient that the plant advances."""
-        ...
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        ...
 
 
 class Integrator(Protocol):
@@ -59,7 +57,6 @@ class Integrator(Protocol):
 
     def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[Plant, Any]:
         """The plant, and its exogenous inputs with one entry per sample on the leading axis."""
-        ...
 
 
 class SteppingIntegrator(Integrator, Protocol):
@@ -67,4 +64,3 @@ class SteppingIntegrator(Integrator, Protocol):
 
     def at_sample(self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
         """The plant with other meals than it was prepared for, and its exogenous inputs of one sample; traceable."""
-        ...

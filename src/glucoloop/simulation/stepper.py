@@ -127,10 +127,8 @@ class Stepper:
 
     Parameters
     ----------
-    patient : Patient
     sensor, pump : Sensor, Pump, optional
         Argument as for `simulate`.
-    sample_time_min : float
     setpoint_mg_dl : float, optional
         Setpoint in the observations; the patient's own by default.
     initial_glucose_mg_dl : float, optional
@@ -145,11 +143,6 @@ class Stepper:
         Model of absorption; the patient's own by default.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
-
-    Raises
-    ------
-    ValueError
-        If an argument is not possible.
 
     Examples
     --------
@@ -355,10 +348,7 @@ class Stepper:
     def restore(self, saved: bytes) -> Observation:
         """Continue from the saved state of a stepper with the same patient, sensor and pump, to the same bits.
 
-        Returns
-        -------
-        Observation
-            Observation at the coming sample.
+        The coming observation is returned.
 
         Raises
         ------

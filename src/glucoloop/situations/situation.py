@@ -332,13 +332,7 @@ def _nominal(name: str, operating_point: str) -> SemilinearPatient:
 
 
 def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: str = "", **more: Any) -> Any:
-    """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``.
-
-    Raises
-    ------
-    Refusal
-        For a key or a value that is not possible.
-    """
+    """A situation, or what extends one, from plain values as a file has them: ``configured(Run, sensor=["lag"])``."""
     return read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True).completed()
 
 

@@ -13,8 +13,7 @@ from typing import Any
 
 import polars as pl
 
-from glucoloop.storage.files import stored_json
-from glucoloop.storage.strict_json import json_text, with_version
+from glucoloop.storage.files import json_text, stored_json, with_version
 from glucoloop.storage.tables import csv, parquet
 
 

@@ -16,8 +16,7 @@ from glucoloop.models.step_response import Realisation, StepResponseModel, refus
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.situations.toml import deeper_than
-from glucoloop.storage.files import read_text
-from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.files import json_text, read_text
 
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10

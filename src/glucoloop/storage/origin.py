@@ -12,8 +12,7 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop.parts.code import outside_code
 from glucoloop.refusal import Refusal
-from glucoloop.storage.files import stored_json
-from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.files import json_text, stored_json
 
 
 class Origin(BaseModel):

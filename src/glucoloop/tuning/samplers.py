@@ -37,11 +37,9 @@ class Sampler(Protocol):
 
     def ask(self, number: int) -> list[dict[str, float]]:
         """The next tunings."""
-        ...
 
     def tell(self, told: Sequence[Told]) -> None:
         """Take the results of the tunings that were asked for last, in their order."""
-        ...
 
 
 def make_sampler(

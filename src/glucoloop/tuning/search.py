@@ -6,9 +6,10 @@ to the constraints (17) to (19) and to no oscillation.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
-from typing import Final, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +20,13 @@ from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
+from glucoloop.models.step_response import StepResponseModel
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.plant import Integrator
-from glucoloop.situations.situation import Situation
-from glucoloop.tuning.designers import Designer
+from glucoloop.situations.case import usual_case
+from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.tuning.designers import Designer, designer, kind_of_tuning, usual_filters
+from glucoloop.tuning.grid import parse_numbers, tuning_grid
 from glucoloop.tuning.oscillation import oscillation
 from glucoloop.tuning.surface import TuningSurface
 
@@ -215,3 +219,41 @@ def _in_blocks(
     ordered = [kept[job] for job in jobs]
     together: _Scores = jax.tree.map(lambda *leaves: np.stack(leaves).reshape(len(designed), len(seeds)), *ordered)
     return together
+
+
+def usual_tuning(situation: Situation, controller: str) -> MPCTuning:
+    """Tuning of a controller that is usual in a situation; for the patient of 1999 it is the printed one."""
+    kind = kind_of_tuning(controller)
+    settings: Mapping[str, Any] = usual_case(controller, situation).tuning
+    return kind(**{field.name: settings[field.name] for field in dataclasses.fields(kind)})
+
+
+def printed_tuning(operating_point: str, controller: str) -> MPCTuning:
+    """Tuning that the paper prints for one of its controllers, without noise."""
+    return usual_tuning(usual_situation(operating_point=operating_point), controller)
+
+
+def paper_tuning_surface(
+    operating_point: str, controller: str, *, model: StepResponseModel | None = None
+) -> TuningSurface:
+    """Search m from 1 to 4, p from m to 14 and phi_r from .3 to .8, without noise.
+
+    The paper says that its tunings give the least sum of squared errors subject to the constraints and to no
+    oscillation. In these loops the sum keeps falling with more moves and a faster reference, up to where the loop
+    oscillates.
+    """
+    situation = usual_situation(operating_point=operating_point)
+    printed = usual_tuning(situation, controller)
+    case = usual_case(controller, situation)
+    filters = usual_filters(controller, case.tuning)
+    grid = tuning_grid(
+        range(1, 5),
+        range(1, 15),
+        output_weights=[printed.output_weight],
+        move_weights=[printed.move_weight],
+        reference_filters=None if filters is None else parse_numbers(filters),
+        reference_start=getattr(printed, "reference_start", 1),
+    )
+    design = designer(situation, case, model)
+    points = grid if printed in grid else [*grid, printed]
+    return search(situation, design, points, name=controller)

@@ -187,7 +187,6 @@ def design_meal_kalman(
 
     Parameters
     ----------
-    model : FedModel
     habits : MealHabits, optional
         Habits from which the remainder of a meal is predicted; the filter itself does not use them.
     emptying_variance : float

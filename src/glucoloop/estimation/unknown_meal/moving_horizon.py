@@ -374,33 +374,16 @@ def design_meal_horizon(
 ) -> MealHorizon:
     """Design the estimator for a model.
 
+    Settings have the meanings, units and bounds of those of the same names in `control.settings.MealMPCSettings`.
+
     Parameters
     ----------
-    model : FedModel
-    habits : MealHabits, optional
-    horizon : int
-        L, samples over which the beginning or the end of a meal is searched for, 2 to 100.
-    fast_horizon : int
-        F, the same for meals through a fast gut.
-    disturbance_variance : float
-        Variance of the change of the disturbance from sample to sample, (mg/min)^2, above 0.
+    horizon, fast_horizon : int
+        L and F, there `meal_horizon` and `fast_horizon`, up to 100 samples.
     measurement_variance : float
         R, (mg/dl)^2, above 0.
-    largest_disturbance_mg_min : float
-        Largest disturbance that is believed, to either side, above 0.
-    noise_pace : float
-        Pace at which the size of a correlated error is learned, 0 to 1; see `estimation.noise_level`.
-    ends_unseen : float
-        Probability that a meal ends in a sample without a reading, if above the usual one.
     noise_patience : float
-        Decay, per mg/dl of the size s of the correlated error, of the probability that a meal begins, 0 or more: it is
-        ``exp(-noise_patience s)`` of the usual one.
-    failures_per_h : float
-        Expected number of times in an hour at which insulin ceases to arrive without a report of it, 0 or more.
-    failure_min : float
-        Mean time until it arrives again, above 0.
-    fast_meals : float
-        Share of the meals that go through a gut of 30 min in place of 60 min, 0 to below 1.
+        Factor ``exp(-noise_patience s)`` on the probability that a meal begins, at a size s of the correlated error.
 
     Raises
     ------

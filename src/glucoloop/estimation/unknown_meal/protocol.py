@@ -61,20 +61,15 @@ class MealEstimator(Protocol):
     @property
     def daily(self) -> DailyRates | None:
         """Rates of meals by the time of day, None for an estimator on which the time makes no difference."""
-        ...
 
     def at_each_rate(self) -> tuple[MealEstimator, ...]:
         """The same estimator at each of its rates of meals, held all day; itself alone where there is one."""
-        ...
 
     def at_noise(self, deviation_mg_dl: float) -> MealEstimator:
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
-        ...
 
     def init(self, model: FedModel, sensed: Sensed) -> Any:
         """State before the first sample, of a person at rest."""
-        ...
 
     def step(self, model: FedModel, state: Any, sensed: Sensed) -> tuple[Any, MealEstimate]:
         """Carry the state to this sample and correct it by the reading."""
-        ...

@@ -115,7 +115,7 @@ def estimate_meals(
     Parameters
     ----------
     model : FedModel
-        Model of the person; `models.individual.individual_model` adapts the nominal one to another basal rate.
+        Model of the person; `models.nonlinear.individual_model` adapts the nominal one to another basal rate.
     estimator : MealEstimator
         Estimator that was designed for the model.
     t_min : (samples,) array

@@ -41,15 +41,12 @@ class Link(Protocol):
 
     def send(self, data: bytes) -> None:
         """Send bytes. They are lost if there is nobody to receive them."""
-        ...
 
     def receive(self, wait_s: float) -> bytes:
         """Bytes that have come, after waiting for some; none if none came in that time."""
-        ...
 
     def close(self) -> None:
         """Leave the chip; nothing goes on running."""
-        ...
 
 
 class ProcessLink:

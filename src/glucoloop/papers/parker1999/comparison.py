@@ -12,7 +12,7 @@ import numpy.typing as npt
 from glucoloop.papers.parker1999.experiments import PointResults, noisy_runs
 from glucoloop.papers.parker1999.published import ENTRIES, PrintedEntry
 from glucoloop.printable import how_many
-from glucoloop.tuning.paper import printed_tuning
+from glucoloop.tuning.search import printed_tuning
 
 UNSETTLED: Final = "551+"
 _CLOSE: Final = 0.1

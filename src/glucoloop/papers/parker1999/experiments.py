@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, design_imc, design_linear_mpc, design_mpc_se, design_nlqdmc_se
-from glucoloop.control.parker1999 import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
+from glucoloop.control.tuning import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.surroundings import sensor_of, surroundings_of
 from glucoloop.identification import Identification, Record, Validation, best_pole, laguerre_functions
@@ -28,8 +28,7 @@ from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
 from glucoloop.situations.situation import Situation, usual_situation
-from glucoloop.tuning.paper import paper_tuning_surface
-from glucoloop.tuning.search import stack
+from glucoloop.tuning.search import paper_tuning_surface, stack
 from glucoloop.tuning.surface import TuningSurface
 
 Progress = Callable[[str], None]
@@ -183,8 +182,6 @@ def study(
 
     Parameters
     ----------
-    operating_point : str
-    experiments : set
     seeds : int
         Runs of each noisy experiment.
     seed : int

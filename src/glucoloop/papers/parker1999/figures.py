@@ -11,7 +11,7 @@ import numpy as np
 from glucoloop.papers.parker1999.experiments import NOISE_FREE, PointResults
 from glucoloop.report import plot, plot_identification, plot_validation
 from glucoloop.report.surface import plot_surface
-from glucoloop.tuning.paper import printed_tuning
+from glucoloop.tuning.search import printed_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -132,23 +132,11 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
 
 @checked
 def at_basal(p: HovorkaConstants, insulin_mU_min: jax.Array | float) -> HovorkaPatient:
-    """Patient whose setpoint is the glucose that the given infusion holds.
-
-    Raises
-    ------
-    ValueError
-        If no physiological steady state exists.
-    """
+    """Patient whose setpoint is the glucose that the given infusion holds; ValueError if there is none."""
     return HovorkaPatient(**HovorkaPatient.rest.at_basal(p, insulin_mU_min))
 
 
 @checked
 def at_setpoint(p: HovorkaConstants, glucose_mg_dl: jax.Array | float) -> HovorkaPatient:
-    """Patient whose basal rate is the one that holds the given glucose.
-
-    Raises
-    ------
-    ValueError
-        If no infusion of 0 or more holds it.
-    """
+    """Patient whose basal rate is the one that holds the given glucose; ValueError if none does."""
     return HovorkaPatient(**HovorkaPatient.rest.at_setpoint(p, glucose_mg_dl))

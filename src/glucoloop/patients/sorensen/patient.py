@@ -113,25 +113,13 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
 
 @checked
 def at_basal(p: SorensenParameters, insulin_mU_min: jax.Array | float) -> SorensenPatient:
-    """Patient whose setpoint is the glucose at rest under the given infusion.
-
-    Raises
-    ------
-    ValueError
-        If no physiological steady state exists.
-    """
+    """Patient whose setpoint is the glucose at rest under the given infusion; ValueError if there is none."""
     return SorensenPatient(**SorensenPatient.rest.at_basal(p, insulin_mU_min))
 
 
 @checked
 def at_setpoint(p: SorensenParameters, glucose_mg_dl: jax.Array | float) -> SorensenPatient:
-    """Patient whose basal rate is the one that holds the given glucose.
-
-    Raises
-    ------
-    ValueError
-        If no infusion of 0 or more holds it.
-    """
+    """Patient whose basal rate is the one that holds the given glucose; ValueError if none does."""
     return SorensenPatient(**SorensenPatient.rest.at_setpoint(p, glucose_mg_dl))
 
 

@@ -1,4 +1,4 @@
-"""Faults of a sensor: small objects that wrap any sensor, and one another."""
+"""Faults of a sensor: small objects that wrap any `inner` sensor, an ideal one by default, and one another."""
 
 from glucoloop.sensors.faults.altered import (
     Calibration,

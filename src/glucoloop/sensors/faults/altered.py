@@ -90,8 +90,6 @@ def calibration(
         Offset of the given reading, of either sign.
     episodes : Episodes, optional
         Episodes of the fault; by default from the first sample to the last.
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
 
     Raises
     ------
@@ -128,11 +126,6 @@ def drift(mg_dl_h: float, episodes: Episodes, inner: Sensor | None = None, *, sa
     ----------
     mg_dl_h : float
         Growth of the error in an hour, of either sign.
-    episodes : Episodes
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
-    sample_time_min : float
-        Sample time of the loop.
 
     Raises
     ------
@@ -172,8 +165,6 @@ def saturation(
         Ends of the range; the defaults are the range in which continuous glucose monitors give a number.
     episodes : Episodes, optional
         Episodes of the fault; by default from the first sample to the last.
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
 
     Raises
     ------

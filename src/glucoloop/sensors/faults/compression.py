@@ -84,13 +84,9 @@ def compression(
         Fraction of the reading that is lost in the end, above 0 and up to 1.
     episodes : Episodes
         Episodes of compression. The onset is the first affected sample; its fall is that after one sample time.
-    inner : Sensor, optional
-        Inner sensor; an ideal one by default.
     tau_min : float
         Time constant of fall and recovery. The default is a choice: nearly the full depth is reached within the median
         duration of the source.
-    sample_time_min : float
-        Sample time of the loop.
 
     Raises
     ------

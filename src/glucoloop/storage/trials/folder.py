@@ -23,10 +23,9 @@ from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
-from glucoloop.storage.files import stored_json
+from glucoloop.storage.files import json_text, stored_json
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.strict_json import json_text
 from glucoloop.storage.trials.shard import FILES, bounds, read_people
 
 RECORD: Final = "trial.json"

@@ -28,8 +28,7 @@ from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.paper import usual_tuning
-from glucoloop.tuning.search import search
+from glucoloop.tuning.search import search, usual_tuning
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MOST_ROWS: Final = 200

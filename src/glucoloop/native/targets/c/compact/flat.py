@@ -84,9 +84,7 @@ class _Flattener:
         if name == "custom_linear_solve":
             solve, taken = primitives.solver(equation)
             return self._run(solve, [inputs[i] for i in taken])
-        if name == "convert_element_type" and not isinstance(inputs[0], Variable):
-            pass
-        elif name == "convert_element_type" and _same_kind(equation):
+        if name == "convert_element_type" and isinstance(inputs[0], Variable) and _same_kind(equation):
             return inputs
         if name == "cond":
             return self._choice(equation, inputs)

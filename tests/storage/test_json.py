@@ -2,7 +2,7 @@
 
 import json
 
-from glucoloop.storage.strict_json import json_text
+from glucoloop.storage.files import json_text
 
 
 def test_what_is_not_finite_is_null():
