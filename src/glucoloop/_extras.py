@@ -24,17 +24,9 @@ class MissingExtraError(Refusal):
 
 @contextmanager
 def needed_for(what: str) -> Iterator[None]:
-    """Turn a failed import of an optional package in the block into a sentence.
+    """Turn a failed import of an optional package in the block into a MissingExtraError that names the extra.
 
-    Parameters
-    ----------
-    what : str
-        Purpose of the import, as the subject of a sentence in the singular.
-
-    Raises
-    ------
-    MissingExtraError
-        If the package is not installed; it names the extra.
+    `what` is the purpose of the import, as the subject of a sentence in the singular.
     """
     try:
         yield

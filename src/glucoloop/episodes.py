@@ -106,8 +106,7 @@ def recurring(probability: float, samples: float = 1, *, key: int = 0) -> Episod
     samples : int or inf
         Number of samples of each episode.
     key : int
-        Number that makes the random draws of this fault differ from those of others around the same sensor or pump;
-        0 to 65535.
+        Number as for `once`.
     """
     if isinstance(probability, bool) or not 0.0 <= probability <= 1.0:
         raise Refusal(f"a probability of {probability} per sample is not possible; give a value from 0 to 1")

@@ -138,7 +138,7 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     Parameters
     ----------
     seed, person
-        As for `patients.population.draw`.
+        As for `patients.virtual_people`.
 
     Returns
     -------

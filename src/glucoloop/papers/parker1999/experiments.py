@@ -178,16 +178,9 @@ def _noise_free_runs(situation: Situation, operating_point: str, noise_free: Ide
 def study(
     operating_point: str, experiments: Set[Experiment], *, seeds: int, seed: int, progress: Progress
 ) -> PointResults:
-    """Carry out experiments at an operating point. A run is the same, whatever is carried out beside it.
+    """Carry out experiments at an operating point, noisy ones in `seeds` runs, whose seeds are derived from `seed`.
 
-    Parameters
-    ----------
-    seeds : int
-        Runs of each noisy experiment.
-    seed : int
-        Seed from which the seeds of the runs are derived.
-    progress : callable
-        Called with the name of the step that has just been done.
+    A run is the same, whatever is carried out beside it; `progress` is called with the name of each step that is done.
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
     situation = usual_situation(operating_point=operating_point)
