@@ -14,7 +14,7 @@ from glucoloop.arguments import checked
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
 from glucoloop.control.tuning import check_rate
 from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -69,7 +69,7 @@ class Guard:
 
     def settled(self) -> dict[str, Any]:
         """Settings of the inner controller that were settled when it was designed."""
-        return dict(settled(self.inner))
+        return dict(computed_settings(self.inner))
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""

@@ -16,7 +16,7 @@ from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
-from glucoloop.plausible import GLUCOSE, SETPOINT, ask
+from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
@@ -159,7 +159,7 @@ class Scenario:
             if not 0.0 < value < math.inf:
                 raise Refusal(f"{called} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
             if not allow_unusual:
-                ask(value, quantity, name)
+                refuse_unusual(value, quantity, name)
 
     def eaten(self) -> Eaten:
         """All meals as arrays ``(meals,)``."""

@@ -49,12 +49,12 @@ def validity_sentence(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_
     if not periods:
         return None
     return (
-        f"Glucose was below {limit_mg_dl:.1f} mg/dl {in_words(periods)}: the patient's model is not valid "
+        f"Glucose was below {limit_mg_dl:.1f} mg/dl {periods_text(periods)}: the patient's model is not valid "
         "there. Read these values as severe hypoglycemia; their depth means nothing."
     )
 
 
-def in_words(periods: Sequence[tuple[float, float]]) -> str:
+def periods_text(periods: Sequence[tuple[float, float]]) -> str:
     """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
     phrases = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
     if len(phrases) > _MOST_PERIODS:

@@ -158,9 +158,9 @@ class Cohort:
         precision: str = "float64",
         products: str = FUSED,
         substeps: int | None = None,
-        tell_decisions: bool = False,
+        record_decisions: bool = False,
     ) -> None:
-        self._tells_decisions = tell_decisions
+        self._tells_decisions = record_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
         if substeps is None:
             substeps = PER_NOMINAL * substeps_for(grid.sample_time_min)

@@ -130,10 +130,10 @@ def search(
     horizon = max(horizons(one)[1] for one in controllers)
 
     def runs(situation: Situation, seeds: Sequence[int], done: int, total: int) -> _Scores:
-        around = surroundings_of(situation)
+        surroundings = surroundings_of(situation)
 
         def score(controller: Controller, key: jax.Array) -> _Scores:
-            trace = close_loop(situation, controller, meals, around=around, key=key, integrator=integrator)
+            trace = close_loop(situation, controller, meals, surroundings=surroundings, key=key, integrator=integrator)
             metrics = summarise(trace, limits)
             scores = {name: getattr(metrics, name) for name in (*_NUMBERS, *_TRUTHS, "constraints_satisfied")}
             return {**scores, **vars(oscillation(trace))}
