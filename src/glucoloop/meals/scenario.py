@@ -58,10 +58,10 @@ class Meal:
             )
         if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
             raise Refusal(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
-        told = self.announced_g
-        if told is not None and not is_traced(told) and not 0.0 <= told <= LARGEST_MEAL_G:
+        announced = self.announced_g
+        if announced is not None and not is_traced(announced) and not 0.0 <= announced <= LARGEST_MEAL_G:
             raise Refusal(
-                f"a meal that is announced as {told:g} g is not possible; "
+                f"a meal that is announced as {announced:g} g is not possible; "
                 f"give 0 to {LARGEST_MEAL_G:g} g, or leave it out"
             )
         if is_traced(self.eating_min) or self.eating_min == 0.0:
@@ -180,8 +180,8 @@ def check_time_of_day(start_min: float) -> None:
 
 def announced_g(meals: Sequence[Meal]) -> Any:
     """Announced carbohydrate of meals, ``(meals,)``."""
-    told = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
-    return jnp.asarray(told, float) if is_traced(told) else np.array(told, float)
+    announced = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
+    return jnp.asarray(announced, float) if is_traced(announced) else np.array(announced, float)
 
 
 def _meal_model(given: MealModel | str | None) -> MealModel | None:
