@@ -24,7 +24,7 @@ from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, Search
 from glucoloop.studies.robust.loop import TuningLoop, draw_subjects
-from glucoloop.tuning.samplers import Told, make_sampler
+from glucoloop.tuning.samplers import Evaluated, make_sampler
 
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"
@@ -303,8 +303,8 @@ class SearchEngine:
         scores = {name: row[name] for name in NO_SCORES}
         return {"candidate": row["candidate"], "tuning": tuning_of(self.asked, row), "scores": scores}
 
-    def _outcome(self, candidate: Candidate) -> Told:
-        return Told(
+    def _outcome(self, candidate: Candidate) -> Evaluated:
+        return Evaluated(
             values=tuple(candidate[OBJECTIVES[name].name] for name in self.asked.objectives),
             violation=tuple(float(np.nan_to_num(bound.violation(candidate), nan=1e9)) for bound in self.bounds),
         )
