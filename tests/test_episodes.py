@@ -105,7 +105,7 @@ def test_the_draws_of_a_fault_are_not_those_of_anything_inside():
     key = jax.random.key(3)
     data = {tuple(np.asarray(jax.random.key_data(k)).tolist()) for k in jax.random.split(key, 8)}
     data |= {tuple(np.asarray(jax.random.key_data(jax.random.fold_in(key, i))).tolist()) for i in range(8)}
-    own = [once(0, key=k).draws_key(key) for k in (*range(8), LARGEST_KEY)]
+    own = [once(0, key=k).own(key) for k in (*range(8), LARGEST_KEY)]
     own_data = {tuple(np.asarray(jax.random.key_data(k)).tolist()) for k in own}
     assert len(own_data) == len(own)
     assert not own_data & data

@@ -52,14 +52,14 @@ class Episodes:
     key: int = static(default=0)
     """Number that makes the random draws of this fault differ from those of others around the same sensor or pump."""
 
-    def draws_key(self, key: jax.Array) -> jax.Array:
+    def own(self, key: jax.Array) -> jax.Array:
         """Key for random draws of a fault itself; the given key goes on to the inner object."""
-        draws_key: jax.Array = jax.random.fold_in(key, _FAULTS + self.key)
-        return draws_key
+        own: jax.Array = jax.random.fold_in(key, _FAULTS + self.key)
+        return own
 
     def init(self, like: jax.Array, key: jax.Array) -> Episode:
         """State before the first sample, with the shape of an array; the onset is drawn from the key."""
-        drawn = jax.random.uniform(self.draws_key(key), jnp.shape(like), jnp.result_type(float, like))
+        drawn = jax.random.uniform(self.own(key), jnp.shape(like), jnp.result_type(float, like))
         span = jnp.where(self.latest > self.earliest, self.latest - self.earliest, 0.0)
         later = jnp.minimum(jnp.floor(drawn * (span + 1.0)), span)
         return Episode(until=self.earliest + later, age=-jnp.ones_like(drawn))
@@ -69,7 +69,7 @@ class Episodes:
         goes_on = (state.age >= 0.0) & (state.age + 1.0 < self.length)
         begins = state.until == 0.0
         if self.random:
-            drawn = jax.random.uniform(self.draws_key(key), state.age.shape, state.age.dtype)
+            drawn = jax.random.uniform(self.own(key), state.age.shape, state.age.dtype)
             begins = begins | (drawn < self.probability)
         age = jnp.where(goes_on, state.age + 1.0, jnp.where(begins, 0.0, -1.0))
         return Episode(until=state.until - 1.0, age=age), age

@@ -152,7 +152,7 @@ class OutOfOrder(FaultySensor):
         """Read the inner sensor, and give one of the latest readings while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         line = joined(state.past, newest)
-        choice_key = jax.random.fold_in(self.episodes.draws_key(key), _WHICH)
+        choice_key = jax.random.fold_in(self.episodes.own(key), _WHICH)
         drawn = self.among * jax.random.uniform(choice_key, age.shape, age.dtype)
         reported = newest
         for place in range(self.among - 1):
