@@ -67,9 +67,9 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
 
 def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) -> Seen:
     """Start again, with no reading believed yet, where any number of the state is impossible."""
-    glucose, trend, told = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
+    glucose, trend, latest = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
     sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
-    sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(told) <= _NEVER_MG_DL)
+    sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(latest) <= _NEVER_MG_DL)
     for time in (seen.unseen_min, seen.same_min, seen.held_min):
         sound = sound & (time >= 0.0) & (time < math.inf)
     for flag in (seen.jumped, seen.awake):

@@ -137,9 +137,9 @@ def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
     A zero that is known costs nothing.
     """
     leaves = zip(jax.tree.leaves(_matrices(family, operating_point)), _places(family), strict=True)
-    kept = [np.ravel(np.asarray(leaf))[nonzero] for leaf, nonzero in leaves if nonzero is not None]
+    nonzero_numbers = [np.ravel(np.asarray(leaf))[nonzero] for leaf, nonzero in leaves if nonzero is not None]
     patient = chosen(patients(family)[operating_point], patients_vary(family))
-    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(kept).tolist()}
+    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(nonzero_numbers).tolist()}
 
 
 def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:

@@ -35,7 +35,10 @@ def concentrations(glucose_mg_dl: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
 def validity(trace: Trace) -> dict[str, Any]:
     """Plain values for JSON: the limit of one patient's model, and the periods below it."""
     periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)
-    return {"lowest_valid_mg_dl": float(trace.lowest_valid_mg_dl), "periods_below_min": [list(of) for of in periods]}
+    return {
+        "lowest_valid_mg_dl": float(trace.lowest_valid_mg_dl),
+        "periods_below_min": [list(period) for period in periods],
+    }
 
 
 def validity_note(trace: Trace) -> str | None:

@@ -69,8 +69,8 @@ class Repeated(FaultySensor):
         """Read the inner sensor, and repeat the last reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         again = (age > 0.0) & (state.told < self.times)
-        told: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
-        return _Repeats(within=within, last=told, told=jnp.where(again, state.told + 1.0, 1.0)), told
+        reported: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
+        return _Repeats(within=within, last=reported, told=jnp.where(again, state.told + 1.0, 1.0)), reported
 
 
 @checked
