@@ -61,7 +61,7 @@ def loops():
         prepared.grid,
         prepared.fold,
         meals=eaten(trial.plan.nominal()),
-        own=own,
+        controllers_of=own,
         precision=trial.precision,
         products=trial.products,
     )

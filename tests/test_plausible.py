@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop import plausible
-from glucoloop.plausible import CONFIRM_OPTION, Quantity, ask, doubt
+from glucoloop.plausible import CONFIRM_OPTION, Quantity, question_about, refuse_unusual
 from glucoloop.units import mg_dl_from_mmol_l, mu_min_from_u_h
 
 QUANTITIES = {name: value for name, value in vars(plausible).items() if isinstance(value, Quantity)}
@@ -18,7 +18,7 @@ QUANTITIES = {name: value for name, value in vars(plausible).items() if isinstan
 def test_a_value_within_the_range_is_not_asked_about(name, part):
     quantity = QUANTITIES[name]
     value = min(quantity.most, quantity.least + part * (quantity.most - quantity.least))
-    assert doubt(value, quantity, "it") is None
+    assert question_about(value, quantity, "it") is None
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
@@ -27,7 +27,7 @@ def test_a_value_outside_the_range_is_asked_about_and_named(name, value):
     quantity = QUANTITIES[name]
     if quantity.least <= value <= quantity.most or (quantity.zero and value == 0.0):
         return
-    told = doubt(value, quantity, "--it", CONFIRM_OPTION)
+    told = question_about(value, quantity, "--it", CONFIRM_OPTION)
     assert told is not None
     assert told.startswith(f"--it is {value:g} {quantity.unit}".rstrip())
     assert "--allow-unusual" in told
@@ -52,16 +52,16 @@ def test_a_value_outside_the_range_is_asked_about_and_named(name, value):
     ],
 )
 def test_a_number_in_another_unit_is_recognised(quantity, value, unit, own):
-    told = doubt(value, quantity, "it")
+    told = question_about(value, quantity, "it")
     assert told is not None
     assert f"looks like {unit}:" in told
     given_again = float(told.split(". Give ")[1].split(",")[0])
     assert math.isclose(given_again, own, rel_tol=5e-3)
-    assert doubt(given_again, quantity, "it") is None
+    assert question_about(given_again, quantity, "it") is None
 
 
 def test_a_value_that_no_unit_explains_is_told_the_range():
-    assert doubt(810.0, plausible.SETPOINT, "--setpoint", CONFIRM_OPTION) == (
+    assert question_about(810.0, plausible.SETPOINT, "--setpoint", CONFIRM_OPTION) == (
         "--setpoint is 810 mg/dl; a setpoint is usually from 50 to 250 mg/dl. "
         "Give such a value, or add --allow-unusual if 810 mg/dl is meant"
     )
@@ -69,17 +69,17 @@ def test_a_value_that_no_unit_explains_is_told_the_range():
 
 def test_a_narrower_range_tells_its_reason():
     needed = plausible.LARGEST_RATE.within(least=25.6, reason="25.6 mU/min hold the patient at rest")
-    assert doubt(20.0, needed, "--max-insulin") == (
+    assert question_about(20.0, needed, "--max-insulin") == (
         "--max-insulin is 20 mU/min, but 25.6 mU/min hold the patient at rest. "
         "Give another value, or pass allow_unusual=True if 20 mU/min is meant"
     )
-    assert "looks like U/h: 4 U/h is 66.7 mU/min" in (doubt(4.0, needed, "--max-insulin") or "")
+    assert "looks like U/h: 4 U/h is 66.7 mU/min" in (question_about(4.0, needed, "--max-insulin") or "")
 
 
 def test_asking_is_an_error():
-    ask(99.0, plausible.SETPOINT, "setpoint_mg_dl")
+    refuse_unusual(99.0, plausible.SETPOINT, "setpoint_mg_dl")
     with pytest.raises(ValueError, match="looks like mmol/l"):
-        ask(5.5, plausible.SETPOINT, "setpoint_mg_dl")
+        refuse_unusual(5.5, plausible.SETPOINT, "setpoint_mg_dl")
 
 
 def test_an_empty_range_is_refused():

@@ -35,5 +35,5 @@ def needed_for(what: str) -> Iterator[None]:
         if package not in EXTRAS:
             raise
         extra = EXTRAS[package]
-        told = f"{what} needs {package}; install it with: pip install 'glucoloop[{extra}]'"
-        raise MissingExtraError(told) from None
+        message = f"{what} needs {package}; install it with: pip install 'glucoloop[{extra}]'"
+        raise MissingExtraError(message) from None

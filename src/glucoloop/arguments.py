@@ -218,12 +218,12 @@ class _Argument:
         wanted = "a text" if kind is str else f"an instance of {kind.__name__}"
         if _is_protocol(kind):
             lacking, members = _lacking(self.value, kind), _members(kind)
-            without = f" without {_in_words(lacking)}" if len(lacking) < len(members) else ""
+            without = f" without {_names_text(lacking)}" if len(lacking) < len(members) else ""
             name = re.sub(r"(?<!^)(?=[A-Z])", " ", kind.__name__).lower()
-            wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_in_words(members)}"
+            wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_names_text(members)}"
         for other, annotation in self.hints.items():
             kinds = (annotation, *typing.get_args(annotation))
-            if other not in (self.name, "return") and any(_is_ours(of) and _is_a(self.value, of) for of in kinds):
+            if other not in (self.name, "return") and any(_is_ours(kind) and _is_a(self.value, kind) for kind in kinds):
                 order = ", ".join(self.parameters)
                 raise self._refusal(f", which would do as {other}; the arguments are {self.function}({order})")
         record = dataclasses.is_dataclass(self.value) and not isinstance(self.value, type)
@@ -289,5 +289,5 @@ _SHORT: Final = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 
 
-def _in_words(names: list[str]) -> str:
+def _names_text(names: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

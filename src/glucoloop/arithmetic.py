@@ -53,10 +53,10 @@ def pin() -> list[str]:
     notes = []
     for name, value in SETTINGS.items():
         variable = name.upper()
-        told = os.environ.get(variable)
-        if told is not None and not _means(told, value):
+        given = os.environ.get(variable)
+        if given is not None and not _means(given, value):
             instead = "without it" if value is None else f"with {variable}={_text(value)}"
-            notes.append(f"{variable}={told} is not heeded; glucoloop computes {instead}.")
+            notes.append(f"{variable}={given} is not heeded; glucoloop computes {instead}.")
             if value is None:
                 del os.environ[variable]
             else:
@@ -81,15 +81,15 @@ def identity() -> dict[str, str]:
     }
 
 
-def digest(of: Mapping[str, str]) -> str:
+def digest(facts: Mapping[str, str]) -> str:
     """A short name of an identity."""
-    return hashlib.sha256(json.dumps(dict(of), sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(dict(facts), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def difference(there: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, str, str] | None:
+def difference(earlier: Mapping[str, str], current: Mapping[str, str]) -> tuple[str, str, str] | None:
     """The first thing in which two identities differ, as its name and the two values; None if they are the same."""
-    for name in dict.fromkeys([*here, *there]):
-        before, now = (of.get(name) or "not given" for of in (there, here))
+    for name in dict.fromkeys([*current, *earlier]):
+        before, now = (facts.get(name) or "not given" for facts in (earlier, current))
         if before != now:
             return name, before, now
     return None
@@ -120,11 +120,11 @@ def _want(settings: Mapping[str, bool | int | str | None]) -> None:
 
 
 def _apply(jax: ModuleType) -> None:
-    told = os.environ.get(FLOAT64.upper())
-    if told is not None and not _means(told, SETTINGS[FLOAT64]):
+    given = os.environ.get(FLOAT64.upper())
+    if given is not None and not _means(given, SETTINGS[FLOAT64]):
         warnings.warn(
-            f"{FLOAT64.upper()}={told} is not heeded: glucoloop designs controllers in float64 and switches JAX to it; "
-            "leave the variable out",
+            f"{FLOAT64.upper()}={given} is not heeded: glucoloop designs controllers in float64 and switches JAX to "
+            "it; leave the variable out",
             stacklevel=2,
         )
     for name, value in _wanted.items():
@@ -132,10 +132,10 @@ def _apply(jax: ModuleType) -> None:
             jax.config.update(name, value)
 
 
-def _means(told: str, value: bool | int | str | None) -> bool:
+def _means(given: str, value: bool | int | str | None) -> bool:
     if isinstance(value, bool):
-        return (told.strip().lower() in _YES) == value
-    return told.strip() == _text(value)
+        return (given.strip().lower() in _YES) == value
+    return given.strip() == _text(value)
 
 
 def _text(value: object) -> str:

@@ -206,7 +206,9 @@ def test_options_are_those_of_the_settings_and_of_what_is_shared():
     assert {option.key for option in study_options(SEARCH)} == {
         *("factor", "steps", "config", "set", "allow_code", "out", "overwrite", "json")
     }
-    trial = dataclasses.replace(SEARCH, request=Tried, words={"help": {"seed": "A seed."}, "rare": {"days": True}})
+    trial = dataclasses.replace(
+        SEARCH, request=Tried, option_texts={"help": {"seed": "A seed."}, "rare": {"days": True}}
+    )
     options = {option.key: option for option in study_options(trial)}
     assert options.keys() >= {"people", "seed", "out"}
     assert "meals" not in options

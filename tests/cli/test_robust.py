@@ -36,7 +36,7 @@ class ClosedForm:
     """More weight on moves: less undershoot and travel, a higher peak; it is refused below 0.03."""
 
     interrupt_after = None
-    engine_told: ClassVar = {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
+    engine_facts: ClassVar = {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
 
     def __init__(self, trial, case, space, example):
         self.case = case
@@ -87,7 +87,7 @@ def test_folder_holds_the_search_and_repeats_itself(glucoloop, tmp_path):
     check = pl.read_parquet(tmp_path / "a/check.parquet")
     assert check.group_by("controller", "group").len().height == 6
     assert summary["check"].keys() == {"chosen", "as it was", "mpc-se"}
-    assert summary["engines"] == dict.fromkeys(("mpc-se", "meal-mpc"), ClosedForm.engine_told)
+    assert summary["engines"] == dict.fromkeys(("mpc-se", "meal-mpc"), ClosedForm.engine_facts)
 
     run = configured(Run, read_toml((tmp_path / "a/best.toml").read_text(), "best.toml").keys)
     assert run.case.controller.name == "meal-mpc"

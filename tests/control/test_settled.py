@@ -11,7 +11,7 @@ from glucoloop.control import (
     design_pid,
     guarded,
 )
-from glucoloop.control.protocol import settled
+from glucoloop.control.protocol import computed_settings
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -20,13 +20,15 @@ def test_pid_and_imc_tell_what_they_were_designed_with(wrapped):
         return guarded(controller, GuardSettings()) if wrapped else controller
 
     pid = around(design_pid(PIDTuning(0.8, 91.5, 2.4), sample_time_min=4.0))
-    assert settled(pid) == pytest.approx({"gain": 0.8, "integral_time_min": 91.5, "derivative_time_min": 2.4})
+    assert computed_settings(pid) == pytest.approx({"gain": 0.8, "integral_time_min": 91.5, "derivative_time_min": 2.4})
     imc = around(design_imc(-3.45, 89.1, 10.0, filter_min=20.0))
-    assert settled(imc) == pytest.approx({"gain": -3.45, "tau_min": 89.1, "delay_min": 10.0, "filter_min": 20.0})
+    assert computed_settings(imc) == pytest.approx(
+        {"gain": -3.45, "tau_min": 89.1, "delay_min": 10.0, "filter_min": 20.0}
+    )
 
 
 def test_rules_of_a_basal_bolus_controller_are_told_as_numbers():
-    told = settled(design_basal_bolus(10.0))
+    told = computed_settings(design_basal_bolus(10.0))
     daily_U = 2.0 * 10.0 * 1.44  # half of a daily dose is basal
     assert told == pytest.approx(
         {"basal_mU_min": 10.0, "carb_ratio_g_U": 500.0 / daily_U, "correction_mg_dl_U": 1800.0 / daily_U}
@@ -34,5 +36,5 @@ def test_rules_of_a_basal_bolus_controller_are_told_as_numbers():
 
 
 def test_controller_without_anything_settled():
-    assert settled(design_open_loop()) == {}
-    assert settled(object()) == {}
+    assert computed_settings(design_open_loop()) == {}
+    assert computed_settings(object()) == {}

@@ -33,7 +33,7 @@ def finished(tmp_path, make_trial, pretend):
 
 def ask(folder, sql):
     with trial_tables(folder) as tables:
-        answer = tables.ask(sql)
+        answer = tables.query(sql)
         return answer.columns, list(answer.rows)
 
 
@@ -147,7 +147,7 @@ DEAF = "select md5(repeat('x', 200000000)) from range(10)"
 def test_question_that_takes_too_long_is_ended_and_leaves_nothing(finished, tmp_path, monkeypatch, sql):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with trial_tables(finished) as tables, pytest.raises(ValueError, match=r"took more than 0.1 s; ask for less"):
-        tables.ask(sql, timeout_s=0.1)
+        tables.query(sql, timeout_s=0.1)
     assert not list(tmp_path.glob("glucoloop-query-*"))
     for thread in threading.enumerate():  # what is left of the deaf one, before the next test
         if thread.name == UNSTOPPED:
@@ -156,7 +156,7 @@ def test_question_that_takes_too_long_is_ended_and_leaves_nothing(finished, tmp_
 
 def test_rows_that_take_too_long_are_refused(finished):
     with trial_tables(finished) as tables:
-        answer = tables.ask("select range from range(1000000000000)", timeout_s=1.0)
+        answer = tables.query("select range from range(1000000000000)", timeout_s=1.0)
         with pytest.raises(ValueError, match="took more than 1 s"):
             for _ in answer.rows:
                 pass
@@ -191,7 +191,7 @@ def test_trial_that_is_not_finished_answers_about_what_is_done(tmp_path, make_tr
         assert (tables.done, tables.shards) == (2, 5)
         assert set(tables.views) == {"people", "counts"}
         assert tables.views["people"][:4] == ["person", "controller", "able", "basal_insulin_mU_min"]
-        assert list(tables.ask("select count(distinct person) from people").rows) == [(128,)]
+        assert list(tables.query("select count(distinct person) from people").rows) == [(128,)]
 
 
 def test_folder_that_is_no_trial_or_has_no_shard_is_refused(tmp_path, make_trial):

@@ -129,7 +129,7 @@ def result(asked):
 
 @pytest.mark.long
 def test_true_meals_are_all_found_and_sized(result):
-    (of,) = result.of.values()
+    (of,) = result.by_estimator.values()
     assert of.tables["meals"].height == 6
     assert not of.tables["meals"]["missed"].any()
     assert not of.tables["meals"]["already"].any()
@@ -147,7 +147,7 @@ def test_true_meals_are_all_found_and_sized(result):
 
 @pytest.mark.long
 def test_meals_are_those_of_the_plan(asked, result):
-    (of,) = result.of.values()
+    (of,) = result.by_estimator.values()
     drawn = draw_meals(asked.all_days, asked.seed, [0])
     np.testing.assert_allclose(of.tables["meals"]["carbs_g"], drawn.carbs_g[:, 0])
     np.testing.assert_allclose(of.tables["meals"]["t_min"] + 1440.0 * of.tables["meals"]["day"], drawn.t_min[:, 0])
@@ -157,7 +157,7 @@ def test_meals_are_those_of_the_plan(asked, result):
 
 @pytest.mark.long
 def test_the_example_is_the_first_day(result):
-    (of,) = result.of.values()
+    (of,) = result.by_estimator.values()
     held = of.tables["day"]
     np.testing.assert_allclose(held["insulin_mU_min"], held["insulin_mU_min"][0])
     np.testing.assert_array_equal(held["glucose_mg_dl"], held["reading_mg_dl"])  # no noise
@@ -168,7 +168,7 @@ def test_the_example_is_the_first_day(result):
 
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
-    meals = result.of["moving-horizon"].tables["meals"].to_numpy(structured=True)
+    meals = result.by_estimator["moving-horizon"].tables["meals"].to_numpy(structured=True)
     summary = findings(asked, result).plain["estimators"]["moving-horizon"]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))

@@ -116,7 +116,7 @@ def test_blocks_make_no_difference(subjects, loop, monkeypatch):
 class ClosedForm:
     """Stands for the loop: subject i undershoots by what the weight is away from their own best."""
 
-    engine_told: ClassVar = {"engine": "native"}
+    engine_facts: ClassVar = {"engine": "native"}
 
     def __init__(self, trial, case, space, example):
         pass

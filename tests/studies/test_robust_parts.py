@@ -10,7 +10,7 @@ import pytest
 from glucoloop.parts.ranges import Tuned, parse_range
 from glucoloop.studies.robust import BOTH, RANGES
 from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
-from glucoloop.tuning.samplers import Told, make_sampler
+from glucoloop.tuning.samplers import Evaluated, make_sampler
 
 
 def test_ranges_are_read_as_they_are_written():
@@ -100,7 +100,7 @@ TWO = (Tuned("x", 0.01, 10.0, log=True), Tuned("y", -5.0, 5.0, log=False))
 def trade(point):
     """Two parabolas whose front is x = 1 with y from 0 to 2, of which y may not exceed 1.5."""
     far = np.log10(point["x"]) ** 2
-    return Told(values=(far + point["y"] ** 2, far + (point["y"] - 2.0) ** 2), violation=(point["y"] - 1.5,))
+    return Evaluated(values=(far + point["y"] ** 2, far + (point["y"] - 2.0) ** 2), violation=(point["y"] - 1.5,))
 
 
 @pytest.mark.parametrize("name", ["tpe", "nsga2", "random"])
@@ -135,7 +135,7 @@ def test_tpe_learns():
 def test_a_tuning_without_a_controller_is_told_too():
     sampler = make_sampler("tpe", TWO, 0, batch=2)
     sampler.ask(2)
-    sampler.tell([Told((np.nan, np.nan), (1e9,)), Told((1.0, 1.0), (0.0,))])
+    sampler.tell([Evaluated((np.nan, np.nan), (1e9,)), Evaluated((1.0, 1.0), (0.0,))])
     assert len(sampler.ask(2)) == 2
 
 

@@ -132,7 +132,7 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
         variance, drawn = np.append(variance, 0.0), np.append(drawn, drawn[0])
 
     def run(controller: Controller, variance: jax.Array, key: jax.Array) -> tuple[Metrics, Oscillation, Trace]:
-        trace = close_loop(made, controller, scenario, around=_surroundings(made, variance), key=key)
+        trace = close_loop(made, controller, scenario, surroundings=_surroundings(made, variance), key=key)
         return summarise(trace, made.limits), oscillation(trace), trace
 
     def block(places: npt.NDArray[np.intp], asked: int) -> Any:

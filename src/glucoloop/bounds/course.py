@@ -90,8 +90,8 @@ def course_of(
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
     gut = meal_model_of(patient, scenario.meal_model)
     prepared = {
-        own: Exponential().prepare(patient, absorb(gut, _padded(eaten(own), most)), grid)
-        for own in {tuple(own) for own in meals}
+        eaten_meals: Exponential().prepare(patient, absorb(gut, _padded(eaten(eaten_meals), most)), grid)
+        for eaten_meals in {tuple(eaten_meals) for eaten_meals in meals}
     }
     resting = patient.basal_insulin_mU_min
     if scenario.initial_glucose_mg_dl is not None:
@@ -99,7 +99,7 @@ def course_of(
     setpoint = patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl
     return RunModel(
         plant=prepared[tuple(meals[0])][0],
-        exogenous=np.concatenate([prepared[tuple(own)][1] for own in meals], axis=-1),
+        exogenous=np.concatenate([prepared[tuple(eaten_meals)][1] for eaten_meals in meals], axis=-1),
         state=np.asarray(patient.steady_state(resting))[:, None],
         grid=grid,
         setpoint_mg_dl=float(setpoint),

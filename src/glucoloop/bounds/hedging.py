@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.bounds.course import RunModel, course_of
-from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, first_free_sample, told
+from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, collected, first_free_sample
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import SemilinearPatient
@@ -137,7 +137,7 @@ def hedged_doses(
     def both_questions() -> Iterator[HedgedDoses]:
         for question, number in (("begins", 1), ("ends", 2)):
             difference = readings[:, 0] - readings[:, number]
-            apart = [min(told_apart(difference, noise_variance, error) + late, worlds.samples) for error in errors]
+            apart = [min(first_distinct(difference, noise_variance, error) + late, worlds.samples) for error in errors]
             # One length for all errors, so that what is compiled serves them all.
             followed = min(max(apart) + math.ceil(_FOLLOWED_MIN / sample_time_min), worlds.samples)
             both = worlds.of_members(0, number, samples=followed)
@@ -163,7 +163,7 @@ def check_hedging(scenario: Scenario, noise_variance: float, errors: Sequence[fl
             raise Refusal(f"an error of {error:g} is not possible; give more than 0, below 0.5")
 
 
-def told_apart(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
+def first_distinct(difference_mg_dl: Values, noise_variance: float, error: float) -> int:
     """First sample of differing readings ``(samples,)`` at which the best test of two worlds comes down to an error.
 
     The error is the probability of the wrong answer where both worlds are as likely. It is the number of samples if
@@ -182,7 +182,7 @@ def _hedged(
     calm = plan.calm(minimum, "deviation")
     told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf
     in_worlds = [
-        told(
+        collected(
             both.of_members(member),
             scenario,
             plan.doses(calm.v)[:, member],

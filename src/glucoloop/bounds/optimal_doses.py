@@ -171,7 +171,7 @@ def optimal_doses(
     if minimum is None:  # nothing is eaten
         minimum = DosePlan.of_course(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
     eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
-    return told(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
+    return collected(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
 
 def check_objective(objective: str, undershoot_weight: float) -> None:
@@ -331,7 +331,7 @@ class DosePlan:
         return minimise(self.deviation, self.jacobian, measure, self.limits, v, tolerance=tolerance)
 
 
-def told(
+def collected(
     course: RunModel,
     scenario: Scenario,
     doses: Values,

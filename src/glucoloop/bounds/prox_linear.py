@@ -133,14 +133,14 @@ def minimise(
         g = deviation(v)
         return g, measure.value(g, limits.D @ v - limits.d)
 
-    v, damping, tried = start, 1e-4, 0
+    v, damping, iterations = start, 1e-4, 0
     g, value = evaluate(v)
     rows = _Rows()
-    while tried < most_iterations:
+    while iterations < most_iterations:
         J = jacobian(v) * limits.free
         foretold = decrease = 0.0
-        while tried < most_iterations:
-            tried += 1
+        while iterations < most_iterations:
+            iterations += 1
             dv = _step(measure, limits, v, g, J, damping, rows)
             if dv is None:
                 damping *= 100.0
@@ -167,7 +167,7 @@ def minimise(
         if decrease > 0.7 * foretold:
             damping = max(damping / 10.0, _LEAST_LAMBDA)
     optimality = _foretold_by_lp(measure, limits, v, g, jacobian(v) * limits.free)
-    return Minimum(v=v, g=g, value=value, optimality=optimality, iterations=tried)
+    return Minimum(v=v, g=g, value=value, optimality=optimality, iterations=iterations)
 
 
 def _model(measure: Measure, limits: Limits, v: Values, g: Values, J: Values, dv: Values) -> float:
@@ -185,15 +185,15 @@ def _rows(measure: Measure, limits: Limits, v: Values, g: Values, J: Values) -> 
     if measure.joint:
         high = low
     none, of_d = np.zeros((n, 2)), np.zeros((limits.d.size, 2))
-    own = np.diag(limits.free.astype(float))
+    free_moves = np.diag(limits.free.astype(float))
     G = np.block(
         [
             [-J, np.tile(-low, (points, 1))],
             [J, np.tile(-high, (points, 1))],
             [limits.D * limits.free, of_d],
             [-limits.D * limits.free, of_d],
-            [own, none],
-            [-own, none],
+            [free_moves, none],
+            [-free_moves, none],
             [np.zeros((2, n)), -np.eye(2)],
         ]
     )
@@ -214,25 +214,25 @@ class _Rows:
     """The constraints that matter, kept from step to step of a large program; all constraints of a small one."""
 
     def __init__(self) -> None:
-        self._kept: npt.NDArray[np.bool_] | None = None
+        self._active: npt.NDArray[np.bool_] | None = None
 
     def solve(self, H: Values, f: Values, G: Values, h: Values) -> QPSolution:
         """Minimiser of the program; rows are added until all constraints hold."""
         if h.size <= _MANY_ROWS:
             small: QPSolution = _solve(H, f, G, h)
             return small
-        if self._kept is None:
-            self._kept = (np.arange(h.size) % _FIRST_ROWS == 0) | (h < _NEAR_MU_MIN)
+        if self._active is None:
+            self._active = (np.arange(h.size) % _FIRST_ROWS == 0) | (h < _NEAR_MU_MIN)
         while True:
-            kept = np.flatnonzero(self._kept & np.isfinite(h))
-            room = -(-kept.size // _ROWS_TOGETHER) * _ROWS_TOGETHER
+            rows = np.flatnonzero(self._active & np.isfinite(h))
+            room = -(-rows.size // _ROWS_TOGETHER) * _ROWS_TOGETHER
             some, levels = np.zeros((room, f.size)), np.full(room, np.inf)
-            some[: kept.size], levels[: kept.size] = G[kept], h[kept]
+            some[: rows.size], levels[: rows.size] = G[rows], h[rows]
             solution: QPSolution = _solve(H, f, some, levels)
             broken = G @ np.asarray(solution.x) - h > _BROKEN
-            if not np.any(broken & ~self._kept):
+            if not np.any(broken & ~self._active):
                 return solution
-            self._kept |= broken
+            self._active |= broken
 
 
 def _step(
@@ -258,10 +258,10 @@ def _foretold_by_lp(measure: Measure, limits: Limits, v: Values, g: Values, J: V
     from scipy.optimize import linprog
 
     G, h = _rows(measure, limits, v, g, J)
-    kept = np.isfinite(h)
+    finite = np.isfinite(h)
     gradient = measure.moves * (limits.D * limits.free).T @ (limits.D @ v - limits.d) + J.T @ (measure.weights(g) * g)
     bounds = [(-_REACH, _REACH) if free else (0.0, 0.0) for free in limits.free] + [(0.0, None)] * 2
-    found = linprog(np.concatenate([gradient, _cost(measure)]), G[kept], h[kept], bounds=bounds, method="highs")
+    found = linprog(np.concatenate([gradient, _cost(measure)]), G[finite], h[finite], bounds=bounds, method="highs")
     if not found.success:
         return float("inf")
     at = np.concatenate([np.zeros(v.size), measure.excess(g)])

@@ -52,9 +52,9 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
         help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
     options += (JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else OUTPUT
     options += (MMOL,) if study.in_mmol else ()
-    rare = {**dict.fromkeys(_SELDOM, True), **study.words.get("rare", {})}
-    words = {**study.words, "help": {**help_of_output, **study.words.get("help", {})}, "rare": rare}
-    return tuple(reworded(options, **words))
+    rare = {**dict.fromkeys(_SELDOM, True), **study.option_texts.get("rare", {})}
+    texts = {**study.option_texts, "help": {**help_of_output, **study.option_texts.get("help", {})}, "rare": rare}
+    return tuple(reworded(options, **texts))
 
 
 def _run(study: Study, typed: Given) -> None:

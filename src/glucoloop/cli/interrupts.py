@@ -29,12 +29,12 @@ def catching_interrupts() -> Iterator[None]:
         if not (first and _imports(frame)):
             raise KeyboardInterrupt
 
-    def tell(swallowed: sys.UnraisableHookArgs) -> None:
+    def other_exceptions(swallowed: sys.UnraisableHookArgs) -> None:
         if not issubclass(swallowed.exc_type, KeyboardInterrupt):
             hook(swallowed)
 
     _interrupted.clear()
-    hook, sys.unraisablehook = sys.unraisablehook, tell
+    hook, sys.unraisablehook = sys.unraisablehook, other_exceptions
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         yield

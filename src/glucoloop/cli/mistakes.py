@@ -83,9 +83,9 @@ def _with_results(message: str) -> str:
     return message if known is None else f"{message}, {known}"
 
 
-def _is_of_jax(error: BaseException, said: str) -> bool:
+def _is_of_jax(error: BaseException, text: str) -> bool:
     """Whether an error is from JAX or XLA, whose errors have no classes of their own."""
-    return isinstance(error, RuntimeError) and said in str(error)
+    return isinstance(error, RuntimeError) and text in str(error)
 
 
 def _was_raised_in(error: BaseException, file: str) -> bool:

@@ -66,7 +66,7 @@ def options_of(root: type[Part]) -> tuple[CommandOption, ...]:
             panel=about.panel,
             metavar=None if setting.kind is bool else about.metavar or _metavar(setting),
             many=setting.many,
-            default=_default_in_words(setting) or about.default,
+            default=_default_text(setting) or about.default,
             rare=about.rare,
             alone=about.alone,
             setting=setting,
@@ -93,7 +93,7 @@ def _metavar(setting: Setting) -> str:
     )
 
 
-def _default_in_words(setting: Setting) -> str:
+def _default_text(setting: Setting) -> str:
     """The default in words; empty where it goes without saying: none, off, or an empty list."""
     default = setting.default.noise_free
     if default is None or isinstance(default, bool | Part) or default == ():
@@ -103,10 +103,12 @@ def _default_in_words(setting: Setting) -> str:
     return ", ".join(map(value_text, default)) if setting.many else value_text(default)
 
 
-def reworded(options: Iterable[CommandOption], **words: Mapping[str, Any]) -> Iterator[CommandOption]:
+def reworded(options: Iterable[CommandOption], **by_field: Mapping[str, Any]) -> Iterator[CommandOption]:
     """Options with other texts by key, in place of some of theirs: ``help={"people": "Number of people."}``."""
     for option in options:
-        texts: dict[str, Any] = {field: by_key[option.key] for field, by_key in words.items() if option.key in by_key}
+        texts: dict[str, Any] = {
+            field: by_key[option.key] for field, by_key in by_field.items() if option.key in by_key
+        }
         yield dataclasses.replace(option, **texts)
 
 

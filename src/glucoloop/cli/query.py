@@ -54,7 +54,7 @@ def _query(typed: Given) -> None:
         if sql is None:
             _list(tables)
             return
-        answer = tables.ask(sql, timeout_s=seconds)
+        answer = tables.query(sql, timeout_s=seconds)
         if typed.get("csv"):
             writer = csv.writer(sys.stdout, lineterminator="\n")
             writer.writerow(answer.columns)

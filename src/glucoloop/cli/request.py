@@ -202,15 +202,15 @@ def _of_file(path: Path | None) -> tuple[Tree, Mapping[str, Any] | None]:
 def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     """The tree of a file with its paths from the folder of the file."""
 
-    def beside(leaf: Any) -> Any:
+    def in_folder(leaf: Any) -> Any:
         is_text = isinstance(plain(leaf), str)
         return GivenValue(str(path.parent / leaf.value), leaf.where, text=False) if is_text else leaf
 
     found = dict(tree)
     if "data" in found:
-        found["data"] = beside(found["data"])
+        found["data"] = in_folder(found["data"])
     if ".toml" in str(plain(found.get("population"))):
-        found["population"] = beside(found["population"])
+        found["population"] = in_folder(found["population"])
     if "model" in found:
         from glucoloop.parts.models import MODELS
 
@@ -218,7 +218,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
         if isinstance(plain(model), str) and plain(model) != NONE:
             model = MODELS.tree(model.value, model.where)
         if isinstance(model, Mapping) and "path" in model:
-            model = {**model, "path": beside(model["path"])}
+            model = {**model, "path": in_folder(model["path"])}
         found["model"] = model
     if "controller" in found:
         cases = found["controller"]

@@ -72,8 +72,8 @@ class PreparedTrial:
 
     @property
     def engines(self) -> dict[str, dict[str, str]]:
-        """Engine of each controller by its label, as `PeopleLoop.engine_told` has it."""
-        return {label: of.loop.engine_told for label, of in self.cases.items()}
+        """Engine of each controller by its label, as `PeopleLoop.engine_facts` has it."""
+        return {label: case.loop.engine_facts for label, case in self.cases.items()}
 
 
 _PREPARED: Final[dict[str, PreparedTrial]] = {}
@@ -103,10 +103,10 @@ def _prepare(trial: Trial) -> PreparedTrial:
     )
     example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
     prepared: dict[str, PreparedCase] = {}
-    for around in shared_surroundings(trial, trial.cases):
+    for by_label in shared_surroundings(trial, trial.cases):
         # these cases differ only in their label, sensor and pump
-        case = next(case for case in trial.cases if case.label in around)
-        controller, alike = controller_of(trial, case), tuple(around.values())
+        case = next(case for case in trial.cases if case.label in by_label)
+        controller, alike = controller_of(trial, case), tuple(by_label.values())
         loop = PeopleLoop(
             trial,
             controller,
@@ -115,14 +115,16 @@ def _prepare(trial: Trial) -> PreparedTrial:
             fold,
             meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
             own_announcements=trial.miscounts,
-            own=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
-            around=around[case.label],
-            varied=around[case.label].of_people(alike, 1),
+            controllers_of=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
+            surroundings=by_label[case.label],
+            varied=by_label[case.label].of_people(alike, 1),
             precision=trial.precision,
             products=trial.products,
         )
         shared = alike if len(alike) > 1 else ()
-        prepared |= {label: PreparedCase(controller, loop, own, shared) for label, own in around.items()}
+        prepared |= {
+            label: PreparedCase(controller, loop, surroundings, shared) for label, surroundings in by_label.items()
+        }
     return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
 
 
@@ -157,7 +159,7 @@ def run_people(
                 meal_t_min=first_meal_min,
                 precision=of_case.loop.cohort.precision,
             )
-        values = {name: np.asarray(of)[:n] for name, of in metrics.by_name().items()}
+        values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
         feasible = drawn.feasible[:n]
         glucose, insulin = finished.glucose_mg_dl[:, :n], finished.insulin_mU_min[:, :n]
         # the metrics are not numbers where anything in the run was not
@@ -165,7 +167,7 @@ def run_people(
         return PeopleResult(
             person=block[:n],
             feasible=feasible,
-            drawn={name: of[:n] for name, of in drawn.draw.values.items()},
+            drawn={name: column[:n] for name, column in drawn.draw.values.items()},
             basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
             metrics=values,
             glucose_counts=count(_of(glucose, known), glucose_edges()),
@@ -194,11 +196,11 @@ def _drawn(
         meals = draw_meals(trial.plan, trial.seed, person)
         first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
     announced_g = None if meals is None else announced_to(trial, meals, person)
-    around = of_case.surroundings.of_people(of_case.alike, person.size) if of_case.alike else None
+    surroundings = of_case.surroundings.of_people(of_case.alike, person.size) if of_case.alike else None
     people = of_case.loop.people(
         drawn,
         keys_of_people(trial.seed, person),
-        around=around,
+        surroundings=surroundings,
         meals=meals if trial.plan.varies else None,
         announced_g=announced_g,
     )
@@ -229,7 +231,7 @@ def _joined(parts: list[PeopleResult]) -> PeopleResult:
         if values[0] is None:
             return None
         if isinstance(values[0], Mapping):
-            return {key: np.concatenate([of[key] for of in values]) for key in values[0]}
+            return {key: np.concatenate([part[key] for part in values]) for key in values[0]}
         return np.sum(values, axis=0) if name.endswith("_counts") else np.concatenate(values, axis=-1)
 
     names = (field.name for field in dataclasses.fields(PeopleResult) if field.name != "yes_or_no")

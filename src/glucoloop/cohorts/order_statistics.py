@@ -60,8 +60,8 @@ class Moments:
 
 def finite(values: Floats) -> Floats:
     """The numbers that are finite."""
-    kept: Floats = values[np.isfinite(values)]
-    return kept
+    remaining: Floats = values[np.isfinite(values)]
+    return remaining
 
 
 def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float]) -> Floats:
@@ -71,7 +71,7 @@ def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float
     """
     places = np.maximum(np.array(counts, float) - 1.0, 0.0)[:, None] * np.array(probabilities)
     sides = np.floor(places).astype(int), np.ceil(places).astype(int)
-    ranks = [np.union1d(*of).tolist() if count else [] for count, *of in zip(counts, *sides, strict=True)]
+    ranks = [np.union1d(*pair).tolist() if count else [] for count, *pair in zip(counts, *sides, strict=True)]
     by_rank = (_gathered if max(counts, default=0) <= _FEW else _searched)(parts, ranks)
     found = np.full(places.shape, np.nan)
     for row, value in enumerate(by_rank):
@@ -85,15 +85,18 @@ def _gathered(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, fl
     """Numbers of each column by their ranks, from all of its numbers."""
     read = [[finite(values) for values in part] for part in parts()]
     together = (np.sort(np.concatenate(column)) for column in zip(*read, strict=True))
-    return [{rank: float(values[rank]) for rank in of} for values, of in zip(together, ranks, strict=True)]
+    return [
+        {rank: float(values[rank]) for rank in column_ranks}
+        for values, column_ranks in zip(together, ranks, strict=True)
+    ]
 
 
 def _searched(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, float]]:
     """Numbers of each column by their ranks, digit by digit."""
     # by rank: its first digits, and the rank among the numbers that begin with them
-    wanted = [{rank: (0, rank) for rank in of} for of in ranks]
+    wanted = [{rank: (0, rank) for rank in column_ranks} for column_ranks in ranks]
     for shift in range(_BITS * (63 // _BITS), -1, -_BITS):
-        counted = [{first: np.zeros(1 << _BITS, np.int64) for first, _ in of.values()} for of in wanted]
+        counted = [{first: np.zeros(1 << _BITS, np.int64) for first, _ in by_rank.values()} for by_rank in wanted]
         for part in parts():
             for values, by_first in zip(part, counted, strict=True):
                 if by_first:
@@ -101,13 +104,13 @@ def _searched(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, fl
                     first_digits, last = digits >> np.uint64(_BITS), (digits & _DIGIT).astype(np.intp)
                     for first, number in by_first.items():
                         number += np.bincount(last[first_digits == np.uint64(first)], minlength=number.size)
-        for of, by_first in zip(wanted, counted, strict=True):
-            for rank, (first, among) in of.items():
+        for by_rank, by_first in zip(wanted, counted, strict=True):
+            for rank, (first, among) in by_rank.items():
                 number = by_first[first]
                 ends = np.cumsum(number)
                 digit = int(np.searchsorted(ends, among, "right"))
-                of[rank] = (first << _BITS) + digit, among - int(ends[digit] - number[digit])
-    return [dict(zip(of, _numbers([digits for digits, _ in of.values()]), strict=True)) for of in wanted]
+                by_rank[rank] = (first << _BITS) + digit, among - int(ends[digit] - number[digit])
+    return [dict(zip(by_rank, _numbers([digits for digits, _ in by_rank.values()]), strict=True)) for by_rank in wanted]
 
 
 def _ordered(values: Floats) -> npt.NDArray[np.uint64]:

@@ -125,8 +125,8 @@ def simulate_people(
         fold,
         meals=scenario.eaten(),
         own_announcements=announced_otherwise,
-        own=with_basal_of_each(controller),
-        around=Surroundings(
+        controllers_of=with_basal_of_each(controller),
+        surroundings=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),
         start_min=scenario.start_min,
@@ -141,10 +141,10 @@ def simulate_people(
         return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=carbs_g)
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
-    kept = people.feasible.size
+    number = people.feasible.size
 
     def joined(parts: list[Array]) -> Array:
-        return np.concatenate(parts, axis=-1)[..., :kept]
+        return np.concatenate(parts, axis=-1)[..., :number]
 
     first_meal = 0.0
     if scenario.meals:

@@ -177,7 +177,7 @@ def _distributions(
     """Histograms between edges that all controllers share, from the quantiles of each."""
     counted: dict[str, dict[str, Histogram]] = {label: {} for label in found}
     for metric in DISTRIBUTIONS:
-        ends = np.array([[of[metric]["p1"], of[metric]["p99"]] for of in found.values()])
+        ends = np.array([[metrics[metric]["p1"], metrics[metric]["p99"]] for metrics in found.values()])
         low, high = (ends[:, 0].min(), ends[:, 1].max()) if np.isfinite(ends).all() else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
         for label in found:

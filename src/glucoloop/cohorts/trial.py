@@ -48,11 +48,11 @@ _LEAST_TRACED: Final = 64
 """Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
 
 
-def _traces(told: object) -> Literal["none", "all"] | int:
-    if told == "none" or told == "all":
-        return told
-    digits = isinstance(told, str) and told.isascii() and told.isdecimal() and len(told) < _DIGITS
-    number = int(str(told)) if digits else told
+def _traces(given: object) -> Literal["none", "all"] | int:
+    if given == "none" or given == "all":
+        return given
+    digits = isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < _DIGITS
+    number = int(str(given)) if digits else given
     if isinstance(number, int) and not isinstance(number, bool) and number >= 1:
         return number
     raise Refusal("give none, all, or the number of people whose traces are kept")
@@ -213,8 +213,8 @@ class Trial(ControlledSituation):
 
     def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
         """A trial of other cases, which have guards and models of their own, in the same situation."""
-        own = {name: getattr(self, name) for name in Trial.settings()}
-        return Trial(**{**own, "controller": cases, "guard": None, "model": None, **other})
+        settings = {name: getattr(self, name) for name in Trial.settings()}
+        return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
 
     @functools.cached_property
     def plan(self) -> MealPlan:
@@ -265,8 +265,8 @@ class Trial(ControlledSituation):
 
     def traced(self, person: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """Whether the traces of each person are kept."""
-        kept = {"none": 0, "all": self.people}[self.traces] if isinstance(self.traces, str) else self.traces
-        return person < self.first_person + kept
+        traced = {"none": 0, "all": self.people}[self.traces] if isinstance(self.traces, str) else self.traces
+        return person < self.first_person + traced
 
 
 def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow: bool = False) -> int:
@@ -287,20 +287,20 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 
-def population_of(told: object, patient: str) -> Population:
+def population_of(given: object, patient: str) -> Population:
     """Population of a patient: the usual one, one by its name or from a file, or a table."""
     from glucoloop.patients.population import Population, populations_of
     from glucoloop.situations.population import named_population, read_population
 
-    if isinstance(told, Population):
-        return told
-    if told is None:
+    if isinstance(given, Population):
+        return given
+    if given is None:
         return named_population(patient_entry(patient).usual_population, patient)
-    if isinstance(told, Mapping):
-        return read_population(told, patient)
-    if isinstance(told, str):
-        return named_population(told, patient)
-    raise Refusal(f"population is {told!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+    if isinstance(given, Mapping):
+        return read_population(given, patient)
+    if isinstance(given, str):
+        return named_population(given, patient)
+    raise Refusal(f"population is {given!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
 
 
 def plain(trial: Trial) -> dict[str, Any]:

@@ -51,11 +51,11 @@ def decide(
     insulin = limits.clip(jnp.where(finite, wanted_mU_min, delivered_mU_min), delivered_mU_min)
     saturated = ~limits.allow(wanted_mU_min, delivered_mU_min, _SATURATED_MU_MIN)
     status = jnp.full_like(finite, int(Status.OK), dtype=int)
-    for holds, of in (
+    for holds, kind in (
         (saturated, Status.SATURATED),
         (~jnp.asarray(converged), Status.NOT_CONVERGED),
         (~known, Status.READING_MISSING),
         (~finite, Status.NON_FINITE),
     ):
-        status = jnp.where(holds, int(of), status)
+        status = jnp.where(holds, int(kind), status)
     return Decision(insulin_mU_min=insulin, status=status)

@@ -14,7 +14,7 @@ from glucoloop.arguments import checked
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses, settled
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
 from glucoloop.control.tuning import check_rate
 from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -69,22 +69,22 @@ class Guard:
 
     def settled(self) -> dict[str, Any]:
         """Settings of the inner controller that were settled when it was designed."""
-        return dict(settled(self.inner))
+        return dict(computed_settings(self.inner))
 
     def with_basal(self, insulin_mU_min: jax.Array) -> Guard:
         """The same guard for a person with the given basal rate, which the inner controller gets too if it takes it."""
-        tell = getattr(self.inner, "with_basal", None)
-        inner = self.inner if tell is None else tell(insulin_mU_min)
+        with_basal = getattr(self.inner, "with_basal", None)
+        inner = self.inner if with_basal is None else with_basal(insulin_mU_min)
         return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
 
     def init(self, observation: Observation) -> GuardState:
         """State at rest under the basal rate; the inner controller starts from the believed part of the observation."""
-        told = observation.delivered_mU_min
+        reported = observation.delivered_mU_min
         least, most_rate = self.limits.min_mU_min, self.limits.max_mU_min
-        woken_at = jnp.where(self._is_rate(told), told, least)
-        basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, told.dtype), told.shape)
+        woken_at = jnp.where(self._is_rate(reported), reported, least)
+        basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, reported.dtype), reported.shape)
         basal = jnp.clip(jnp.where(jnp.isfinite(basal), basal, woken_at), least, most_rate)
-        delivered = jnp.where(self._is_rate(told), told, basal)
+        delivered = jnp.where(self._is_rate(reported), reported, basal)
         setpoint = self._setpoint(observation, jnp.full_like(observation.setpoint_mg_dl, _ORDINARY_MG_DL))
         setpoint = jnp.broadcast_to(setpoint, observation.glucose_mg_dl.shape)
         believed = possible(observation.glucose_mg_dl, observation.valid, self.settings)
@@ -109,9 +109,9 @@ class Guard:
         state = self._healed(state, intact)
         # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
         word = observation.delivered_mU_min
-        told_rate = self._is_rate(word)
-        delivered = jnp.where(told_rate, word, state.command_mU_min)
-        counted = jnp.where(told_rate | intact, delivered, self._highest_rate)
+        rate_reported = self._is_rate(word)
+        delivered = jnp.where(rate_reported, word, state.command_mU_min)
+        counted = jnp.where(rate_reported | intact, delivered, self._highest_rate)
         setpoint = self._setpoint(observation, state.setpoint_mg_dl)
         pushed = jnp.abs(state.given.on_board) > settings.stuck_on_board
         seen, believed, jump = see(
@@ -130,8 +130,8 @@ class Guard:
             sound = sound & jnp.isfinite(decision.bolus_mU)
 
         # A reading that is not believed may take insulin away, and never add any.
-        told = possible(observation.glucose_mg_dl, observation.valid, settings)
-        lowest = jnp.where(told, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
+        is_possible = possible(observation.glucose_mg_dl, observation.valid, settings)
+        lowest = jnp.where(is_possible, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
         given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, settings, every)
         allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
@@ -146,8 +146,8 @@ class Guard:
         fallback = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, given.basal_mU_min)
         dose = jnp.where(unseen, fallback, dose)
         dose = jnp.where(suspended, self.limits.min_mU_min, dose)
-        keeps = self._keeps(dose, delivered)
-        dose = jnp.where(keeps, dose, self.limits.clip(dose, delivered))
+        within = self._keeps(dose, delivered)
+        dose = jnp.where(within, dose, self.limits.clip(dose, delivered))
 
         limited, bolus = wanted > allowed, None
         if decision.bolus_mU is not None:
@@ -159,8 +159,8 @@ class Guard:
             limited = limited | (asked > bolus)
 
         status = decision.status
-        for holds, of in (
-            (~keeps, Status.SATURATED),
+        for holds, kind in (
+            (~within, Status.SATURATED),
             (is_known(observation) & ~believed, Status.READING_REJECTED),
             (limited, Status.DOSE_LIMITED),
             (unseen, Status.FALLBACK_BASAL),
@@ -168,7 +168,7 @@ class Guard:
             (suspended, Status.SUSPENDED),
             (~sound, Status.RESTARTED),
         ):
-            status = jnp.where(holds, int(of), status)
+            status = jnp.where(holds, int(kind), status)
         state = GuardState(
             inner=inner,
             seen=seen,
@@ -182,9 +182,9 @@ class Guard:
 
     def _healed(self, state: GuardState, intact: jax.Array) -> GuardState:
         """The state with every impossible number replaced, and the record of doses if it is not intact."""
-        told, suspended = state.setpoint_mg_dl, state.suspended
-        setpoint = jnp.where(self._is_setpoint(told), told, _ORDINARY_MG_DL)
-        basal = jnp.asarray(self.basal_mU_min, told.dtype)
+        held, suspended = state.setpoint_mg_dl, state.suspended
+        setpoint = jnp.where(self._is_setpoint(held), held, _ORDINARY_MG_DL)
+        basal = jnp.asarray(self.basal_mU_min, held.dtype)
         given = heal_given(state.given, intact, basal, self.settings, self._highest_rate)
         bolus = state.bolus_mU
         return GuardState(
@@ -218,13 +218,13 @@ class Guard:
             return state.bolus_mU
         return jnp.where((word >= 0.0) & (word <= MOST_BOLUS_MU), word, state.bolus_mU)
 
-    def _is_setpoint(self, told_mg_dl: jax.Array) -> jax.Array:
+    def _is_setpoint(self, setpoint_mg_dl: jax.Array) -> jax.Array:
         lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl
-        return (told_mg_dl >= lowest) & (told_mg_dl <= highest)
+        return (setpoint_mg_dl >= lowest) & (setpoint_mg_dl <= highest)
 
     def _setpoint(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
-        told = observation.setpoint_mg_dl
-        return jnp.where(self._is_setpoint(told), told, otherwise)
+        given = observation.setpoint_mg_dl
+        return jnp.where(self._is_setpoint(given), given, otherwise)
 
     def _keeps(self, dose: jax.Array, delivered: jax.Array) -> jax.Array:
         """Whether a dose keeps the limits, up to the rounding of an earlier clip to the rate limit."""

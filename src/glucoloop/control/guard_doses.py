@@ -176,13 +176,13 @@ def take_in(
 
     Glucose does not jump: a jump is doubted as far as it would call for more insulin, and forgotten gradually.
     """
-    kept, boluses = _kept(settings, sample_time_min), given.hour_bolus_mU
+    left_share, boluses = _left_share(settings, sample_time_min), given.hour_bolus_mU
     infused = delivered_mU_min
     if boluses is not None and delivered_bolus_mU is not None:
         infused = infused + delivered_bolus_mU / sample_time_min
         boluses = jnp.concatenate([boluses[1:], delivered_bolus_mU[None]])
     beyond = (infused - given.basal_mU_min) * given.per_basal
-    on_board = kept * given.on_board + (1.0 - kept) * beyond
+    on_board = left_share * given.on_board + (1.0 - left_share) * beyond
     # How far glucose is above the setpoint, and how far insulin on board has lowered it.
     need = above_setpoint_mg_dl + settings.fall_mg_dl * on_board
     doubted = math.exp(-sample_time_min / settings.doubt_tau_min) * given.doubted_mg_dl + jump_mg_dl
@@ -191,7 +191,7 @@ def take_in(
         basal_mU_min=given.basal_mU_min,
         per_basal=given.per_basal,
         on_board=on_board,
-        counted=jnp.maximum(kept * given.counted + (1.0 - kept) * beyond, 0.0),
+        counted=jnp.maximum(left_share * given.counted + (1.0 - left_share) * beyond, 0.0),
         hour_mU_min=jnp.concatenate([given.hour_mU_min[1:], counted[None]]),
         doubted_mg_dl=jnp.minimum(doubted, jnp.maximum(need, 0.0)),
         check=given.check,
@@ -212,12 +212,12 @@ def most(
     and by the doubted part. A little more than the basal rate is always allowed, as long as insulin on board is no more
     than that.
     """
-    kept = _kept(settings, sample_time_min)
+    left_share = _left_share(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
-    by_reading = _most_beyond(target, given, max_change_mU_min, kept)
+    by_reading = _most_beyond(target, given, max_change_mU_min, left_share)
     little = jnp.minimum(settings.always_basal - 1.0, settings.max_on_board)
-    always = jnp.minimum(little, (little - kept * given.counted) * (1.0 / (1.0 - kept)))
+    always = jnp.minimum(little, (little - left_share * given.counted) * (1.0 / (1.0 - left_share)))
     by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
     return jnp.maximum(
         jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min, sample_time_min)), given.basal_mU_min
@@ -236,20 +236,20 @@ def most_bolus(
     Both caps must hold at once and while the rate goes down from the given one to the basal rate, as for a rate alone.
     Readings do not bound a bolus: that of a meal is needed before glucose rises.
     """
-    kept, n = _kept(settings, sample_time_min), np.arange(given.hour_mU_min.shape[0])
+    left_share, n = _left_share(settings, sample_time_min), np.arange(given.hour_mU_min.shape[0])
     counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
     beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
     # beyond, for n + 1 samples from now on, lowered by a further step at each
     held, lowered, left, per_bolus = (
-        _column(of, beyond)
-        for of in (
-            _after(n, kept, np.ones_like),
-            _after(n, kept, np.asarray),
-            kept ** (n + 1),
-            sample_time_min / ((1.0 - kept) * kept**n),
+        _column(values, beyond)
+        for values in (
+            _after(n, left_share, np.ones_like),
+            _after(n, left_share, np.asarray),
+            left_share ** (n + 1),
+            sample_time_min / ((1.0 - left_share) * left_share**n),
         )
     )
-    on_board = left * given.counted + (1.0 - kept) * (held * beyond - lowered * steep)
+    on_board = left * given.counted + (1.0 - left_share) * (held * beyond - lowered * steep)
     at_once = (settings.max_on_board - given.counted) * settings.on_board_tau_min
     spread = jnp.min((settings.max_on_board - on_board) * per_bolus, axis=0)
     by_board = jnp.minimum(at_once, spread) * given.basal_mU_min
@@ -259,7 +259,7 @@ def most_bolus(
     return jnp.maximum(jnp.minimum(by_board, by_hour), 0.0)
 
 
-def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, kept: float) -> jax.Array:
+def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array | float, left_share: float) -> jax.Array:
     """Largest rate beyond the basal rate, in basal rates, from which insulin on board does not pass a target.
 
     After n more samples of the rate ``z`` going down by ``D`` at each, ``k^(n+1) B + (1 - k) sum_i k^(n-i) (z - i D)``
@@ -269,9 +269,9 @@ def _most_beyond(target: jax.Array, given: Given, max_change_mU_min: jax.Array |
     """
     steep, samples = max_change_mU_min * given.per_basal, given.hour_mU_min.shape[0]
     n = np.arange(samples)
-    share = kept ** (n + 1)
+    share = left_share ** (n + 1)
     left, per_rate = _column(share, target), _column(1.0 / (1.0 - share), target)
-    lowered = _column((1.0 - kept) * _after(n, kept, np.asarray), target)
+    lowered = _column((1.0 - left_share) * _after(n, left_share, np.asarray), target)
     z = (target - left * given.counted + lowered * steep) * per_rate
     return jnp.minimum(target + samples * steep, jnp.min(z, axis=0))
 
@@ -328,10 +328,10 @@ def _most_of_hour(
     return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, given.basal_mU_min) + lowered, axis=0)
 
 
-def _after(n: NDArray[Any], kept: float, given: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
-    """Sum of ``given(i) kept^(n - i)`` over i from 0 to each n."""
+def _after(n: NDArray[Any], left_share: float, given: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """Sum of ``given(i) left_share^(n - i)`` over i from 0 to each n."""
     i = np.arange(n.size, dtype=float)
-    return np.asarray(np.where(i <= n[:, None], kept ** (n[:, None] - i), 0.0) @ given(i))
+    return np.asarray(np.where(i <= n[:, None], left_share ** (n[:, None] - i), 0.0) @ given(i))
 
 
 def _column(numbers: NDArray[Any], like: jax.Array) -> jax.Array:
@@ -339,7 +339,7 @@ def _column(numbers: NDArray[Any], like: jax.Array) -> jax.Array:
     return jnp.asarray(numbers.reshape(-1, *(1,) * like.ndim), like.dtype)
 
 
-def _kept(settings: GuardSettings, sample_time_min: float) -> float:
+def _left_share(settings: GuardSettings, sample_time_min: float) -> float:
     """Share of the insulin on board that is left after a sample."""
     return math.exp(-sample_time_min / settings.on_board_tau_min)
 

@@ -67,9 +67,9 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
 
 def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) -> Seen:
     """Start again, with no reading believed yet, where any number of the state is impossible."""
-    glucose, trend, told = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
+    glucose, trend, latest = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
     sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
-    sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(told) <= _NEVER_MG_DL)
+    sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(latest) <= _NEVER_MG_DL)
     for time in (seen.unseen_min, seen.same_min, seen.held_min):
         sound = sound & (time >= 0.0) & (time < math.inf)
     for flag in (seen.jumped, seen.awake):
@@ -108,7 +108,7 @@ def see(
     after the sample, whether the reading is believed, and its jump if it is believed only because it stayed at the
     value that it jumped to.
     """
-    told = possible(glucose_mg_dl, valid, settings)
+    is_possible = possible(glucose_mg_dl, valid, settings)
     change = glucose_mg_dl - seen.glucose_mg_dl
     since_min = seen.unseen_min + sample_time_min
     rate = jnp.where(change < 0.0, settings.fastest_mg_dl_min * _FALLS, settings.fastest_mg_dl_min)
@@ -117,11 +117,11 @@ def see(
     first = again | near(glucose_mg_dl, setpoint_mg_dl, settings, sample_time_min)
     awake = seen.awake > 0.5
     slow = jnp.where(awake, jnp.abs(change) <= rate * since_min, first)
-    same = told & (glucose_mg_dl == seen.told_mg_dl)
+    same = is_possible & (glucose_mg_dl == seen.told_mg_dl)
     same_min = jnp.where(same, seen.same_min + jnp.where(pushed, sample_time_min, 0.0), 0.0)
     # A low reading is believed even if it does not move: to give insulin on a guess would be worse.
     moving = (same_min < settings.stuck_min) | (glucose_mg_dl < settings.low_mg_dl)
-    believed = told & slow & moving
+    believed = is_possible & slow & moving
 
     # After a gap the change is not that of one sample; no trend is made of it.
     slope = jnp.where(seen.unseen_min == 0.0, change * (1.0 / sample_time_min), 0.0)
@@ -135,10 +135,10 @@ def see(
             glucose_mg_dl=jnp.where(believed, glucose_mg_dl, ahead),
             trend_mg_dl_min=jnp.where(believed, trend, fading),
             unseen_min=jnp.where(believed, 0.0, since_min),
-            told_mg_dl=jnp.where(told, glucose_mg_dl, seen.told_mg_dl),
-            same_min=jnp.where(told, same_min, seen.same_min),
-            held_min=jnp.where(told, jnp.where(same, seen.held_min + sample_time_min, 0.0), seen.held_min),
-            jumped=jnp.where(told & awake, jnp.where(slow, 0.0, 1.0), seen.jumped),
+            told_mg_dl=jnp.where(is_possible, glucose_mg_dl, seen.told_mg_dl),
+            same_min=jnp.where(is_possible, same_min, seen.same_min),
+            held_min=jnp.where(is_possible, jnp.where(same, seen.held_min + sample_time_min, 0.0), seen.held_min),
+            jumped=jnp.where(is_possible & awake, jnp.where(slow, 0.0, 1.0), seen.jumped),
             awake=jnp.where(believed, 1.0, seen.awake),
         ),
         believed,

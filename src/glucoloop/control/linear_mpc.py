@@ -125,8 +125,8 @@ def _remembered(step_response: Any, realisation: Realisation | None, horizon: in
     """
     if realisation is None:
         return extended(step_response, None, horizon + 1), None
-    kept = max(realisation.after, horizon + 1)
-    return extended(step_response, realisation, kept)[:kept], realisation.advanced(kept)
+    memory = max(realisation.after, horizon + 1)
+    return extended(step_response, realisation, memory)[:memory], realisation.advanced(memory)
 
 
 @checked

@@ -179,14 +179,14 @@ class MealMPC:
             time_of_day_min=self._time_of_reading(observation),
         )
         held, estimate = self.estimator.step(self.model, state.estimator, sensed)
-        told = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
-        now = self._to_this_sample(told, rates[1:], announced[1:])
+        unexpected = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
+        now = self._to_this_sample(unexpected, rates[1:], announced[1:])
         lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
-        moves, converged = self._plan(now, told, lasting, state.planned, observation.setpoint_mg_dl, delivered)
+        moves, converged = self._plan(now, unexpected, lasting, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
         sound = _finite(held) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
-        held = jax.tree.map(lambda kept, new: jnp.where(sound, kept, new), held, fresh.estimator)
+        held = jax.tree.map(lambda present, new: jnp.where(sound, present, new), held, fresh.estimator)
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
         state = MealMPCState(
             estimator=held,
@@ -397,13 +397,13 @@ def design_meal_mpc(
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     tuning, usual = or_suited(tuning, MealTuning())
     tuning = suited(tuning, *response_at_rest(model), usual=usual)
-    own = individual_model(model, model.insulin_mU_min)
+    individual = individual_model(model, model.insulin_mU_min)
     chosen: MealEstimator
     if estimator == "kalman":
-        chosen = design_meal_kalman(own, habits, measurement_variance=measurement_variance)
+        chosen = design_meal_kalman(individual, habits, measurement_variance=measurement_variance)
     else:
         chosen = design_meal_horizon(
-            own,
+            individual,
             habits,
             horizon=meal_horizon,
             fast_horizon=fast_horizon,
@@ -418,9 +418,9 @@ def design_meal_mpc(
             fast_meals=fast_meals,
         )
     return MealMPC(
-        model=own,
+        model=individual,
         estimator=chosen,
-        expected=expectation(chosen, own),
+        expected=expectation(chosen, individual),
         ends=jnp.asarray(habits.ends(model.sample_time_min)),
         output_weight=tuning.output_weight,
         move_weight=tuning.move_weight,

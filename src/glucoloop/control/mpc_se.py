@@ -307,7 +307,7 @@ def design_mpc_se(
         floor_weight=floor_weight,
     )
     tuned = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
-    own = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
+    varying = ("Phi", "Gamma", "C", "kalman_gain", "rest", "free_state", "free_input", "free_innovation")
     S = np.append(np.zeros(dead_time_samples), one.free_input[..., 0])
     plan = plan_moves(S, tuned, limits, constraints, one.plan.floor)
     check_pace(noise_pace)
@@ -325,7 +325,7 @@ def design_mpc_se(
         plan=plan,
         C_reading=None if model.C_reading is None else jnp.asarray(C_reading),
         learning=learning,
-        **{name: getattr(one, name)[..., 0] for name in own},
+        **{name: getattr(one, name)[..., 0] for name in varying},
     )
 
 

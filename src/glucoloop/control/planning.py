@@ -174,8 +174,8 @@ def plan_moves(
             f"the model's response over {tuning.prediction_horizon} samples does not determine {tuning.move_horizon} "
             "moves; lengthen the prediction horizon, shorten the move horizon, or give a move weight above 0"
         )
-    own = ("gain", "hessian", "gradient", *(() if floor is None else ("response",)))
-    single = {name: getattr(plan, name)[..., 0] for name in own}
+    varying = ("gain", "hessian", "gradient", *(() if floor is None else ("response",)))
+    single = {name: getattr(plan, name)[..., 0] for name in varying}
     return dataclasses.replace(plan, **single)
 
 

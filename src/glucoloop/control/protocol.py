@@ -126,14 +126,14 @@ def gives_boluses(controller: object) -> bool:
     return bool(getattr(controller, "gives_boluses", False))
 
 
-def settled(controller: object) -> dict[str, float]:
+def computed_settings(controller: object) -> dict[str, float]:
     """Settings that were settled when a controller was designed, by name, such as a gain that follows from a model.
 
     A controller tells them by a method ``settled``, which a wrapper passes on; by default it has none. They are those
     of one person, and are not asked of a controller for many.
     """
-    tell = getattr(controller, "settled", None)
-    return {} if tell is None else {name: float(value) for name, value in tell().items()}
+    method = getattr(controller, "settled", None)
+    return {} if method is None else {name: float(value) for name, value in method().items()}
 
 
 class Controller(Protocol):

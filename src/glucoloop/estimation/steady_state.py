@@ -55,15 +55,15 @@ def _of_people(size: int, mapped: list[bool], matrix: Array, right: Array) -> tu
     def one_after_another(matrix: Array, right: Array) -> Array:
         solutions: Array
         if not of_right:
-            solutions = jax.lax.map(lambda own: _eliminated(own, right), matrix)
+            solutions = jax.lax.map(lambda each: _eliminated(each, right), matrix)
         elif not of_matrix:
-            solutions = jax.lax.map(lambda own: _eliminated(matrix, own), right)
+            solutions = jax.lax.map(lambda each: _eliminated(matrix, each), right)
         else:
-            solutions = jax.lax.map(lambda own: _eliminated(*own), (matrix, right))
+            solutions = jax.lax.map(lambda each: _eliminated(*each), (matrix, right))
         return solutions
 
     def at_once(matrix: Array, right: Array) -> Array:
-        axes = tuple(0 if own else None for own in mapped)
+        axes = tuple(0 if each else None for each in mapped)
         solutions: Array = jax.vmap(_with_rows_exchanged, in_axes=axes)(matrix, right)
         return solutions
 

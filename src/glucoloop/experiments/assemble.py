@@ -47,7 +47,7 @@ class AtRest(Protocol):
         """Rate under which each rests, ``(people,)``."""
 
 
-Own = Callable[[Any], Controller]
+ControllersOf = Callable[[Any], Controller]
 """Function that makes the controllers of people `AtRest`, whose numbers trail."""
 
 
@@ -57,7 +57,7 @@ def close_loop(
     scenario: Scenario,
     *,
     patient: SemilinearPatient | None = None,
-    around: Surroundings | None = None,
+    surroundings: Surroundings | None = None,
     key: jax.Array | int | None = None,
     integrator: Integrator | None = None,
 ) -> Trace:
@@ -66,12 +66,12 @@ def close_loop(
     By default the person is the nominal patient, sensor, pump and key are those of the situation, and the integrator is
     the exponential one.
     """
-    around = surroundings_of(situation) if around is None else around
+    surroundings = surroundings_of(situation) if surroundings is None else surroundings
     return simulate(
         situation.nominal if patient is None else patient,
         controller,
-        around.sensor,
-        around.pump,
+        surroundings.sensor,
+        surroundings.pump,
         scenario,
         situation.seed if key is None else key,
         integrator=Exponential() if integrator is None else integrator,
@@ -80,7 +80,7 @@ def close_loop(
 
 def own_controllers(
     situation: Situation, case: Case, controller: Controller, example: VirtualPeople, *, individual: bool
-) -> Own | None:
+) -> ControllersOf | None:
     """Function that makes controllers of a case for people.
 
     They are designed for each if `individual`, and else have the basal rate of each. `controller` is that of the
@@ -101,7 +101,7 @@ def own_controllers(
     return with_own_guard
 
 
-def with_basal_of_each(controller: Controller) -> Own:
+def with_basal_of_each(controller: Controller) -> ControllersOf:
     """Function that gives one controller the basal rate of each person."""
     return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
 
@@ -109,11 +109,12 @@ def with_basal_of_each(controller: Controller) -> Own:
 class PeopleLoop:
     """The loop of one controller in a situation, compiled once for any people.
 
-    The situation gives patient, target, meal model and announcement, and sensor and pump unless `around` gives them.
-    The controller was designed for the nominal patient; `own` makes those of people (see `own_controllers`). `example`
-    and `varied` are some people, and sensors and pumps of some, to show which numbers vary. `meals` are those of all
-    people, ``(meals,)``, or None if each brings meals; with `own_announcements` each brings what is announced, as where
-    carbohydrate is counted with an error. The other arguments are as for `simulation.cohort.Cohort`.
+    The situation gives patient, target, meal model and announcement, and sensor and pump unless `surroundings` gives
+    them. The controller was designed for the nominal patient; `controllers_of` makes those of people (see
+    `own_controllers`). `example` and `varied` are some people, and sensors and pumps of some, to show which numbers
+    vary. `meals` are those of all people, ``(meals,)``, or None if each brings meals; with `own_announcements` each
+    brings what is announced, as where carbohydrate is counted with an error. The other arguments are as for
+    `simulation.cohort.Cohort`.
     """
 
     def __init__(
@@ -126,23 +127,23 @@ class PeopleLoop:
         *,
         meals: Eaten | None,
         own_announcements: bool = False,
-        own: Own | None = None,
-        around: Surroundings | None = None,
+        controllers_of: ControllersOf | None = None,
+        surroundings: Surroundings | None = None,
         varied: Surroundings | None = None,
         start_min: float | None = None,
         engine: str | None = None,
         precision: str = "float64",
         products: str = FUSED,
-        tell_decisions: bool = False,
+        record_decisions: bool = False,
     ) -> None:
-        self.own, self._example = own, example.patient
-        around = surroundings_of(situation) if around is None else around
+        self.controllers_of, self._example = controllers_of, example.patient
+        surroundings = surroundings_of(situation) if surroundings is None else surroundings
         self.cohort = Cohort(
             situation.nominal,
             example.patient,
             controller,
-            around.sensor,
-            around.pump,
+            surroundings.sensor,
+            surroundings.pump,
             grid,
             fold,
             setpoint_mg_dl=situation.target_mg_dl,
@@ -151,13 +152,13 @@ class PeopleLoop:
             own_announcements=own_announcements,
             start_min=situation.start_min if start_min is None else start_min,
             meal_model=situation.gut,
-            varied_controller=None if own is None else own(example),
+            varied_controller=None if controllers_of is None else controllers_of(example),
             varied_sensor=None if varied is None else varied.sensor,
             varied_pump=None if varied is None else varied.pump,
             engine=engine,
             precision=precision,
             products=products,
-            tell_decisions=tell_decisions,
+            record_decisions=record_decisions,
         )
 
     @property
@@ -166,7 +167,7 @@ class PeopleLoop:
         return self.cohort.engine
 
     @property
-    def engine_told(self) -> dict[str, str]:
+    def engine_facts(self) -> dict[str, str]:
         """The engine by its name and, where native code could not take the loop, what it lacks and in whose code."""
         lacking = self.cohort.not_native
         return {"engine": self.engine, **({} if lacking is None else {"not_native": lacking})}
@@ -177,7 +178,7 @@ class PeopleLoop:
         key: jax.Array,
         *,
         controller: Controller | None = None,
-        around: Surroundings | None = None,
+        surroundings: Surroundings | None = None,
         meals: Eaten | None = None,
         announced_g: Array | None = None,
     ) -> People:
@@ -189,20 +190,20 @@ class PeopleLoop:
         """
         number = people.basal_insulin_mU_min.shape[0]
 
-        def trailing(own: Any, like: Any) -> Any:
+        def trailing(leaf: Any, like: Any) -> Any:
             # the nominal patient has one number where people differ
-            return jnp.broadcast_to(own, number) if jnp.ndim(like) and not jnp.ndim(own) else own
+            return jnp.broadcast_to(leaf, number) if jnp.ndim(like) and not jnp.ndim(leaf) else leaf
 
-        if controller is None and self.own is not None:
-            controller = self.own(people)
+        if controller is None and self.controllers_of is not None:
+            controller = self.controllers_of(people)
         return People(
             patient=jax.tree.map(trailing, people.patient, self._example),
             x=people.rest,
             insulin_mU_min=people.basal_insulin_mU_min,
             key=key,
             controller=controller,
-            sensor=None if around is None else around.sensor,
-            pump=None if around is None else around.pump,
+            sensor=None if surroundings is None else surroundings.sensor,
+            pump=None if surroundings is None else surroundings.pump,
             meals=meals,
             announced_g=announced_g,
         )

@@ -231,8 +231,8 @@ def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.Arra
     A controller that holds the basal rate of the patient it was designed for has a method ``with_basal``, which sets
     each person's own; other controllers take the rate from the pump when they start, and are returned unchanged.
     """
-    own = getattr(controller, "with_basal", None)
-    if own is None:
+    with_basal = getattr(controller, "with_basal", None)
+    if with_basal is None:
         return controller
-    individual: Controller = own(jnp.asarray(basal_insulin_mU_min))
+    individual: Controller = with_basal(jnp.asarray(basal_insulin_mU_min))
     return individual

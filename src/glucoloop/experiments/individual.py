@@ -23,7 +23,7 @@ import numpy.typing as npt
 from glucoloop.control import Controller
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
-from glucoloop.control.protocol import settled
+from glucoloop.control.protocol import computed_settings
 from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_records
@@ -86,7 +86,7 @@ def _with_horizon(situation: Situation, case: Case, controller: Controller) -> C
 
     One horizon makes their controllers of one shape, and a person's does not depend on who else is in a block.
     """
-    horizon = settled(controller).get("prediction_horizon")
+    horizon = computed_settings(controller).get("prediction_horizon")
     if case.tuning.get("prediction_horizon") != 0 or horizon is None:
         return case
     if case.known_dead_time:
@@ -164,13 +164,13 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     settings: Any = case.controller
     noise, variance = process_noise(nominal, *settings.process_noise), settings.measurement_variance
 
-    def of_person(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        model = linear_model_at(replaced(nominal, varies, own), x, insulin, situation.sample_time_min)
+    def of_person(leaves: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        model = linear_model_at(replaced(nominal, varies, leaves), x, insulin, situation.sample_time_min)
         return model.Phi, model.Gamma, model.C
 
     @jax.jit
-    def gains(own: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, ...]:
-        Phi, Gamma, C = jax.vmap(of_person, in_axes=(-1, -1, 0), out_axes=-1)(own, x, insulin)
+    def gains(leaves: Any, x: jax.Array, insulin: jax.Array) -> tuple[jax.Array, ...]:
+        Phi, Gamma, C = jax.vmap(of_person, in_axes=(-1, -1, 0), out_axes=-1)(leaves, x, insulin)
         P = steady_state_covariance(Phi, C, jnp.diag(jnp.asarray(noise)), variance, doublings=_DOUBLINGS)
         still = jnp.eye(noise.size) - jnp.moveaxis(Phi, -1, 0)
         rest = jnp.linalg.solve(still, jnp.moveaxis(Gamma, -1, 0)[..., None])[..., 0].T

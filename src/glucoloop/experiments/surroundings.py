@@ -38,8 +38,8 @@ class Surroundings:
         """The same for a number of people, with a trailing axis on the values that differ from any of the others."""
         alike = [jax.tree.leaves((other.sensor, other.pump)) for other in others]
         leaves, tree = jax.tree.flatten((self.sensor, self.pump))
-        differs = [any(not np.array_equal(leaf, of[i]) for of in alike) for i, leaf in enumerate(leaves)]
-        many = [jnp.full(people, leaf) if own else leaf for leaf, own in zip(leaves, differs, strict=True)]
+        differs = [any(not np.array_equal(leaf, other[i]) for other in alike) for i, leaf in enumerate(leaves)]
+        many = [jnp.full(people, leaf) if varies else leaf for leaf, varies in zip(leaves, differs, strict=True)]
         sensor, pump = jax.tree.unflatten(tree, many)
         return Surroundings(sensor=sensor, pump=pump)
 
@@ -104,12 +104,12 @@ def _together(situation: Situation, cases: list[Case]) -> dict[str, Surroundings
     if len(cases) == 1:
         return each
     bare = surroundings_of(situation)
-    sensors = _around(bare.sensor, {label: of.sensor for label, of in each.items()})
-    pumps = _around(bare.pump, {label: of.pump for label, of in each.items()})
+    sensors = _with_faults_of_all(bare.sensor, {label: part.sensor for label, part in each.items()})
+    pumps = _with_faults_of_all(bare.pump, {label: part.pump for label, part in each.items()})
     return {label: Surroundings(sensor=sensors[label], pump=pumps[label]) for label in each}
 
 
-def _around(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
+def _with_faults_of_all(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
     """Part of each case wrapped in the faults of all cases, of which only its own ever begins."""
     nothing, kind_of = _kind(bare), {label: _kind(part) for label, part in each.items()}
     kinds = {kind_of[label]: part for label, part in each.items() if kind_of[label] != nothing}

@@ -46,21 +46,21 @@ def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
         folder = Path(made)
         _write(folder, files)
         flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
-        code, said = ran(["cppcheck", *flags, *checked], folder)
+        code, output = ran(["cppcheck", *flags, *checked], folder)
     if code == 124:
-        return Rung(name, None, said, {})
+        return Rung(name, None, output, {})
     found: dict[str, int] = {}
-    for rule in re.findall(r"misra-c2012-([\d.]+)", said):
+    for rule in re.findall(r"misra-c2012-([\d.]+)", output):
         found[rule] = found.get(rule, 0) + 1
-    if "misra" in said and not found:
-        return Rung(name, None, f"the add-on does not run: {' '.join(said.split())[:300]}", {})
+    if "misra" in output and not found:
+        return Rung(name, None, f"the add-on does not run: {' '.join(output.split())[:300]}", {})
     required = {rule: count for rule, count in found.items() if rule not in _ADVISORY}
     advisory = {rule: count for rule, count in found.items() if rule in _ADVISORY}
-    told = "; ".join(
-        f"{kind} rules: {', '.join(f'{rule} ({count} times)' for rule, count in sorted(of.items())) or 'no finding'}"
-        for kind, of in (("required", required), ("advisory", advisory))
+    findings = "; ".join(
+        f"{kind} rules: {', '.join(f'{rule} ({count} times)' for rule, count in sorted(rules.items())) or 'no finding'}"
+        for kind, rules in (("required", required), ("advisory", advisory))
     )
-    return Rung(name, not required, told, {"required": required, "advisory": advisory})
+    return Rung(name, not required, findings, {"required": required, "advisory": advisory})
 
 
 def bounds_proved(exported: Exported) -> Rung:
@@ -75,9 +75,9 @@ def bounds_proved(exported: Exported) -> Rung:
     bounds = {last.rate: (last.least.hex(), last.most.hex()), "status": (0, max(Status).value)}
     if last.bolus is not None:
         bounds[last.bolus[0]] = ("0.0", last.bolus[1].hex())
-    told = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
+    assertions = [f"  /*@ assert {least} <= decision.{name} <= {most}; */" for name, (least, most) in bounds.items()]
     text = template("any_step.c").replace("@ANYTHING@", template("anything.h")).replace("@FILL@", "\n".join(lines))
-    text = text.replace("@BOUNDS@", "\n".join(told))
+    text = text.replace("@BOUNDS@", "\n".join(assertions))
     dose = f"rate from {last.least:g} to {last.most:g} mU/min"
     dose += "" if last.bolus is None else f", bolus from 0 to {last.bolus[1]:g} mU"
     what = f"{dose}, a known status"
@@ -98,8 +98,8 @@ def change_proved(exported: Exported) -> Rung:
     text = text.replace("@LEAST@", format.literal(last.least)).replace("@MOST@", format.literal(last.most))
     text = text.replace("@WIDTH@", format.literal(width)).replace("@BOUND@", bound.hex())
     text = text.replace("@FUNCTION@", "\n".join([*helpers([function], format), function]))
-    told = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
-    return _analysed(CHANGE, {"main.c": text}, told, 1)
+    claim = f"at most {bound:.4g} mU/min from any delivered rate within the limits"
+    return _analysed(CHANGE, {"main.c": text}, claim, 1)
 
 
 def firmware_proved(files: Mapping[str, str]) -> Rung:
@@ -112,19 +112,19 @@ def firmware_proved(files: Mapping[str, str]) -> Rung:
     return _analysed(name, {**files, "board.c": board}, "whatever is received", 0)
 
 
-def _analysed(name: str, files: Mapping[str, str], told: str, assertions: int) -> Rung:
+def _analysed(name: str, files: Mapping[str, str], claim: str, assertions: int) -> Rung:
     if shutil.which("frama-c") is None:
         return Rung(name, None, _PACKAGE, {})
-    code, said = _eva(tuple(files.items()))
+    code, output = _eva(tuple(files.items()))
     if code:
-        return Rung(name, None, f"Frama-C does not run: {' '.join(said.split())[-300:]}", {})
-    alarms = len(re.findall(r"\[eva:alarm\]", said))
-    valid = re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", said)
+        return Rung(name, None, f"Frama-C does not run: {' '.join(output.split())[-300:]}", {})
+    alarms = len(re.findall(r"\[eva:alarm\]", output))
+    valid = re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", output)
     proved = valid is not None and int(valid[1]) == assertions and valid[2] == valid[3] == "0"
     if alarms or not proved:
-        said = f"{alarms} alarms are left" + ("" if proved else "; a bound is not proved")
-        return Rung(name, False, said, {"alarms": alarms})
-    return Rung(name, True, f"{told}, and no run-time error", {"alarms": 0})
+        output = f"{alarms} alarms are left" + ("" if proved else "; a bound is not proved")
+        return Rung(name, False, output, {"alarms": alarms})
+    return Rung(name, True, f"{claim}, and no run-time error", {"alarms": 0})
 
 
 @functools.lru_cache(maxsize=8)

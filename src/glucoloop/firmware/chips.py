@@ -48,8 +48,8 @@ class Chip:
             if shutil.which(tool) is None:
                 return f"{tool} is not installed; Debian's package {package} brings it"
         headers = [self.compiler, *self.flags, "-E", "-x", "c", "-"]
-        tried = subprocess.run(headers, input=b"#include <string.h>\n", capture_output=True, check=False)
-        if tried.returncode:
+        compiled = subprocess.run(headers, input=b"#include <string.h>\n", capture_output=True, check=False)
+        if compiled.returncode:
             return (
                 f"the C library of {self.compiler} is not installed; Debian's package {self.library_package} brings it"
             )

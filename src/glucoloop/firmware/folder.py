@@ -33,8 +33,8 @@ Rungs = Sequence[Mapping[str, Any]]
 
 def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> dict[str, str]:
     """Files that a compiler reads."""
-    of = chip or CHIPS["cortex-m4f"]
-    support, _ = of.support(exported.precision)
+    target = chip or CHIPS["cortex-m4f"]
+    support, _ = target.support(exported.precision)
     return {
         "controller.h": exported.source.header,
         "controller.c": exported.source.code,
@@ -42,18 +42,18 @@ def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> d
         "selftest.c": template("selftest.c"),
         "chip.c": template("chip.c"),
         "chip.h": template("chip.h"),
-        "chip.ld": template("chip.ld").replace("@FLASH@", of.flash).replace("@RAM@", of.ram),
+        "chip.ld": template("chip.ld").replace("@FLASH@", target.flash).replace("@RAM@", target.ram),
         **{name: template(name) for name in support},
-        "Makefile": _makefile(of, exported.precision),
+        "Makefile": _makefile(target, exported.precision),
     }
 
 
 def build_command(chip: Chip, precision: str, output: str = "selftest.elf") -> list[str]:
     """The command that makes the self-test for a chip."""
-    support, told = chip.support(precision)
+    support, extra = chip.support(precision)
     flags = ["-std=c99", "-Wall", "-Wextra", "-ffp-contract=off", *SMALL, "-DCHIP", *chip.flags]
     files = ["controller.c", "selftest.c", "chip.c", *support]
-    return [chip.compiler, *flags, *LINK, *told, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
+    return [chip.compiler, *flags, *LINK, *extra, "-fno-tree-loop-distribute-patterns", "-o", output, *files, "-lgcc"]
 
 
 def run_command(chip: Chip, file: str = "selftest.elf") -> list[str]:
@@ -85,8 +85,8 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
             return f"{int(leaf)}{format.bits_suffix}"
         return f"0x{int(np.asarray(leaf, exported.precision).reshape(()).view(word)):X}{format.bits_suffix}"
 
-    def rows(of: Sequence[Sequence[Any]], fields: Sequence[Any]) -> Iterator[str]:
-        for leaves in of:
+    def rows(records: Sequence[Sequence[Any]], fields: Sequence[Any]) -> Iterator[str]:
+        for leaves in records:
             texts = ", ".join(bits(leaf, field.kind) for leaf, field in zip(leaves, fields, strict=True))
             yield f"  {{{texts}}},"
 
@@ -104,7 +104,7 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
         return f"  equal = equal && (of->{field.name} == (int32_t)expected[i][{i}]);"
 
     limits = exported.limits
-    words = {
+    texts = {
         "SAMPLES": f"{len(record.observations)}",
         "RUN": f"{record.run}",
         "LEAST": format.literal(float(limits.min_mU_min)),
@@ -119,7 +119,7 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
         "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
         "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
     }
-    return re.sub(r"@(\w+)@", lambda found: words[found[1]], template("samples.h"))
+    return re.sub(r"@(\w+)@", lambda found: texts[found[1]], template("samples.h"))
 
 
 def numbers_table(controller: Controller) -> str:
@@ -150,8 +150,8 @@ def proof(exported: Exported, name: str, rungs: Rungs) -> str:
         "",
     ]
     for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
-        told = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
-        lines += [f"## {title}", "", *(told or ["- nothing"]), ""]
+        items = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
+        lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
@@ -159,7 +159,7 @@ def readme(
     exported: Exported, name: str, sample_time_min: float, chip: Chip | None, rungs: Rungs, *, guarded: bool
 ) -> str:
     """Instructions for an engineer."""
-    of, limits = chip or CHIPS["cortex-m4f"], exported.limits
+    target, limits = chip or CHIPS["cortex-m4f"], exported.limits
     fields = "\n".join(
         f"| {structure} | `{field.name}` | {MEANINGS[structure].get(field.name, field.path)} |"
         for structure in ("observation", "decision")
@@ -172,10 +172,10 @@ def readme(
         form=exported.source.form,
         precision=exported.precision,
         sample_time=sample_time_min,
-        summary=of.summary,
-        packages=", ".join(of.packages),
+        summary=target.summary,
+        packages=", ".join(target.packages),
         checked="\n".join(f"- {_OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
-        support="".join(_SUPPORT[name] for name in of.support(exported.precision)[0]),
+        support="".join(_SUPPORT[name] for name in target.support(exported.precision)[0]),
         fields=fields,
         least=float(limits.min_mU_min),
         most=float(limits.max_mU_min),

@@ -36,7 +36,7 @@ def ladder(
     """Run the checks in order, the first for so many samples in NumPy, None for all; the deep ones take minutes."""
     yield interpreted(exported, record, samples)
     yield native(exported, record)
-    yield here(exported, record)
+    yield on_this_computer(exported, record)
     for chip in chips:
         yield emulated(exported, record, chip)
     if deep:
@@ -84,7 +84,7 @@ def _compiled(lowered: Lowered) -> Callable[..., Any]:
     return run
 
 
-def here(exported: Exported, record: SampleRecord) -> Rung:
+def on_this_computer(exported: Exported, record: SampleRecord) -> Rung:
     """Compute all samples in C on this computer, optimised more than where they were recorded."""
     name = "C on this computer"
     if compiler() is None:
@@ -102,14 +102,14 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
         folder = Path(made)
         for file, text in code_files(exported, record, chip).items():
             (folder / file).write_text(text)
-        code, said = ran(build_command(chip, exported.precision), folder)
+        code, output = ran(build_command(chip, exported.precision), folder)
         if code:
-            return Rung(name, False, f"the compiler refuses it: {said.strip()[:500]}", {})
-        code, said = ran(run_command(chip), folder)
+            return Rung(name, False, f"the compiler refuses it: {output.strip()[:500]}", {})
+        code, output = ran(run_command(chip), folder)
         sizes = _sizes_of(chip, folder)
-    found = dict(re.findall(r"(\w+)=(\d+)", said))
+    found = dict(re.findall(r"(\w+)=(\d+)", output))
     if code or "samples" not in found:
-        return Rung(name, False, f"the self-test fails: {' '.join(said.split())[:500]}", sizes)
+        return Rung(name, False, f"the self-test fails: {' '.join(output.split())[:500]}", sizes)
     instructions = int(found["instructions"])
     ram = int(found["state"]) + int(found["workspace"])
     milliseconds = instructions * _CYCLES / (_CLOCK_MHZ * 1e3)
@@ -120,23 +120,23 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
         **sizes,
         "ms_assumed": round(milliseconds, 3),
     }
-    said = (
+    output = (
         f"{found['samples']} samples, every dose and status equal to the bit; {sizes.get('flash_bytes', 0)} bytes of "
         f"program and tables, {ram} bytes of state and workspace, {sizes.get('stack_bytes', 0)} bytes of stack; at "
         f"most {instructions} instructions a step, which is {milliseconds:.3g} ms at {_CLOCK_MHZ:g} MHz if one takes "
         f"{_CYCLES:g} cycles"
     )
-    return Rung(name, True, said, measured)
+    return Rung(name, True, output, measured)
 
 
 def _sizes_of(chip: Chip, folder: Path) -> dict[str, int]:
     """Size of program, tables and stack of the controller alone."""
     flags = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", *SMALL, "-fstack-usage", *chip.flags]
     code, _ = ran([chip.compiler, *flags, "-c", "-o", "controller.o", "controller.c"], folder)
-    code_size, said = ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
+    code_size, output = ran([chip.compiler.replace("gcc", "size"), "controller.o"], folder)
     if code or code_size:
         return {}
-    text, data = said.splitlines()[1].split()[:2]
+    text, data = output.splitlines()[1].split()[:2]
     uses = {
         line.split("\t")[0].split(":")[-1]: int(line.split("\t")[1])
         for file in folder.glob("controller*.su")

@@ -55,7 +55,7 @@ class SampleRecord:
         starts = range(0, len(self.observations), self.run)
         _, decisions = replayed(self.observations, init, step, starts)
         pairs = zip(self.decisions, decisions, strict=True)
-        return next((i for i, (here, there) in enumerate(pairs) if not equal(here, there)), None)
+        return next((i for i, (ours, theirs) in enumerate(pairs) if not equal(ours, theirs)), None)
 
     def wrong_step(self, init: Init, step: Step, samples: int | None = None) -> int | None:
         """First sample at which another implementation gives another decision or state; None if there is none.
@@ -89,9 +89,9 @@ def joined(records: Sequence[SampleRecord]) -> SampleRecord:
     )
 
 
-def equal(here: Sequence[Any], there: Sequence[Any]) -> bool:
+def equal(ours: Sequence[Any], theirs: Sequence[Any]) -> bool:
     """Whether all arrays have the same bits."""
-    return all(same(a, b) for a, b in zip(here, there, strict=True))
+    return all(same(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
 def same(a: Any, b: Any) -> bool:
@@ -149,11 +149,11 @@ def example(controller: Controller, stepper: Stepper) -> Observation:
 
 def stepper_of(situation: Situation, seed: int) -> Stepper:
     """The patient with faulty sensor and pump."""
-    around = surroundings_of(situation, [FAULTS.choose(text) for text in _FAULTS])
+    surroundings = surroundings_of(situation, [FAULTS.choose(text) for text in _FAULTS])
     return Stepper(
         situation.nominal,
-        around.sensor,
-        around.pump,
+        surroundings.sensor,
+        surroundings.pump,
         sample_time_min=situation.sample_time_min,
         setpoint_mg_dl=situation.target_mg_dl,
         allow_unusual=True,

@@ -30,22 +30,22 @@ MOSTLY = 0.5
 """Part of the rows without insulin above which the column is taken to hold boluses."""
 
 
-def ask_about_times(times_min: Floats) -> None:
-    """Ask about times that look like hours, seconds or days."""
+def refuse_unusual_times(times_min: Floats) -> None:
+    """Refuse times that look like hours, seconds or days."""
     if times_min.size > 1:
         step = float(np.median(np.diff(times_min)))
-        _ask(step, ROW_STEP, f"the rows of t_min are {_short(step)} min apart as a rule")
+        _refuse_unusual(step, ROW_STEP, f"the rows of t_min are {_short(step)} min apart as a rule")
 
 
-def ask_about_glucose(glucose_mg_dl: Floats) -> None:
-    """Ask about readings that look like mmol/l."""
+def refuse_unusual_glucose(glucose_mg_dl: Floats) -> None:
+    """Refuse readings that look like mmol/l."""
     if not np.isnan(glucose_mg_dl).all():
         median = float(np.nanmedian(glucose_mg_dl))
-        _ask(median, GLUCOSE, f"the median of glucose_mg_dl is {_short(median)} mg/dl")
+        _refuse_unusual(median, GLUCOSE, f"the median of glucose_mg_dl is {_short(median)} mg/dl")
 
 
-def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
-    """Ask about rates that look like U/h or mU/h, and about boluses in U."""
+def refuse_unusual_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: float) -> None:
+    """Refuse rates that look like U/h or mU/h, and boluses in U."""
     given = insulin_mU_min[insulin_mU_min > 0.0]
     if not given.size:
         return
@@ -54,25 +54,25 @@ def ask_about_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min: floa
     if given.size < MOSTLY * insulin_mU_min.size:
         bolus = OtherUnit(f"boluses in U, each over the {_short(step_min)} min of its row", MU_PER_U / step_min)
         quantity = dataclasses.replace(quantity, others=(bolus, *quantity.others))
-    told = (
+    found = (
         f"insulin_mU_min has values from {_short(insulin_mU_min.min())} to {_short(insulin_mU_min.max())}, on average "
         f"{_short(mean_mU_min)} mU/min, which is {_short(mean_mU_min * _DAY_MIN / MU_PER_U)} U a day"
     )
-    _ask(mean_mU_min, quantity, told)
+    _refuse_unusual(mean_mU_min, quantity, found)
 
 
-def _ask(value: float, quantity: Quantity, told: str) -> None:
+def _refuse_unusual(value: float, quantity: Quantity, found: str) -> None:
     """Refuse a column of which one number shows that it is in another unit, or in no known unit."""
     if quantity.plausible(value):
         return
     confirm = f"or {CONFIRM_ARGUMENT} if {quantity.unit} are meant"
     for other, _ in quantity.meant(value):
         raise Refusal(
-            f"{told}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have {quantity.unit}, "
-            f"{confirm}"
+            f"{found}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have "
+            f"{quantity.unit}, {confirm}"
         )
     raise Refusal(
-        f"{told}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
+        f"{found}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
     )
 
 

@@ -142,10 +142,10 @@ def _fit(
         theta, damping = carry
         H, J = curvature(theta, noise_variance)
         slope = J.T @ lacking(theta) / noise_variance + precision * theta
-        tried = theta - jnp.linalg.solve(H + damping * jnp.diag(jnp.diag(H)), slope)
-        tried = jnp.clip(tried, -FARTHEST, FARTHEST)
-        better = cost(tried) < cost(theta)
-        return (jnp.where(better, tried, theta), jnp.where(better, damping / 5.0, damping * 5.0)), None
+        trial = theta - jnp.linalg.solve(H + damping * jnp.diag(jnp.diag(H)), slope)
+        trial = jnp.clip(trial, -FARTHEST, FARTHEST)
+        better = cost(trial) < cost(theta)
+        return (jnp.where(better, trial, theta), jnp.where(better, damping / 5.0, damping * 5.0)), None
 
     (theta, _), _ = jax.lax.scan(step, (jnp.zeros(2), jnp.asarray(1e-2)), None, length=_ITERATIONS)
     left, number = lacking(theta), jnp.maximum(jnp.sum(known), 1)

@@ -195,17 +195,17 @@ def identify_record(
     past, readings, meals = lagged_inputs(insulin, memory)[first:], (glucose - offset)[first:], meals[first:]
     constant = jnp.ones((len(readings), int(free_baseline)))
     # Cross-correlation takes the mean reading for the baseline, as the paper does.
-    beside = meals if by_pulses and not in_skin else jnp.concatenate([meals, constant], axis=1)
+    other_inputs = meals if by_pulses and not in_skin else jnp.concatenate([meals, constant], axis=1)
     sought, of_gain = past, np.ones(memory)
     if rows is not None:
         endless = laguerre_realisation(np.ones(rows.shape[0]), pole, memory) is not None
         sought = past @ rows.T
         if starts_at_rest and endless and not (by_pulses and not in_skin):
             sought = jnp.asarray(filtered_input(insulin, pole, rows.shape[0]))
-            coefficients = jnp.linalg.lstsq(_left(sought, beside)[0], _left(readings, beside)[0])[0]
+            coefficients = jnp.linalg.lstsq(_left(sought, other_inputs)[0], _left(readings, other_inputs)[0])[0]
         of_gain = np.full(rows.shape[0], laguerre_sum(pole)) if endless else np.asarray(rows.sum(axis=1))
     if rows is not None and in_skin:
-        columns, left = (np.asarray(_left(part, beside)[0]) for part in (sought, readings))
+        columns, left = (np.asarray(_left(part, other_inputs)[0]) for part in (sought, readings))
         coefficients = jnp.asarray(skin_coefficients(columns, left, pole, rows.shape[0], memory))
         combinations = skin_basis(pole, rows.shape[0], memory)
         sought, of_gain = sought @ combinations, of_gain @ combinations
@@ -219,15 +219,15 @@ def identify_record(
         slower = margin_of_slower_functions(
             np.asarray(insulin),
             left,
-            np.asarray(beside),
+            np.asarray(other_inputs),
             (float(model.gain), held_out_errors(columns, left)[0]),
             record.sample_time_min,
             starts_at_rest=starts_at_rest,
         )
         quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
 
-    left_by_estimate, _ = _left(readings - past @ estimate, beside)
-    left_by_model, of_beside = _left(readings - model.predict(insulin)[first:], beside)
+    left_by_estimate, _ = _left(readings - past @ estimate, other_inputs)
+    left_by_model, of_other_inputs = _left(readings - model.predict(insulin)[first:], other_inputs)
     return Identification(
         model=model,
         impulse_response=estimate,
@@ -235,11 +235,11 @@ def identify_record(
         laguerre_coefficients=jnp.zeros(0) if coefficients is None else coefficients,
         laguerre_pole=pole,
         basal_insulin_mU_min=basal,
-        baseline_glucose_mg_dl=float(offset + of_beside[meals.shape[1] :].sum()),
+        baseline_glucose_mg_dl=float(offset + of_other_inputs[meals.shape[1] :].sum()),
         smoothing_residual_norm=float(jnp.linalg.norm(estimate - smoothed)),
         estimate_rms_mg_dl=_rms(left_by_estimate),
         model_rms_mg_dl=_rms(left_by_model),
-        meal_impulse_response=meal_impulse_response(of_beside[: meals.shape[1]], record.sample_time_min),
+        meal_impulse_response=meal_impulse_response(of_other_inputs[: meals.shape[1]], record.sample_time_min),
         reliability=quality,
         method=method,
     )

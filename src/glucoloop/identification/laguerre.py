@@ -162,10 +162,10 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
             f"An impulse response of shape {np.shape(impulse_response)} is not one-dimensional: "
             "use jax.vmap for several responses."
         )
-    tried = np.arange(1, 100) / 100 if grid is None else np.atleast_1d(np.asarray(grid, dtype=float))
-    if tried.size == 0:
+    candidates = np.arange(1, 100) / 100 if grid is None else np.atleast_1d(np.asarray(grid, dtype=float))
+    if candidates.size == 0:
         raise Refusal("The grid of Laguerre poles is empty: give at least one pole between 0 and 1.")
-    for pole in tried[~((tried > 0) & (tried < 1))]:
+    for pole in candidates[~((candidates > 0) & (candidates < 1))]:
         laguerre_functions(float(pole), functions, memory)
     response = jnp.asarray(impulse_response, dtype=float)
 
@@ -174,7 +174,7 @@ def best_pole(impulse_response: ArrayLike, functions: int, grid: ArrayLike | Non
         left = response - basis.T @ _fit(basis, response)
         return jnp.sqrt(left @ left)
 
-    poles = jnp.asarray(tried)
+    poles = jnp.asarray(candidates)
     errors = jax.vmap(residual_norm)(poles)
     best = jnp.argmin(errors)
     return PoleSearch(pole=poles[best], residual_norm=errors[best], poles=poles, residual_norms=errors)

@@ -102,8 +102,8 @@ def record_from_samples(
     times, insulin, glucose = _columns(t_min, insulin_mU_min, glucose_mg_dl)
     carbs = None if carbs_g is None else _carbs(carbs_g, times.size)
     if not allow_unusual:
-        _unusual.ask_about_times(times)
-        _unusual.ask_about_glucose(glucose)
+        _unusual.refuse_unusual_times(times)
+        _unusual.refuse_unusual_glucose(glucose)
     read = np.flatnonzero(~np.isnan(glucose))
     _refuse_gaps(times[read], max_gap_min)
     span = times[read[-1]] - times[read[0]] if read.size else 0.0
@@ -123,7 +123,7 @@ def record_from_samples(
         carbs_g=None if carbs is None else jnp.asarray(_eaten(times, carbs, grid, sample_time)),
     )
     if not allow_unusual:
-        _unusual.ask_about_insulin(insulin, float(record.insulin_mU_min.mean()), float(np.median(np.diff(times))))
+        _unusual.refuse_unusual_insulin(insulin, float(record.insulin_mU_min.mean()), float(np.median(np.diff(times))))
     return record, notes
 
 

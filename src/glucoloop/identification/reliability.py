@@ -65,16 +65,16 @@ def doubts(
     basal_insulin_mU_min, glucose_mg_dl : float
         Operating point at which the model holds.
     """
-    told = f"The gain is {gain:+.3g} mg/dl per mU/min"
+    sentence = f"The gain is {gain:+.3g} mg/dl per mU/min"
     found = []
     if not gain < 0.0:
-        found.append(f"{told}, so more insulin would raise glucose; in a person it lowers glucose.")
+        found.append(f"{sentence}, so more insulin would raise glucose; in a person it lowers glucose.")
     elif reliability is not None and not reliability.gain_margin < -gain:
         margin = f"{reliability.gain_margin:.3g} ({100 * CONFIDENCE:g} % confidence)"
-        found.append(f"{told}, give or take {margin}, so it cannot be distinguished from 0.")
+        found.append(f"{sentence}, give or take {margin}, so it cannot be distinguished from 0.")
     if not glucose_mg_dl + 0.1 * basal_insulin_mU_min * gain > 0.0:
         found.append(
-            f"{told}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
+            f"{sentence}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
             f"{glucose_mg_dl:.3g} mg/dl to below 0."
         )
     if reliability is not None and not reliability.explained_percent > 0.0:
@@ -100,7 +100,7 @@ def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliabili
 def margin_of_slower_functions(
     insulin_deviation: Floats,
     readings: Floats,
-    beside: Floats,
+    other_inputs: Floats,
     fit: tuple[float, Floats],
     sample_time_min: float,
     *,
@@ -108,7 +108,7 @@ def margin_of_slower_functions(
 ) -> float:
     """Margin of a gain that reaches what slower functions say, where they predict left-out readings as well; else 0.
 
-    Insulin ``(N,)`` is of the whole record, `readings` ``(n,)`` are the last ones, with `beside` ``(n, K)`` fitted
+    Insulin ``(N,)`` is of the whole record, `readings` ``(n,)`` are the last ones, with `other_inputs` ``(n, K)`` fitted
     beside the response. `fit` has the gain in question and its errors by `held_out_errors`.
     """
     gain, errors = fit
@@ -119,7 +119,7 @@ def margin_of_slower_functions(
         responses = filtered_input(insulin_deviation, pole, _SLOW_FUNCTIONS)[-readings.size :]
         # what is left of insulin before the record
         left = pole ** (readings.size * k) * np.concatenate([np.ones_like(k), k], axis=1)
-        columns = np.concatenate([responses, beside, *([] if starts_at_rest else [left])], axis=1)
+        columns = np.concatenate([responses, other_inputs, *([] if starts_at_rest else [left])], axis=1)
         of_gain = np.zeros(columns.shape[1])
         of_gain[:_SLOW_FUNCTIONS] = laguerre_sum(pole)
         more = held_out_errors(columns, readings)[0] - errors
@@ -138,10 +138,10 @@ def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = 
     blocks = np.array_split(np.arange(readings.size), min(BLOCKS, readings.size))
     errors, gains, spreads = np.zeros((3, len(blocks)))
     for number, block in enumerate(blocks):
-        kept = np.ones(readings.size, bool)
-        kept[block] = False
-        coefficients = np.linalg.lstsq(columns[kept], readings[kept], rcond=_NEGLIGIBLE)[0]
+        remaining = np.ones(readings.size, bool)
+        remaining[block] = False
+        coefficients = np.linalg.lstsq(columns[remaining], readings[remaining], rcond=_NEGLIGIBLE)[0]
         gains[number] = 0.0 if gain_of is None else gain_of @ coefficients
         errors[number] = np.sum((readings[block] - columns[block] @ coefficients) ** 2)
-        spreads[number] = np.sum((readings[block] - readings[kept].mean()) ** 2)
+        spreads[number] = np.sum((readings[block] - readings[remaining].mean()) ** 2)
     return errors, gains, spreads

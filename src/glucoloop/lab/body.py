@@ -46,8 +46,8 @@ SEED: Final = 0
 def situation(family: str, operating_point: str, *, noisy: bool = False) -> Situation:
     """Situation of a patient of the page with the usual pump, and with noise-free readings or not."""
     patient, sensor = {"name": family, "operating_point": operating_point}, ["white-noise"] * noisy
-    of: Situation = configured(Situation, patient=patient, sensor=sensor)
-    return of
+    made: Situation = configured(Situation, patient=patient, sensor=sensor)
+    return made
 
 
 def patient_id(family: str, operating_point: str) -> str:
@@ -137,22 +137,22 @@ def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
     A zero that is known costs nothing.
     """
     leaves = zip(jax.tree.leaves(_matrices(family, operating_point)), _places(family), strict=True)
-    kept = [np.ravel(np.asarray(leaf))[own] for leaf, own in leaves if own is not None]
+    nonzero_numbers = [np.ravel(np.asarray(leaf))[nonzero] for leaf, nonzero in leaves if nonzero is not None]
     patient = chosen(patients(family)[operating_point], patients_vary(family))
-    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(kept).tolist()}
+    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(nonzero_numbers).tolist()}
 
 
 def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:
     """Matrices with other numbers in the places that are not zero."""
     leaves, structure = jax.tree.flatten(matrices)
     new, start = [], 0
-    for leaf, own in zip(leaves, places, strict=True):
-        if own is None:
+    for leaf, nonzero in zip(leaves, places, strict=True):
+        if nonzero is None:
             new.append(leaf)
             continue
-        flat = jnp.zeros(leaf.size).at[own].set(numbers[start : start + own.size])
+        flat = jnp.zeros(leaf.size).at[nonzero].set(numbers[start : start + nonzero.size])
         new.append(flat.reshape(leaf.shape))
-        start += own.size
+        start += nonzero.size
     filled: Matrices = jax.tree.unflatten(structure, new)
     return filled
 

@@ -69,16 +69,16 @@ def shortest_horizon(name: str, family: str) -> int:
         if name == "mpc-se":
             response = linear_response(linear_model(patients(family)[operating_point]))
         else:
-            around = situation(family, operating_point)
-            response = identified_response(nominal_model(around, usual_case(name, around)).model)
+            at_point = situation(family, operating_point)
+            response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
         return least_horizon(*response) or LONGEST_HORIZON[PATIENTS[family].insulin_route]
 
     return max(map(of_patient, patients(family)))
 
 
 def _with_room(name: str, family: str, operating_point: str) -> Any:
-    around = situation(family, operating_point)
-    controller: Any = controller_of(around, usual_case(name, around))
+    at_point = situation(family, operating_point)
+    controller: Any = controller_of(at_point, usual_case(name, at_point))
     moves, _ = controller.horizons
     return controller.padded(moves, LONGEST_HORIZON[PATIENTS[family].insulin_route])
 

@@ -30,10 +30,10 @@ _OF_ANOTHER: Final = ("out-of-order",)
 NOTICED: Final = "noticed"
 
 
-def part_name(of: FaultPart) -> str:
+def part_name(fault: FaultPart) -> str:
     """Name under which the function of a fault is exported."""
-    ending = f"_{NOTICED}" if of.values().get(NOTICED) else ""
-    return f"{of.part}_{of.name.replace('-', '_')}{ending}"
+    ending = f"_{NOTICED}" if fault.values().get(NOTICED) else ""
+    return f"{fault.part}_{fault.name.replace('-', '_')}{ending}"
 
 
 @pytree
@@ -56,27 +56,27 @@ def sensor_parts() -> dict[str, CompiledPart]:
     found = {"noise": noise_part()}
     for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
-            own = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
-            found |= fault_parts(entry.partial({"start_min": 0.0, **own}).completed())
+            delay = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
+            found |= fault_parts(entry.partial({"start_min": 0.0, **delay}).completed())
     return found
 
 
-def fault_parts(told: FaultPart) -> dict[str, CompiledPart]:
+def fault_parts(fault: FaultPart) -> dict[str, CompiledPart]:
     """The two functions of a fault of a sensor: its state at the start, and its step."""
     zero = jnp.zeros(())
     shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
-    numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), told, SAMPLE_TIME_MIN))
+    numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), fault, SAMPLE_TIME_MIN))
 
     def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
         return sensor.init(glucose_mg_dl, rng)
 
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
-        around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
-        state, reading = around.read(carry, own.glucose_mg_dl, rng)
+        faulty = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
+        state, reading = faulty.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 
-    return with_start(part_name(told), init, step, numbers, zero, shown)
+    return with_start(part_name(fault), init, step, numbers, zero, shown)
 
 
 def noise_part() -> CompiledPart:
@@ -110,9 +110,9 @@ def pumps() -> dict[str, Pump]:
             continue
         times = {"start_min": 0.0} if entry.timed else {}
         noticing = NOTICED in entry.settings()
-        for own in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
-            told = entry.partial({**times, **own}).completed()
-            found[part_name(told)] = put_around(usual, told, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
+        for notice in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
+            fault = entry.partial({**times, **notice}).completed()
+            found[part_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
     return found
 
 

@@ -110,12 +110,12 @@ def _offered(
 ) -> dict[str, Any]:
     """Settings of a part with their bounds on the page, and their usual values."""
     found = {}
-    for name, of in bounds.items():
+    for name, bound in bounds.items():
         setting = part.setting(name)
         found[name] = {
             "summary": _OF_DEFAULT.sub("", setting.summary),
             "whole": setting.kind in (int, bool),
-            **dict(zip(("least", "most", "step"), of, strict=True)),
+            **dict(zip(("least", "most", "step"), bound, strict=True)),
             **({} if usual is None else {"usual": usual[name]}),
         }
     return found

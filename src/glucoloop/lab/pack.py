@@ -50,14 +50,14 @@ def program() -> str:
     waiting, known = list(_FIRST), set(_FIRST)
     functions = []
     while waiting:
-        here = waiting.pop(0)
-        code = here.read_text(encoding="utf-8")
+        path = waiting.pop(0)
+        code = path.read_text(encoding="utf-8")
         for found in _IMPORT.finditer(code):
-            other = (here.parent / found["path"]).resolve()
+            other = (path.parent / found["path"]).resolve()
             if other not in known:
                 known.add(other)
                 waiting.append(other)
-        functions.append(f'"{here.stem}": () => {{\n{_as_function(code, here)}\n}}')
+        functions.append(f'"{path.stem}": () => {{\n{_as_function(code, path)}\n}}')
     head = '"use strict";\nconst made = {};\nconst need = (name) => (made[name] ??= modules[name]());\n'
     return head + "const modules = {\n" + ",\n".join(functions) + "\n};\n"
 
@@ -65,7 +65,9 @@ def program() -> str:
 def _as_function(code: str, path: Path) -> str:
     """Body of a function that does what a module does and returns what it exports."""
     exported = ", ".join(_EXPORT.findall(code))
-    body = _EXPORT.sub("", _IMPORT.sub(lambda of: f'const {of["names"]} = need("{Path(of["path"]).stem}");', code))
+    body = _EXPORT.sub(
+        "", _IMPORT.sub(lambda match: f'const {match["names"]} = need("{Path(match["path"]).stem}");', code)
+    )
     left = _LEFT.search(body)
     if left is not None:
         raise ValueError(

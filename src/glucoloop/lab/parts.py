@@ -41,12 +41,12 @@ def parts() -> dict[str, CompiledPart]:
                 first, *others = (adjustable(name, family, guard=guard) for family in of_route)
                 if any(_shape(other) != _shape(first) for other in others):
                     raise Refusal(f"the patients with {route} insulin have no common program of {name}")
-                for what, of in controller_parts(first).items():
-                    found[f"{route}_{name.replace('-', '_')}{suffix}_{what}"] = of
+                for what, compiled in controller_parts(first).items():
+                    found[f"{route}_{name.replace('-', '_')}{suffix}_{what}"] = compiled
     return found
 
 
-def _shape(of: Adjustable) -> tuple[object, ...]:
+def _shape(controller: Adjustable) -> tuple[object, ...]:
     """Structure and shapes of a controller, which its program depends on."""
-    leaves, structure = jax.tree.flatten(of.example)
+    leaves, structure = jax.tree.flatten(controller.example)
     return structure, *map(np.shape, leaves)

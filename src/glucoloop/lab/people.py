@@ -42,26 +42,32 @@ def draw_part() -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, rng
-        of = shared
-        deviation = of["scale"] * ndtri(of["below"] + of["between"] * own)
-        drawn = jnp.where(of["kind"] == _LOGNORMAL, of["centre"] * jnp.exp(deviation), of["centre"] + deviation)
-        flat = of["lower"] + (of["upper"] - of["lower"]) * own
-        return carry, jnp.clip(jnp.where(of["kind"] == _UNIFORM, flat, drawn), of["lower"], of["upper"])
+        distribution = shared
+        deviation = distribution["scale"] * ndtri(distribution["below"] + distribution["between"] * own)
+        drawn = jnp.where(
+            distribution["kind"] == _LOGNORMAL,
+            distribution["centre"] * jnp.exp(deviation),
+            distribution["centre"] + deviation,
+        )
+        flat = distribution["lower"] + (distribution["upper"] - distribution["lower"]) * own
+        return carry, jnp.clip(
+            jnp.where(distribution["kind"] == _UNIFORM, flat, drawn), distribution["lower"], distribution["upper"]
+        )
 
     zero = jnp.zeros(())
     names = ("between", "below", "centre", "kind", "lower", "scale", "upper")
     return part(step, (), (), zero, dict.fromkeys(names, zero))
 
 
-def _distribution(of: Distribution) -> dict[str, float]:
+def _distribution(distribution: Distribution) -> dict[str, float]:
     """A distribution as a draw takes it."""
-    below, above = (0.0, 0.0) if of.kind == "uniform" else of.probabilities
+    below, above = (0.0, 0.0) if distribution.kind == "uniform" else distribution.probabilities
     return {
-        "kind": DISTRIBUTIONS.index(of.kind),
-        "centre": of.centre,
-        "scale": of.scale,
-        "lower": of.lower,
-        "upper": of.upper,
+        "kind": DISTRIBUTIONS.index(distribution.kind),
+        "centre": distribution.centre,
+        "scale": distribution.scale,
+        "lower": distribution.lower,
+        "upper": distribution.upper,
         "below": below,
         "between": above - below,
     }
@@ -90,15 +96,15 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, shared, rng
-        of: SemilinearPatient = build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl)
+        patient: SemilinearPatient = build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl)
         found = {
-            "numbers": jnp.stack(chosen(of, patients_vary(family))),
-            "gut": gut_numbers(of, family),
-            "rates": driven_block.rates(jax.tree.map(lambda leaf: leaf[..., None], of), states)[:-1, :, 0],
+            "numbers": jnp.stack(chosen(patient, patients_vary(family))),
+            "gut": gut_numbers(patient, family),
+            "rates": driven_block.rates(jax.tree.map(lambda leaf: leaf[..., None], patient), states)[:-1, :, 0],
         }
         if rests:
-            basal_insulin_mU_min, x = rest_at(of, jnp.asarray(setpoint_mg_dl))
-            found |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": of.glucose_mg_dl(x)}
+            basal_insulin_mU_min, x = rest_at(patient, jnp.asarray(setpoint_mg_dl))
+            found |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": patient.glucose_mg_dl(x)}
         return carry, found
 
     return part(step, (), (), [jnp.zeros(())] * len(names))
@@ -113,8 +119,8 @@ def people_numbers(family: str) -> dict[str, Any]:
         "patient": patient_id(family, point),
         "count": PEOPLE,
         "parameters": [
-            {"word": name_word(f"parameter {name}"), "distribution": _distribution(of)}
-            for name, of in people_of(family).distributions().items()
+            {"word": name_word(f"parameter {name}"), "distribution": _distribution(distribution)}
+            for name, distribution in people_of(family).distributions().items()
         ],
         "driven": driven_places(family),
         "doublings": driven_block.doublings_for(patients(family)[point], STEP_MIN),

@@ -137,9 +137,9 @@ def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.ND
     table = np.zeros((steps, added.shape[0], people.size))
     for step, of_jump in zip(number, added.transpose(1, 0, 2), strict=True):
         # one jump of each person at a time, so that no place is named twice
-        kept = (step >= 0) & (step < steps)
+        within = (step >= 0) & (step < steps)
         for entry, values in enumerate(of_jump):
-            table[step[kept], entry, people[kept]] += values[kept]
+            table[step[within], entry, people[within]] += values[within]
     return table
 
 

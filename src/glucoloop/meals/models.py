@@ -44,13 +44,13 @@ def meal_model_of(patient: object, instead: MealModel | None = None) -> MealMode
     ValueError
         For another model than its own where the patient digests in its own states.
     """
-    own: MealModel = getattr(patient, "meal_model", LehmannDeutsch())
-    if instead is not None and isinstance(own, Ingestion):
+    of_patient: MealModel = getattr(patient, "meal_model", LehmannDeutsch())
+    if instead is not None and isinstance(of_patient, Ingestion):
         raise Refusal(
             f"{type(patient).__name__} digests meals in its own states, so no other meal model can feed it; "
             "leave meal_model out"
         )
-    return own if instead is None else instead
+    return of_patient if instead is None else instead
 
 
 def check_meal_model(model: MealModel) -> None:

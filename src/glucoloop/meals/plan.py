@@ -182,21 +182,22 @@ def counted_g(
     Each person's error is drawn for each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000
     g. The count of a meal is the same whoever else is drawn, and however many days follow.
     """
-    told = np.empty_like(carbs_g, dtype=float)
+    counted = np.empty_like(carbs_g, dtype=float)
     for row, true_g in enumerate(carbs_g):
         day, which = divmod(row, meals_a_day)
         z = ndtri(uniforms(seed, "counted carbohydrate", person, day * DAY + which))
-        told[row] = true_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
-    return np.clip(told, 0.0, LARGEST_MEAL_G)
+        counted[row] = true_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
+    return np.clip(counted, 0.0, LARGEST_MEAL_G)
 
 
 def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pct: float) -> tuple[Meal, ...]:
     """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed."""
     ordered = in_order(meals)
     true_g = np.array([meal.carbs_g for meal in ordered])[:, None]
-    told = counted_g(
+    counted = counted_g(
         true_g, seed, np.zeros(1, int), error_pct=error_pct, bias_pct=bias_pct, meals_a_day=max(1, len(ordered))
     )
     return tuple(
-        dataclasses.replace(meal, announced_g=float(told_g)) for meal, told_g in zip(ordered, told[:, 0], strict=True)
+        dataclasses.replace(meal, announced_g=float(announced_g))
+        for meal, announced_g in zip(ordered, counted[:, 0], strict=True)
     )

@@ -16,7 +16,7 @@ from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import MEAL_MODELS, check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
-from glucoloop.plausible import GLUCOSE, SETPOINT, ask
+from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
@@ -57,10 +57,10 @@ class Meal:
             )
         if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
             raise Refusal(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
-        told = self.announced_g
-        if told is not None and not is_traced(told) and not 0.0 <= told <= LARGEST_MEAL_G:
+        announced = self.announced_g
+        if announced is not None and not is_traced(announced) and not 0.0 <= announced <= LARGEST_MEAL_G:
             raise Refusal(
-                f"a meal that is announced as {told:g} g is not possible; "
+                f"a meal that is announced as {announced:g} g is not possible; "
                 f"give 0 to {LARGEST_MEAL_G:g} g, or leave it out"
             )
         if is_traced(self.eating_min) or self.eating_min == 0.0:
@@ -157,7 +157,7 @@ class Scenario:
             if not 0.0 < value < math.inf:
                 raise Refusal(f"{called} of {value:g} mg/dl is not possible; give a finite value above 0 mg/dl")
             if not allow_unusual:
-                ask(value, quantity, name)
+                refuse_unusual(value, quantity, name)
 
     def eaten(self) -> Eaten:
         """All meals as arrays ``(meals,)``."""
@@ -178,8 +178,8 @@ def check_time_of_day(start_min: float) -> None:
 
 def announced_g(meals: Sequence[Meal]) -> Any:
     """Announced carbohydrate of meals, ``(meals,)``."""
-    told = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
-    return jnp.asarray(told, float) if is_traced(told) else np.array(told, float)
+    announced = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
+    return jnp.asarray(announced, float) if is_traced(announced) else np.array(announced, float)
 
 
 def _meal_model(given: MealModel | str | None) -> MealModel | None:

@@ -139,8 +139,8 @@ def announce(announced: Announced, carbs_g: jax.Array) -> Announced:
     """Begin a meal; an amount that is not positive and finite is ignored."""
     carbs = jnp.where((carbs_g > 0.0) & jnp.isfinite(carbs_g), carbs_g, 0.0)
     first = jnp.argmin(announced.remaining_min, axis=0)
-    here = jnp.arange(MEALS).reshape(MEALS, *(1,) * jnp.ndim(first)) == first
-    return Announced(remaining_min=announced.remaining_min + jnp.where(here, carbs / SERVED_G_PER_MIN, 0.0))
+    free = jnp.arange(MEALS).reshape(MEALS, *(1,) * jnp.ndim(first)) == first
+    return Announced(remaining_min=announced.remaining_min + jnp.where(free, carbs / SERVED_G_PER_MIN, 0.0))
 
 
 def serve(announced: Announced, sample_time_min: float) -> tuple[Announced, jax.Array]:

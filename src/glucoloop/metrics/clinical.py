@@ -84,8 +84,8 @@ class ClinicalSummary:
                 f"Glucose fell below {self.lowest_valid_mg_dl:.1f} mg/dl, where the patient's model is not valid: read "
                 "this as severe hypoglycemia, of a depth that is not known."
             )
-        told = {"lowest": self.lowest_mg_dl, "highest": self.highest_mg_dl, "mean": self.mean_mg_dl}
-        known = {name: f"{value:.1f} mg/dl" for name, value in told.items() if value is not None}
+        values = {"lowest": self.lowest_mg_dl, "highest": self.highest_mg_dl, "mean": self.mean_mg_dl}
+        known = {name: f"{value:.1f} mg/dl" for name, value in values.items() if value is not None}
         for first in list(known)[:1]:
             others = "".join(f", the {name} {value}" for name, value in known.items() if name != first)
             yield f"The {first} glucose was {known[first]}{others}."
@@ -95,11 +95,11 @@ class ClinicalSummary:
             yield "The delivered insulin did not stay a finite number."
         else:
             off, longest = self.insulin_off_h, self.longest_insulin_off_h
-            told = f"The pump delivered {self.insulin_U:.2f} U of insulin"
+            sentence = f"The pump delivered {self.insulin_U:.2f} U of insulin"
             if off and longest:
                 most = "" if math.isclose(off, longest) else f", at most for {_hours(longest)} without a break"
-                told += f", and none at all for {_hours(off)}{most}"
-            yield f"{told}."
+                sentence += f", and none at all for {_hours(off)}{most}"
+            yield f"{sentence}."
         if self.beyond_limits_pct:
             often = "for most of the time, " if self.beyond_limits_pct > 50.0 else ""
             yield (
@@ -121,26 +121,26 @@ def clinical_summary(trace: Trace, metrics: Metrics) -> ClinicalSummary:
     ValueError
         For a run of more than one person.
     """
-    of: dict[str, Any] = metrics.as_dict()
-    invalid = bool(of["time_below_validity_pct"])
+    values: dict[str, Any] = metrics.as_dict()
+    invalid = bool(values["time_below_validity_pct"])
 
     def divided(name: str, divisor: float) -> float | None:
-        return None if of[name] is None else of[name] / divisor
+        return None if values[name] is None else values[name] / divisor
 
     return ClinicalSummary(
         duration_h=float(trace.fine_t_min[-1]) / MIN_PER_H,
-        **{f"time_{name}_pct": of[f"time_{name}_pct"] for name in ("70_180", "above_180", "above_250")},
-        time_below_70_pct=of["time_below_70_pct"],
-        time_below_54_pct=of["time_below_54_pct"],
-        lowest_mg_dl=None if invalid else of["minimum_mg_dl"],
+        **{f"time_{name}_pct": values[f"time_{name}_pct"] for name in ("70_180", "above_180", "above_250")},
+        time_below_70_pct=values["time_below_70_pct"],
+        time_below_54_pct=values["time_below_54_pct"],
+        lowest_mg_dl=None if invalid else values["minimum_mg_dl"],
         lowest_valid_mg_dl=float(trace.lowest_valid_mg_dl),
         below_validity=invalid,
-        highest_mg_dl=of["peak_mg_dl"],
-        mean_mg_dl=None if invalid and of["minimum_mg_dl"] < 0.0 else of["mean_mg_dl"],
+        highest_mg_dl=values["peak_mg_dl"],
+        mean_mg_dl=None if invalid and values["minimum_mg_dl"] < 0.0 else values["mean_mg_dl"],
         insulin_U=divided("insulin_total_mU", MU_PER_U),
         insulin_off_h=divided("insulin_off_min", MIN_PER_H),
         longest_insulin_off_h=divided("longest_insulin_off_min", MIN_PER_H),
-        beyond_limits_pct=100.0 * of["samples_saturated"] / trace.t_min.shape[0],
+        beyond_limits_pct=100.0 * values["samples_saturated"] / trace.t_min.shape[0],
     )
 
 

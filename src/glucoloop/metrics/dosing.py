@@ -147,8 +147,8 @@ class Samples(Metric):
     ) -> dict[str, jax.Array]:
         status, reading = happened.decision.status, happened.reading
         there = {name: jnp.zeros_like(reading.valid) for name in _STATUS}
-        for name, of in _STATUS.items():
-            for one in of:
+        for name, statuses in _STATUS.items():
+            for one in statuses:
                 there[name] = there[name] | (status == one)
         there["missing"] = ~(reading.valid & jnp.isfinite(reading.glucose_mg_dl))
         return {name: number + count(there[name], number) for name, number in state.items()}

@@ -76,11 +76,11 @@ def short_table(metrics: Mapping[str, Any]) -> str:
     """The most used metrics with units: of one person, or their distribution over people."""
     people = np.shape(metrics["minimum_mg_dl"])
     lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []
-    for result in filter(lambda of: of.everyday, RESULTS):
+    for result in filter(lambda result: result.everyday, RESULTS):
         values = np.asarray(metrics[result.name], float) / result.divisor
         finite = values[np.isfinite(values)]
-        told = np.percentile(finite, [5, 50, 95]) if people and finite.size else values.reshape(-1)[:1]
+        shown = np.percentile(finite, [5, 50, 95]) if people and finite.size else values.reshape(-1)[:1]
         at_least = "+" if not people and result.exact_if and not bool(metrics[result.exact_if]) else ""
-        numbers = "".join(f"{value:9.{result.digits}f}" for value in told)
+        numbers = "".join(f"{value:9.{result.digits}f}" for value in shown)
         lines.append(f"{result.title:31}{numbers}{at_least} {result.unit}".rstrip())
     return "\n".join(lines)

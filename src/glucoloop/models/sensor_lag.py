@@ -85,17 +85,17 @@ def linear_behind_lag(model: ContinuousModel, lag_min: float) -> ContinuousModel
     _check(lag_min)
     n = model.C.shape[0]
 
-    def beside(row: jax.Array, value: ArrayLike = 0.0) -> jax.Array:
+    def extended(row: jax.Array, value: ArrayLike = 0.0) -> jax.Array:
         return jnp.append(row, value)
 
     return dataclasses.replace(
         model,
-        A=jnp.zeros((n + 1, n + 1)).at[:n, :n].set(model.A).at[n].set(beside(model.C, -1.0) / lag_min),
-        B=beside(model.B),
-        C=beside(model.C),
-        E=None if model.E is None else beside(model.E),
-        C_reading=beside(jnp.zeros(n), 1.0),
-        state=beside(model.state, model.glucose_mg_dl),
+        A=jnp.zeros((n + 1, n + 1)).at[:n, :n].set(model.A).at[n].set(extended(model.C, -1.0) / lag_min),
+        B=extended(model.B),
+        C=extended(model.C),
+        E=None if model.E is None else extended(model.E),
+        C_reading=extended(jnp.zeros(n), 1.0),
+        state=extended(model.state, model.glucose_mg_dl),
     )
 
 

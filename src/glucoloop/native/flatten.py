@@ -69,15 +69,15 @@ class Drawing:
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
         """The wanted arrays, of one person at one sample; JAX can trace it."""
-        found: dict[int, Any] = {id(of): key for of, key in zip(self.keys, keys, strict=True)}
+        found: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
 
         def read(given: Any) -> Any:
             return found[id(given)] if isinstance(given, Drawn) else given
 
         for equation, inputs, outputs in self.equations:
             results = primitives.bind(equation, [read(given) for given in inputs])
-            found.update((id(of), result) for of, result in zip(outputs, results, strict=True))
-        return [found[id(of)] for of in self.wanted]
+            found.update((id(variable), result) for variable, result in zip(outputs, results, strict=True))
+        return [found[id(variable)] for variable in self.wanted]
 
 
 class Flattener:
@@ -108,7 +108,7 @@ class Flattener:
     def drawing(self) -> tuple[Drawing, list[Values]]:
         """The computations before the loop, and the inputs of the program that hold their results."""
         wanted = list(self._wanted.values())
-        drawing = Drawing(keys=self._keys, equations=self._equations, wanted=[of for of, _ in wanted])
+        drawing = Drawing(keys=self._keys, equations=self._equations, wanted=[variable for variable, _ in wanted])
         return drawing, [values for _, values in wanted]
 
     def _ask(self, given: Any) -> Values:
@@ -194,8 +194,8 @@ class Flattener:
         return np.array(flat, np.int64).reshape(broadcast[0].shape)
 
     def _reduce(self, operation: str, array: Values, axes: Sequence[int]) -> Values:
-        kept = [axis for axis in range(array.ndim) if axis not in axes]
-        rows = array.transpose(*kept, *axes).reshape(*(array.shape[axis] for axis in kept), -1)
+        remaining = [axis for axis in range(array.ndim) if axis not in axes]
+        rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
         start = {"add": 0.0, "and": True, "or": False, "max": -np.inf, "min": np.inf}[operation]
 
         def total(row: Values) -> Value:
@@ -297,13 +297,13 @@ class Flattener:
     def _do_integer_pow(self, equation: Any, a: Values) -> Values:
         power = primitives.exponent(equation)
 
-        def of(x: Value) -> Value:
+        def elementwise(x: Value) -> Value:
             product = functools.reduce(lambda total, _: self.program.apply("mul", total, x), range(abs(power) - 1), x)
             if power == 0:
                 return self.program.constant(1.0)
             return product if power > 0 else self.program.apply("div", self.program.constant(1.0), product)
 
-        return self._elementwise(of, a)
+        return self._elementwise(elementwise, a)
 
     def _do_clamp(self, equation: Any, low: Values, x: Values, high: Values) -> Values:
         del equation
@@ -385,8 +385,8 @@ class Flattener:
 
 def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dict[str, int]) -> Values:
     """Axes in a common order, those that an array lacks repeated."""
-    own = [letter for letter in order if letter in letters]
-    moved = a.transpose([letters.index(letter) for letter in own])
+    present = [letter for letter in order if letter in letters]
+    moved = a.transpose([letters.index(letter) for letter in present])
     shape = [sizes[letter] if letter in letters else 1 for letter in order]
     return np.broadcast_to(moved.reshape(shape), [sizes[letter] for letter in order])
 

@@ -130,7 +130,7 @@ class Functions:
 
     def __init__(self, program: Program, precision: str) -> None:
         self._p = program
-        self._of = _OF[precision]
+        self._constants = _OF[precision]
         self._number = np.dtype(precision).type
 
     def __call__(self, name: str, *arguments: Value) -> Value:
@@ -159,17 +159,17 @@ class Functions:
 
     def _reduced(self, x: Value) -> tuple[Value, Value]:
         """2^n and expm1(r) with ``x = n ln 2 + r``."""
-        do, of = self._do, self._of
-        shifted = do("add", do("mul", x, 1.0 / _LN2), of.round_to_whole)
-        n = do("exact_sub", shifted, of.round_to_whole)
-        r = do("sub", x, do("mul", n, of.ln2_high))
-        r = do("sub", r, do("mul", n, of.ln2_low))
-        small = do("add", do("mul", do("mul", r, r), self._polynomial(r, of.polynomials["exp"])), r)
+        do, constants = self._do, self._constants
+        shifted = do("add", do("mul", x, 1.0 / _LN2), constants.round_to_whole)
+        n = do("exact_sub", shifted, constants.round_to_whole)
+        r = do("sub", x, do("mul", n, constants.ln2_high))
+        r = do("sub", r, do("mul", n, constants.ln2_low))
+        small = do("add", do("mul", do("mul", r, r), self._polynomial(r, constants.polynomials["exp"])), r)
         return do("power_of_two", shifted), small
 
     def exp(self, x: Value) -> Value:
         """e^x; beyond the range of numbers the largest or smallest of them."""
-        scale, small = self._reduced(self._limited(x, self._of.largest))
+        scale, small = self._reduced(self._limited(x, self._constants.largest))
         return self._do("add", self._do("mul", scale, small), scale)
 
     def _grown(self, x: Value) -> Value:
@@ -178,11 +178,11 @@ class Functions:
 
     def expm1(self, x: Value) -> Value:
         """``e^x - 1``, exact to rounding near zero too."""
-        return self._grown(self._limited(x, self._of.largest))
+        return self._grown(self._limited(x, self._constants.largest))
 
     def tanh(self, x: Value) -> Value:
         """``expm1(2 x) / (expm1(2 x) + 2)``."""
-        limited = self._limited(x, self._of.saturated)
+        limited = self._limited(x, self._constants.saturated)
         grown = self._grown(self._do("add", limited, limited))
         return self._do("ratio", grown, self._do("add", grown, 2.0))
 
@@ -209,7 +209,7 @@ class Functions:
         m = do("select", high, do("mul", mantissa, 0.5), mantissa)
         e = do("select", high, do("add", exponent, 1.0), exponent)
         s = do("ratio", do("sub", m, 1.0), do("add", m, 1.0))
-        series = [2.0 / (2 * k + 1) for k in range(self._of.log_terms, -1, -1)]
+        series = [2.0 / (2 * k + 1) for k in range(self._constants.log_terms, -1, -1)]
         rest = do("mul", s, self._polynomial(do("mul", s, s), series))
         found = do("add", do("mul", e, _LN2), rest)
         limit = do("select", do("eq", x, 0.0), -math.inf, math.nan)
@@ -224,11 +224,11 @@ class Functions:
 
     def _nearest(self, x: Value) -> Value:
         """The whole number nearest to an x that is not below zero nor too large for this."""
-        return self._do("exact_sub", self._do("add", x, 2.0**self._of.bits), 2.0**self._of.bits)
+        return self._do("exact_sub", self._do("add", x, 2.0**self._constants.bits), 2.0**self._constants.bits)
 
     def _rounded(self, x: Value, size: Value) -> Value:
         """A whole number with the sign of x; x itself where all its bits are of whole numbers."""
-        fraction = self._do("lt", self._do("abs", x), 2.0**self._of.bits)
+        fraction = self._do("lt", self._do("abs", x), 2.0**self._constants.bits)
         return self._do("select", fraction, self._do("copy_sign", size, x), x)
 
     def round_even(self, x: Value) -> Value:
@@ -260,7 +260,7 @@ class Functions:
 
     def _halves(self, x: Value) -> tuple[Value, Value]:
         """Two numbers of half as many bits, whose sum is x (Dekker)."""
-        factor = 2.0 ** ((self._of.bits + 2) // 2) + 1.0
+        factor = 2.0 ** ((self._constants.bits + 2) // 2) + 1.0
         if x in self._p.constants:  # in the precision of the target
             known = self._number(self._p.constants[x])
             high = self._number(factor) * known - (self._number(factor) * known - known)
@@ -285,7 +285,7 @@ class Functions:
         rest = self._less(a, n, b)
         rest = do("select", do("lt", rest, 0.0), do("add", rest, b), rest)
         rest = do("select", do("lt", a, b), a, rest)
-        known = do("lt", n, 2.0 ** (self._of.bits - 2))
+        known = do("lt", n, 2.0 ** (self._constants.bits - 2))
         return do("copy_sign", do("select", known, rest, math.nan), x)
 
     def whole_rem(self, x: Value, y: Value) -> Value:
@@ -299,15 +299,15 @@ class Functions:
 
     def _turned(self, x: Value) -> tuple[Value, Value, Value]:
         """Sine and cosine of x without its multiples n of pi/2, and n modulo four; x not below zero."""
-        do, of = self._do, self._of
-        first, second, third = (self._p.constant(float.fromhex(part)) for part in of.half_pi)
+        do, constants = self._do, self._constants
+        first, second, third = (self._p.constant(float.fromhex(part)) for part in constants.half_pi)
         n = self._nearest(do("mul", x, 2.0 / math.pi))
         r = self._less(self._less(x, n, first), n, second)
         r = do("sub", r, do("mul", n, third))
-        r = do("select", do("lt", n, 2.0 ** (of.bits - 5)), r, math.nan)
+        r = do("select", do("lt", n, 2.0 ** (constants.bits - 5)), r, math.nan)
         u = do("mul", r, r)
-        sine = do("add", r, do("mul", do("mul", r, u), self._polynomial(u, of.polynomials["sin"])))
-        cosine = do("mul", do("mul", u, u), self._polynomial(u, of.polynomials["cos"]))
+        sine = do("add", r, do("mul", do("mul", r, u), self._polynomial(u, constants.polynomials["sin"])))
+        cosine = do("mul", do("mul", u, u), self._polynomial(u, constants.polynomials["cos"]))
         cosine = do("add", do("sub", 1.0, do("mul", u, 0.5)), cosine)
         turns = do("mul", do("floor", do("mul", n, 0.25)), 4.0)
         return sine, cosine, do("exact_sub", n, turns)
@@ -338,7 +338,7 @@ class Functions:
         far = do("lt", _TAN_EIGHTH, t)
         s = do("select", far, do("div", do("sub", t, 1.0), do("add", t, 1.0)), t)
         u = do("mul", s, s)
-        angle = do("add", s, do("mul", do("mul", s, u), self._polynomial(u, self._of.polynomials["atan"])))
+        angle = do("add", s, do("mul", do("mul", s, u), self._polynomial(u, self._constants.polynomials["atan"])))
         angle = do("select", far, do("add", angle, math.pi / 4.0), angle)
         angle = do("select", do("lt", a, b), do("sub", math.pi / 2.0, angle), angle)
         left = do("lt", do("copy_sign", 1.0, x), 0.0)
@@ -346,22 +346,22 @@ class Functions:
 
     def cbrt(self, x: Value) -> Value:
         """The cube root of a number."""
-        do, of, size = self._do, self._of, self._do("abs", x)
+        do, constants, size = self._do, self._constants, self._do("abs", x)
         tiny = do("lt", size, float(np.finfo(self._number).tiny))
         size = do("select", tiny, do("mul", size, 2.0**54), size)
         e, m = do("exponent", size), do("mantissa", size)
         thirds = do("floor", do("mul", do("add", e, 0.5), 1.0 / 3.0))
         rest = do("exact_sub", e, do("mul", thirds, 3.0))
-        root = self._polynomial(m, of.polynomials["cbrt"])
+        root = self._polynomial(m, constants.polynomials["cbrt"])
         for k, of_k in ((1.0, 2.0), (2.0, 4.0)):
-            here = do("eq", rest, k)
-            m = do("select", here, do("mul", m, of_k), m)
-            root = do("select", here, do("mul", root, of_k ** (1.0 / 3.0)), root)
+            matches = do("eq", rest, k)
+            m = do("select", matches, do("mul", m, of_k), m)
+            root = do("select", matches, do("mul", root, of_k ** (1.0 / 3.0)), root)
         for _ in range(2):
             square = do("mul", root, root)
             wrong = do("sub", do("mul", square, root), m)
             root = do("sub", root, do("ratio", wrong, do("mul", square, 3.0)))
-        scale = do("power_of_two", do("add", thirds, of.round_to_whole))
+        scale = do("power_of_two", do("add", thirds, constants.round_to_whole))
         root = do("mul", root, do("mul", scale, do("select", tiny, 2.0**-18, 1.0)))
         ordinary = do("and", do("is_finite", x), do("ne", x, 0.0))
         return do("select", ordinary, do("copy_sign", root, x), x)

@@ -58,7 +58,7 @@ class Interpreter:
             for value in needed
             if value not in program.constants and program.operations[value][0] != "input"
         ]
-        self._results = [[place[value] for value in of] for of in (layout.next_carry, layout.outputs)]
+        self._results = [[place[value] for value in group] for group in (layout.next_carry, layout.outputs)]
 
     def __call__(self, **groups: Array) -> tuple[Array, Array]:
         """The next state and the outputs, ``(numbers, people)``, of the groups `person`, `carry`, `own` and `shared`.
@@ -110,8 +110,8 @@ def _bits(operation: str, precision: str, x: Array) -> Array:
     whole, shift, bias = (np.uint64, 52, 1023) if precision == DOUBLE else (np.uint32, 23, 127)
     number, bits = np.dtype(precision), x.view(whole)
     if operation == "mantissa":
-        kept = np.bitwise_or(np.bitwise_and(bits, whole(2**shift - 1)), whole(bias << shift))
-        return np.asarray(kept).view(number)
+        mantissa = np.bitwise_or(np.bitwise_and(bits, whole(2**shift - 1)), whole(bias << shift))
+        return np.asarray(mantissa).view(number)
     if operation == "exponent":
         exponents = np.bitwise_and(np.right_shift(bits, whole(shift)), whole(2 * bias + 1))
         return np.asarray(np.asarray(exponents).astype(number) - number.type(bias))

@@ -83,7 +83,7 @@ def evaluated(
     """Results of a function, from values of its constants and from the results of its equations, one by one."""
     jaxpr = closed.jaxpr
     values: dict[Any, Any] = dict(zip(jaxpr.invars, arguments, strict=True))
-    values.update((of, constant(array)) for of, array in zip(jaxpr.constvars, closed.consts, strict=True))
+    values.update((variable, constant(array)) for variable, array in zip(jaxpr.constvars, closed.consts, strict=True))
 
     def read(atom: Any) -> Any:
         return constant(atom.val) if isinstance(atom, core.Literal) else values[atom]
@@ -113,8 +113,8 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
         case "transpose":
             return [arrays[0].transpose(_parameter(equation, "permutation"))]
         case "broadcast_in_dim":
-            kept = dict(zip(_parameter(equation, "broadcast_dimensions"), arrays[0].shape, strict=True))
-            shape = [kept.get(axis, 1) for axis in range(len(result.aval.shape))]
+            lengths = dict(zip(_parameter(equation, "broadcast_dimensions"), arrays[0].shape, strict=True))
+            shape = [lengths.get(axis, 1) for axis in range(len(result.aval.shape))]
             return [np.broadcast_to(arrays[0].reshape(shape), result.aval.shape)]
         case "concatenate":
             return [np.concatenate(arrays, _parameter(equation, "dimension"))]

@@ -52,8 +52,8 @@ def _lowest_on_the_way(step: Array, slope: Array, bend: Array, weight2: Array, m
     falls and is straight between the points at which an output meets the floor, so that two of them enclose its zero.
     """
     moving = gained != 0.0
-    meets = jnp.where(moving, missing / jnp.where(moving, gained, 1.0), 0.0)
-    ends = jnp.concatenate([jnp.zeros_like(slope)[None], jnp.clip(meets, 0.0, 1.0), jnp.ones_like(slope)[None]])
+    crossings = jnp.where(moving, missing / jnp.where(moving, gained, 1.0), 0.0)
+    ends = jnp.concatenate([jnp.zeros_like(slope)[None], jnp.clip(crossings, 0.0, 1.0), jnp.ones_like(slope)[None]])
     left = _positive(missing - ends[:, None] * gained)
     slopes = slope + ends * bend - jnp.sum(weight2 * gained * left, axis=1)
     falls = slopes <= 0.0

@@ -118,11 +118,11 @@ def loaded(value: str) -> Any:
     place of an installed module.
     """
     module, _, attribute = value.partition(":")
-    here = ""
+    added = ""
     try:
         if _from_here and str(Path.cwd()) not in sys.path:
-            here = str(Path.cwd())
-            sys.path.append(here)
+            added = str(Path.cwd())
+            sys.path.append(added)
         found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
@@ -131,6 +131,6 @@ def loaded(value: str) -> Any:
     except Exception as error:  # whatever somebody else's module does when it is imported
         raise Refusal(f"{module} cannot be imported: {type(error).__name__}: {error}") from error
     finally:
-        if here:
-            sys.path.remove(here)
+        if added:
+            sys.path.remove(added)
     return found

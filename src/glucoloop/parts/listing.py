@@ -13,7 +13,7 @@ from glucoloop.parts.guard import OF_ROUTE, GuardSettings
 from glucoloop.parts.part import Part
 from glucoloop.parts.patients import NOMINAL, PatientPart
 from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
-from glucoloop.parts.setting import Setting, in_words, known_names, value_text
+from glucoloop.parts.setting import Setting, choices_text, known_names, value_text
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
@@ -67,7 +67,7 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     if setting.is_part:
         usual, possible = {}, f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
-        possible = in_words(setting.choices)
+        possible = choices_text(setting.choices)
     elif setting.kind in (int, float):
         possible = setting.about.possible(setting.kind, setting.unit)
     else:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from glucoloop.parts.number_text import NUMBER
-from glucoloop.plausible import CONFIRM_OPTION, Quantity, ask
+from glucoloop.plausible import CONFIRM_OPTION, Quantity, refuse_unusual
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U, S_PER_MIN
 
@@ -96,7 +96,7 @@ class About:
             "up to {}": self.at_most,
             "below {}": self.below,
         }
-        bounds = [words.format(f"{_bound(value)}{unit}") for words, value in limits.items() if math.isfinite(value)]
+        bounds = [limit.format(f"{_bound(value)}{unit}") for limit, value in limits.items() if math.isfinite(value)]
         return f"{what} {' and '.join(bounds)}" if bounds else f"{what}{unit}"
 
 
@@ -190,7 +190,9 @@ class Setting:
     def _wrong(self, value: object) -> str | None:
         """Sentence on what is wrong with a single value, and the mend; None for a possible one."""
         if self.choices:
-            return None if value in self.choices else f"{self.name} is {shown(value)}; give {in_words(self.choices)}"
+            return (
+                None if value in self.choices else f"{self.name} is {shown(value)}; give {choices_text(self.choices)}"
+            )
         if self.kind in (str, bool):
             wanted = "a text" if self.kind is str else "true or false"
             return None if self.has_type(value) else f"{self.name} is {shown(value)}; give {wanted}"
@@ -248,14 +250,14 @@ class Setting:
         quantity = self.about.quantity or (otherwise if self.kind in (int, float) else None)
         if quantity is not None and value is not None:
             for number in value if isinstance(value, tuple | list) else (value,):
-                ask(float(number), quantity, called, CONFIRM_OPTION)
+                refuse_unusual(float(number), quantity, called, CONFIRM_OPTION)
 
 
 def _bound(value: float) -> str:
     return str(int(value)) if float(value).is_integer() and abs(value) < 1e15 else f"{value:g}"
 
 
-def in_words(choices: Sequence[object]) -> str:
+def choices_text(choices: Sequence[object]) -> str:
     """Choices in words: ``a, b or c``."""
     *first, last = map(str, choices)
     return f"{', '.join(first)} or {last}" if first else last

@@ -29,20 +29,20 @@ def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
 
 def insulin_route(patient: Patient) -> str:
     """Route by which insulin enters the body, one of `parts.routes.ROUTES`; by default it enters a vein."""
-    told: str = getattr(patient, "insulin_route", INTRAVENOUS)
-    return told
+    declared: str = getattr(patient, "insulin_route", INTRAVENOUS)
+    return declared
 
 
 def usual_pump(patient: Patient) -> PumpRange:
     """Rates of the pump that is usual for a patient; by default those that are usual for its route of insulin."""
-    told: PumpRange | None = getattr(patient, "usual_pump", None)
-    return route_of(insulin_route(patient)).pump if told is None else told
+    declared: PumpRange | None = getattr(patient, "usual_pump", None)
+    return route_of(insulin_route(patient)).pump if declared is None else declared
 
 
 def sites(patient: Patient) -> tuple[str, ...]:
     """Sites at which glucose can be read, that of the controlled glucose first; by default only that one."""
-    told: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
-    return told
+    declared: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
+    return declared
 
 
 def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
@@ -58,9 +58,9 @@ def process_noise(patient: Patient, glucose: float, other: float, glucagon: floa
 
     By default all states have the variance of glucose.
     """
-    own = getattr(patient, "process_noise", None)
-    if own is not None:
-        diagonal: npt.NDArray[np.float64] = own(glucose, other, glucagon)
+    of_patient = getattr(patient, "process_noise", None)
+    if of_patient is not None:
+        diagonal: npt.NDArray[np.float64] = of_patient(glucose, other, glucagon)
         return diagonal
     states = np.shape(patient.steady_state(patient.basal_insulin_mU_min))[0]
     return np.full(states, glucose)
@@ -68,9 +68,9 @@ def process_noise(patient: Patient, glucose: float, other: float, glucagon: floa
 
 def rest_at(patient: Patient, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Rate that holds a glucose, and the state there; NaN for people whom no rate holds. JAX traces it."""
-    own = getattr(patient, "rest_at", None)
-    if own is not None:
-        found: tuple[jax.Array, jax.Array] = own(glucose_mg_dl)
+    of_patient = getattr(patient, "rest_at", None)
+    if of_patient is not None:
+        found: tuple[jax.Array, jax.Array] = of_patient(glucose_mg_dl)
         return found
     rate = jnp.asarray(patient.insulin_for(glucose_mg_dl))
     return rate, patient.steady_state(rate)

@@ -206,8 +206,8 @@ def _at_rest(name: str, drawn: Draw, setpoint_mg_dl: float) -> tuple[Values, Val
     parts: list[tuple[Values, Values]] = []
     setpoints = np.full(_CHUNK, float(setpoint_mg_dl))
     for start in range(0, max(1, n), _CHUNK):  # nobody has as many states as anybody
-        here = slice(start, min(start + _CHUNK, n))
-        values = {name: np.resize(value[here], _CHUNK) for name, value in drawn.values.items()}
-        basal, rest = (np.asarray(part)[..., : here.stop - start] for part in _held(name, values, setpoints))
+        block = slice(start, min(start + _CHUNK, n))
+        values = {name: np.resize(value[block], _CHUNK) for name, value in drawn.values.items()}
+        basal, rest = (np.asarray(part)[..., : block.stop - start] for part in _held(name, values, setpoints))
         parts.append((basal, rest))
     return np.concatenate([basal for basal, _ in parts]), np.concatenate([rest for _, rest in parts], axis=-1)

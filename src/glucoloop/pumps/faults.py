@@ -62,9 +62,9 @@ class BatteryGap(FaultyPump):
             (delivery.reported_mU_min, delivery.reported_bolus_mU),
         )
         insulin, bolus = jax.tree.map(lambda dose: jnp.where(off, 0.0, dose), given)
-        told, told_bolus = jax.tree.map(lambda dose: jnp.where(off, jnp.nan, dose), reported)
+        reported_rate, reported_bolus = jax.tree.map(lambda dose: jnp.where(off, jnp.nan, dose), reported)
         return Within(inner=inner, episode=state.episode), Delivery(
-            insulin_mU_min=insulin, reported_mU_min=told, bolus_mU=bolus, reported_bolus_mU=told_bolus
+            insulin_mU_min=insulin, reported_mU_min=reported_rate, bolus_mU=bolus, reported_bolus_mU=reported_bolus
         )
 
 
@@ -94,11 +94,11 @@ class Occlusion(FaultyPump):
         )
         reported = delivery.reported_mU_min, delivery.reported_bolus_mU
         if self.noticed:
-            reported = jax.tree.map(lambda passed, told: jnp.where(there, passed, told), through, reported)
+            reported = jax.tree.map(lambda passed, intended: jnp.where(there, passed, intended), through, reported)
         insulin, bolus = through
-        told, told_bolus = reported
+        reported_rate, reported_bolus = reported
         return state, Delivery(
-            insulin_mU_min=insulin, reported_mU_min=told, bolus_mU=bolus, reported_bolus_mU=told_bolus
+            insulin_mU_min=insulin, reported_mU_min=reported_rate, bolus_mU=bolus, reported_bolus_mU=reported_bolus
         )
 
 

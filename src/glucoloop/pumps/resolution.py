@@ -89,12 +89,14 @@ def with_resolution(
     traced = is_traced(step_mU_min, least_mU_min, inner, limits)
     ResolutionSettings(step_mU_min=step_mU_min, least_mU_min=least_mU_min)
     pump = LimitedPump() if inner is None else inner
-    kept = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
+    pump_limits = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
     whole = jnp.ceil if traced else np.ceil
     least = whole(least_mU_min / step_mU_min - _HAIR) * step_mU_min
-    if not traced and not jnp.all(least <= kept.max_mU_min):
+    if not traced and not jnp.all(least <= pump_limits.max_mU_min):
         raise Refusal(
             f"a least dose of {least_mU_min:g} mU/min is not possible; give whole steps that stay within the largest "
             "dose"
         )
-    return Resolution(inner=pump, limits=kept, step_mU_min=step_mU_min, least_mU_min=least if traced else float(least))
+    return Resolution(
+        inner=pump, limits=pump_limits, step_mU_min=step_mU_min, least_mU_min=least if traced else float(least)
+    )

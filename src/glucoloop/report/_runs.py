@@ -66,9 +66,9 @@ class PlottedRun:
         self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
         self.meals = _above_zero(self.t_min, trace.carbs_g)
         # periods without a valid reading, and those of each status of decisions but OK
-        there = {words: np.asarray(trace.status) == kind for kind, words in STATUS_WORDS.items()}
+        there = {text: np.asarray(trace.status) == kind for kind, text in STATUS_WORDS.items()}
         there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
-        self.periods = {words: periods(self.t_min, of) for words, of in there.items() if of.any()}
+        self.periods = {text: periods(self.t_min, present) for text, present in there.items() if present.any()}
 
 
 def _held_to_the_end(rates: npt.ArrayLike) -> Floats:

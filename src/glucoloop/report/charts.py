@@ -132,10 +132,10 @@ class Panel:
         path = self._path(np.concatenate([t, t[::-1]]), np.concatenate([above, below[::-1]]))
         self.curves.append(PlottedCurve(path, kind, name, band=True))
 
-    def level(self, values: Iterable[float], kind: str, words: str = "") -> None:
+    def level(self, values: Iterable[float], kind: str, text: str = "") -> None:
         """Draw horizontal lines, which `words` name in a legend."""
         self.levels += [(kind, self.up(value)) for value in dict.fromkeys(values)]
-        self.legend.append((kind, words))
+        self.legend.append((kind, text))
 
     def area(self, kind: str, t_min: tuple[float, float], values: tuple[float, float]) -> None:
         """Fill a rectangle, below those that are there."""

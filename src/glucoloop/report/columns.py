@@ -78,7 +78,7 @@ class Column:
 
     name: str
     """Name in the files and in JSON."""
-    of: pl.Expr | None = None
+    value: pl.Expr | None = None
     """Value, from the people of the cell; None if it stands in the table already."""
     empty: Any = None
     """Value in a cell in which nobody is known."""
@@ -120,11 +120,13 @@ def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column
     each cell, with nothing but these columns.
     """
     by = cells.columns
-    found = people.group_by(by, maintain_order=True).agg([c.of.alias(c.name) for c in columns if c.of is not None])
+    found = people.group_by(by, maintain_order=True).agg(
+        [c.value.alias(c.name) for c in columns if c.value is not None]
+    )
     found = found.with_columns(selectors.unsigned_integer().cast(pl.Int64))  # which is what counts are elsewhere
     joined = cells.join(found, on=by, how="left", maintain_order="left", nulls_equal=True)
     return joined.with_columns(
-        pl.col(c.name).fill_null(c.empty) for c in columns if c.of is not None and c.empty is not None
+        pl.col(c.name).fill_null(c.empty) for c in columns if c.value is not None and c.empty is not None
     )
 
 

@@ -108,7 +108,7 @@ def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
     noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
     per_hour = f" ({u_h_from_mu_min(least):.3g} to {u_h_from_mu_min(most):.3g} U/h)"
     beside_limits = [
-        f"{name}={value_text(of)}" for name, of in pump.values().items() if name not in PumpPart.settings()
+        f"{name}={value_text(value)}" for name, value in pump.values().items() if name not in PumpPart.settings()
     ]
     sensor_parts = [
         *(part.text for part in situation.sensor if not isinstance(part, usual)),
@@ -205,11 +205,11 @@ def short_names(faults: Sequence[str]) -> dict[str, str]:
 
 
 def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
-    kind = [of for of in among if of.name == fault.name]
+    kind = [other for other in among if other.name == fault.name]
 
     def differ(keys: Iterable[str]) -> int:
         # compared as text, since what is not a number is not equal to itself
-        return len({tuple(repr(of.values().get(key)) for key in keys) for of in kind})
+        return len({tuple(repr(other.values().get(key)) for key in keys) for other in kind})
 
     keys = [key for key in fault.settings() if differ([key]) > 1]
     # what it is comes before when it is, and of the times the duration first

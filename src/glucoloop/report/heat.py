@@ -33,7 +33,7 @@ class Shade(NamedTuple):
     most: float
     colour: str | None
     ink: str | None
-    words: str
+    label: str
 
 
 _DARK, _LIGHT = "#1a1a1a", "#ffffff"
@@ -159,7 +159,7 @@ def _legend(shades: Sequence[Shade], what: str, mark: str) -> dict[str, Artist]:
     from matplotlib.patches import Patch
 
     entries: dict[str, Artist] = {
-        shade.words if place else f"{shade.words} {what}": Patch(**_patch(shade)) for place, shade in enumerate(shades)
+        shade.label if place else f"{shade.label} {what}": Patch(**_patch(shade)) for place, shade in enumerate(shades)
     }
     if mark:
         entries[mark] = Line2D([], [], color=GREY, marker="^", markersize=4.0, linestyle="none")

@@ -18,7 +18,7 @@ from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, 
 from glucoloop.report.columns import metric_rows
 from glucoloop.report.descriptions import fault_in_words, windows
 from glucoloop.report.template import Repeat, render
-from glucoloop.report.validity import in_words, periods_below
+from glucoloop.report.validity import periods_below, periods_text
 from glucoloop.simulation import Trace
 
 TARGET_MG_DL: Final = (70.0, 180.0)
@@ -104,7 +104,7 @@ def interactive_page(
         repeat=repeat,
         script=True,
         mmol=mmol,
-        summaries={label: clinical_summary(named[label], of).sentences() for label, of in by_label.items()},
+        summaries={label: clinical_summary(named[label], run).sentences() for label, run in by_label.items()},
         runs=[(looks(index), label) for index, label in enumerate(labels)],
         levels=[entry for panel in panels for entry in panel.legend],
         faults=faults,
@@ -256,10 +256,10 @@ def _events_of(run: PlottedRun) -> Iterator[str]:
     for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
         for limit in limits:
             if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
-                yield f"Glucose {where} {limit:g} mg/dl {in_words(beyond)}."
+                yield f"Glucose {where} {limit:g} mg/dl {periods_text(beyond)}."
     if run.boluses or run.command_boluses:
         yield f"Boluses delivered: {_boluses_text(run.boluses)}."
-    yield from (f"{name} {in_words(periods)}." for name, periods in run.periods.items())
+    yield from (f"{name} {periods_text(periods)}." for name, periods in run.periods.items())
     if run.validity_note is not None:
         yield run.validity_note
 

@@ -106,8 +106,8 @@ def _text(value: float | str) -> str:
 
 def _in_mmol_l(name: str) -> str:
     """Name of a range, with its limits in mmol/l."""
-    words = name.split()
-    return " ".join(f"{float(word) / MG_DL_PER_MMOL_L:.1f}" if word.isdigit() else word for word in words)
+    parts = name.split()
+    return " ".join(f"{float(word) / MG_DL_PER_MMOL_L:.1f}" if word.isdigit() else word for word in parts)
 
 
 def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats], alts: tuple[str, str]) -> list[Panel]:
@@ -220,11 +220,11 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
     width, height = _OUTLINE
     outlines = {}
     for label, part in cases.items():
-        counts, words, path, places = np.asarray(part.counts, float)[first : last + 1], "", "", None
+        counts, note, path, places = np.asarray(part.counts, float)[first : last + 1], "", "", None
         if _all_zero(part):
-            words = "0 for everybody"
+            note = "0 for everybody"
         elif counts.any() and alike:
-            words = "the same for everybody"
+            note = "the same for everybody"
         elif counts.any():
             x = np.rint(width * (shown - shown[0]) / (shown[-1] - shown[0])).astype(int)
             y = np.rint(height * (1.0 - 0.95 * np.sqrt(counts / counts.max()))).astype(int)
@@ -232,7 +232,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
             path = f"M0 {height}{steps}V{height}z"
             values = np.array([part.p5, part.median, part.p95]) / result.divisor
             places = np.rint(np.interp(values, shown, x)).astype(int)
-        outlines[label] = {"part": part, "words": words, "path": path, "places": places}
+        outlines[label] = {"part": part, "words": note, "path": path, "places": places}
     return {
         "result": result,
         "outlines": outlines,

@@ -123,5 +123,5 @@ class TrialReport:
 
 def ranges_pct(time_pct: Callable[[str], float]) -> dict[str, float]:
     """Times in `RANGES` from those of the metrics, which include one another; they add up to 100."""
-    parts = {name: list(map(time_pct, of)) for name, of in RANGES.items()}
+    parts = {name: list(map(time_pct, names)) for name, names in RANGES.items()}
     return {name: max(0.0, whole - sum(included)) for name, (whole, *included) in parts.items()}

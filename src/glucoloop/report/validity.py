@@ -35,7 +35,10 @@ def concentrations(glucose_mg_dl: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
 def validity(trace: Trace) -> dict[str, Any]:
     """Plain values for JSON: the limit of one patient's model, and the periods below it."""
     periods = periods_below(trace.fine_t_min, trace.fine_glucose_mg_dl, trace.lowest_valid_mg_dl)
-    return {"lowest_valid_mg_dl": float(trace.lowest_valid_mg_dl), "periods_below_min": [list(of) for of in periods]}
+    return {
+        "lowest_valid_mg_dl": float(trace.lowest_valid_mg_dl),
+        "periods_below_min": [list(period) for period in periods],
+    }
 
 
 def validity_note(trace: Trace) -> str | None:
@@ -49,12 +52,12 @@ def validity_sentence(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_
     if not periods:
         return None
     return (
-        f"Glucose was below {limit_mg_dl:.1f} mg/dl {in_words(periods)}: the patient's model is not valid "
+        f"Glucose was below {limit_mg_dl:.1f} mg/dl {periods_text(periods)}: the patient's model is not valid "
         "there. Read these values as severe hypoglycemia; their depth means nothing."
     )
 
 
-def in_words(periods: Sequence[tuple[float, float]]) -> str:
+def periods_text(periods: Sequence[tuple[float, float]]) -> str:
     """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
     phrases = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
     if len(phrases) > _MOST_PERIODS:

@@ -34,8 +34,8 @@ def lagged(
 ) -> jax.Array:
     """Glucose behind a lag at the end of a sample, over which glucose before the lag changes evenly."""
     z = sample_time_min / jnp.asarray(lag_min, float)
-    kept, mean = jnp.exp(-z), -jnp.expm1(-z) / z
-    return kept * behind_mg_dl + (mean - kept) * before_mg_dl + (1.0 - mean) * now_mg_dl
+    left, mean = jnp.exp(-z), -jnp.expm1(-z) / z
+    return left * behind_mg_dl + (mean - left) * before_mg_dl + (1.0 - mean) * now_mg_dl
 
 
 @pytree

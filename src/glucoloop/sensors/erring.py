@@ -55,12 +55,12 @@ class Erring:
         inner, reading = self.inner.read(state.inner, glucose_mg_dl, key)
         since = state.index - self.stuck_from
         stuck = jnp.any((since > 0.0) & (since < self.stuck_samples), axis=0)
-        told = Reading(
+        reported = Reading(
             glucose_mg_dl=jnp.where(stuck, state.held.glucose_mg_dl, reading.glucose_mg_dl * (1.0 + state.errors[0])),
             valid=jnp.where(stuck, state.held.valid, reading.valid),
         )
         errors = jnp.concatenate([state.errors[1:], state.errors[-1:]])
-        return _State(inner=inner, errors=errors, index=state.index + 1.0, held=told), told
+        return _State(inner=inner, errors=errors, index=state.index + 1.0, held=reported), reported
 
 
 def erring(

@@ -31,10 +31,10 @@ class WhiteNoise:
 
     def read(self, state: Any, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[Any, Reading]:
         """Read the inner sensor, with added noise."""
-        own, inner = jax.random.split(key)
-        state, reading = self.inner.read(state, glucose_mg_dl, inner)
+        noise_key, inner_key = jax.random.split(key)
+        state, reading = self.inner.read(state, glucose_mg_dl, inner_key)
         glucose = reading.glucose_mg_dl
-        noise = jnp.sqrt(self.variance) * jax.random.normal(own, glucose.shape, glucose.dtype)
+        noise = jnp.sqrt(self.variance) * jax.random.normal(noise_key, glucose.shape, glucose.dtype)
         noise = jnp.clip(noise, -self.bound_mg_dl, self.bound_mg_dl)
         return state, Reading(glucose_mg_dl=glucose + noise, valid=reading.valid)
 
@@ -85,18 +85,18 @@ class CorrelatedNoise:
 
     def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
         """State before the first reading; its error is drawn from the stationary distribution."""
-        own, inner = jax.random.split(key)
-        error = jax.random.normal(own, jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl))
+        noise_key, inner = jax.random.split(key)
+        error = jax.random.normal(noise_key, jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl))
         return _State(inner=self.inner.init(glucose_mg_dl, inner), error=error)
 
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
         """Read the inner sensor, with added noise."""
-        own, inner = jax.random.split(key)
+        noise_key, inner = jax.random.split(key)
         held, reading = self.inner.read(state.inner, glucose_mg_dl, inner)
-        new = jax.random.normal(own, state.error.shape, state.error.dtype)
+        new = jax.random.normal(noise_key, state.error.shape, state.error.dtype)
         error = self.correlation * state.error + jnp.sqrt(1.0 - self.correlation**2) * new
-        told = reading.glucose_mg_dl + jnp.sqrt(self.variance) * error
-        return _State(inner=held, error=error), Reading(glucose_mg_dl=told, valid=reading.valid)
+        reported = reading.glucose_mg_dl + jnp.sqrt(self.variance) * error
+        return _State(inner=held, error=error), Reading(glucose_mg_dl=reported, valid=reading.valid)
 
 
 @checked

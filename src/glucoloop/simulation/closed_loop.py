@@ -177,16 +177,16 @@ def _run(numbers: list[Any], fixed: Fixed, start: Start, exogenous: Any, on_grid
     """Scan of the closed loop over samples."""
     loop: Loop = fixed.joined(numbers)
     patient = loop.plant.patient
-    told, times = on_grid.announced_g, on_grid.time_of_day_min
+    announced, times = on_grid.announced_g, on_grid.time_of_day_min
     first_time = None if times is None else times[0]
-    state, reading_key = begin(loop, start.x, start.insulin_mU_min, told[0], key, first_time)
+    state, reading_key = begin(loop, start.x, start.insulin_mU_min, announced[0], key, first_time)
 
     def one(state: LoopState, entry: Any) -> tuple[LoopState, Sampled]:
         index, outside, announced_g, time_of_day_min = entry
         return sample(loop, state, outside, announced_g, reading_key, index, time_of_day_min)
 
     index = jnp.arange(on_grid.carbs_g.shape[0])
-    last, happened = jax.lax.scan(one, state, (index, exogenous, told, times))
+    last, happened = jax.lax.scan(one, state, (index, exogenous, announced, times))
     return trace_of(patient, start, on_grid, happened, last.x)
 
 

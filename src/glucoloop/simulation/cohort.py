@@ -111,7 +111,7 @@ class _Carry:
 
 
 @pytree
-class _Own:
+class _PersonValues:
     """Values that differ between people, people trailing."""
 
     plant: list[jax.Array]
@@ -130,7 +130,7 @@ class Cohort:
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. For engine, precision and products see `make_engine`. By default the integrator makes twice as many substeps
-    as `substeps_for` gives one patient. With `tell_decisions` a run returns readings and statuses too.
+    as `substeps_for` gives one patient. With `record_decisions` a run returns readings and statuses too.
     """
 
     def __init__(
@@ -156,9 +156,9 @@ class Cohort:
         precision: str = "float64",
         products: str = FUSED,
         substeps: int | None = None,
-        tell_decisions: bool = False,
+        record_decisions: bool = False,
     ) -> None:
-        self._tells_decisions = tell_decisions
+        self._records_decisions = record_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
         if substeps is None:
             substeps = PER_NOMINAL * substeps_for(grid.sample_time_min)
@@ -176,13 +176,13 @@ class Cohort:
             "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
             "pump": varying(pump if varied_pump is None else varied_pump, pump),
         }
-        own_gut, one_gut = self._gut(varied), self._gut(nominal)
+        varied_gut, one_gut = self._gut(varied), self._gut(nominal)
         self._one_digestion = digestion_matrices(one_gut, self._plants.step_min)
-        self._digestion_varies = varying(digestion_matrices(own_gut, self._plants.step_min), self._one_digestion)
-        self._own_meals = meals is None or any(varying(own_gut, one_gut))
-        moments, told = self._meals_of_all(None if self._own_meals else meals)
-        self._own_told = announced and (self._own_meals or own_announcements)
-        self._shared = {"moments": moments, "t_min": grid.t_min, "told": told}
+        self._digestion_varies = varying(digestion_matrices(varied_gut, self._plants.step_min), self._one_digestion)
+        self._individual_meals = meals is None or any(varying(varied_gut, one_gut))
+        moments, announced_g = self._meals_of_all(None if self._individual_meals else meals)
+        self._individual_announcements = announced and (self._individual_meals or own_announcements)
+        self._shared = {"moments": moments, "t_min": grid.t_min, "told": announced_g}
         if start_min is not None:
             self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
@@ -210,17 +210,17 @@ class Cohort:
         The result does not depend on the number of threads of native code.
         """
         with one_at_a_time:
-            own = self._own(people)
-            reaching, first_told = self._meals_of_people(people)
+            person = self._values_of(people)
+            reaching, first_announced = self._meals_of_people(people)
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(own, x, insulin, jnp.asarray(first_told), people.key)
-            for computed in jax.tree.leaves((own, carry, keys)):
+            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
+            for computed in jax.tree.leaves((person, carry, keys)):
                 computed.block_until_ready()
-        last, outputs = self._engine.run(own, carry, reaching, self._shared, keys, threads=threads)
+        last, outputs = self._engine.run(person, carry, reaching, self._shared, keys, threads=threads)
         glucose, delivered, *decisions = outputs
         reading, status = decisions or (None, None)
         with one_at_a_time:
-            end, lowest = map(np.asarray, self._end_people(own, last.loop.x))
+            end, lowest = map(np.asarray, self._end_people(person, last.loop.x))
         whole = np.concatenate([glucose, end[None]])
         return CohortRun(
             fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
@@ -233,77 +233,81 @@ class Cohort:
 
     # one person
 
-    def _loop(self, own: _Own) -> Loop:
+    def _loop(self, person: _PersonValues) -> Loop:
         """The loop with a person's own numbers in their places."""
-        parts = {name: replaced(getattr(self._single, name), v, getattr(own, name)) for name, v in self._varies.items()}
-        return dataclasses.replace(self._single, plant=self._plants.of(own.plant), **parts)
+        parts = {
+            name: replaced(getattr(self._single, name), v, getattr(person, name)) for name, v in self._varies.items()
+        }
+        return dataclasses.replace(self._single, plant=self._plants.of(person.plant), **parts)
 
-    def _end(self, own: _Own, x: Any) -> tuple[jax.Array, jax.Array]:
+    def _end(self, person: _PersonValues, x: Any) -> tuple[jax.Array, jax.Array]:
         """Glucose of a state, and the lower end of the valid range of the model."""
-        patient = self._loop(own).plant.patient
+        patient = self._loop(person).plant.patient
         return patient.glucose_mg_dl(x), jnp.asarray(lowest_valid_glucose_mg_dl(patient))
 
-    def _begin(self, own: _Own, x: Any, insulin: Any, told: Any, key: Any) -> tuple[_Carry, jax.Array]:
+    def _begin(self, person: _PersonValues, x: Any, insulin: Any, announced: Any, key: Any) -> tuple[_Carry, jax.Array]:
         """State before the first sample, and the key of the person's readings."""
-        loop = self._loop(own)
+        loop = self._loop(person)
         times = self._shared.get("time_of_day_min")
-        state, reading_key = begin(loop, x, insulin, told, key, None if times is None else jnp.asarray(times[0]))
+        state, reading_key = begin(loop, x, insulin, announced, key, None if times is None else jnp.asarray(times[0]))
         glucose = loop.plant.patient.glucose_mg_dl(x)
-        digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._own_meals else None
+        digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._individual_meals else None
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
-    def _step(self, own: _Own, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
+    def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
         """One sample: it outputs glucose and the delivered rate, and reading and status if they are asked for."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
-            matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, own.digestion), []
+            matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, person.digestion), []
             for jumps in reaching["jumps"]:
                 with jax.named_scope("meals"):
                     digestion, of_step = digest(digestion, matrices, jumps)
                 of_steps.append(of_step)
             moments = jnp.stack(of_steps)
-        told = (reaching if self._own_told else shared)["told"] if self._announced else jnp.zeros(())
+        announced = (
+            (reaching if self._individual_announcements else shared)["told"] if self._announced else jnp.zeros(())
+        )
         (key, index), time = rng, shared.get("time_of_day_min")
-        state, happened = sample(self._loop(own), carry.loop, moments, told, key, index, time)
+        state, happened = sample(self._loop(person), carry.loop, moments, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
             fold = self._fold.step(carry.fold, inside, shared["t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
-        if self._tells_decisions:
+        if self._records_decisions:
             outputs += happened.reading.glucose_mg_dl, happened.decision.status
         return _Carry(loop=state, digestion=digestion, fold=fold), outputs
 
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
         digestion = chosen(self._one_digestion, self._digestion_varies)
-        own = _Own(plant=self._plants.own_of_nominal(), digestion=digestion, **parts)
+        person = _PersonValues(plant=self._plants.values_of_nominal(), digestion=digestion, **parts)
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
-        carry, key = jax.eval_shape(self._begin, own, rest, insulin, jnp.zeros(()), jax.random.key(0))
+        carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
         reaching: dict[str, Array] = {}
-        if self._own_meals:
+        if self._individual_meals:
             reaching["jumps"] = np.zeros((self._substeps, self._entries))
-        if self._own_meals or self._own_told:
+        if self._individual_meals or self._individual_announcements:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         try:
             return make_engine(
-                self._step, own, carry, reaching, shared, key, name=name, precision=precision, products=products
+                self._step, person, carry, reaching, shared, key, name=name, precision=precision, products=products
             )
         except NEED_VALUES as error:
             raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None
 
     # many people
 
-    def _own(self, people: People) -> _Own:
+    def _values_of(self, people: People) -> _PersonValues:
         """Values that differ between people."""
 
         def part(name: str) -> list[jax.Array]:
             brought = getattr(people, name)
             return chosen(getattr(self._single, name) if brought is None else brought, self._varies[name])
 
-        return _Own(
-            plant=self._plants.own(people.patient),
+        return _PersonValues(
+            plant=self._plants.values_of(people.patient),
             digestion=chosen(
                 digestion_matrices(self._gut(people.patient), self._plants.step_min), self._digestion_varies
             ),
@@ -332,7 +336,7 @@ class Cohort:
     def _meals_of_people(self, people: People) -> tuple[Any, Array]:
         """Inputs of people from their own meals, and the announced carbohydrate at the start."""
         samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
-        if not (self._own_meals or self._own_told):
+        if not (self._individual_meals or self._individual_announcements):
             return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
         meals = people.meals
         if self._meals is not None:
@@ -340,15 +344,15 @@ class Cohort:
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
         reaching: dict[str, Array] = {}
-        if self._own_meals:
+        if self._individual_meals:
             absorption = absorb(self._gut(people.patient), meals)
             table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
             reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
-        told = np.zeros((samples, n))
+        announced = np.zeros((samples, n))
         if self._announced:
-            told_g = meals.carbs_g if people.announced_g is None else people.announced_g
-            told = _at_samples(dataclasses.replace(meals, carbs_g=told_g), self._grid)
-        return {**reaching, "told": told}, told[0]
+            counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
+            announced = _at_samples(dataclasses.replace(meals, carbs_g=counted_g), self._grid)
+        return {**reaching, "told": announced}, announced[0]
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:
@@ -360,8 +364,8 @@ def _for_people(meals: Eaten, people: int) -> Eaten:
 def _at_samples(meals: Eaten, grid: SampleGrid) -> Array:
     """Carbohydrate of the meals that begin in each sample, ``(samples, people)``."""
     t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
-    told = np.zeros((grid.samples, t_min.shape[1]))
+    carbs = np.zeros((grid.samples, t_min.shape[1]))
     number = np.floor(t_min / grid.sample_time_min).astype(int)
     which, person = np.nonzero((number >= 0) & (number < grid.samples))
-    np.add.at(told, (number[which, person], person), carbs_g[which, person])
-    return told
+    np.add.at(carbs, (number[which, person], person), carbs_g[which, person])
+    return carbs

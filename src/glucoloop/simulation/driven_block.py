@@ -115,16 +115,16 @@ def driven_matrices(
     person, carry = np.zeros((size * size, columns)), np.zeros((5 * size * size, columns))
     nothing = np.zeros((max(k.size, doublings), 0, columns))
     for start in range(0, people, columns):
-        here = slice(start, min(start + columns, people))
-        n = here.stop - start
-        person[:, :n] = X[..., here].reshape(-1, n)
+        block = slice(start, min(start + columns, people))
+        n = block.stop - start
+        person[:, :n] = X[..., block].reshape(-1, n)
         carry[:] = 0.0
         carry[: size * size : size + 1] = 1.0  # the power begins as the identity
         series.run(person, carry, nothing[: k.size], terms, nothing[: k.size])
         found = carry[size * size :]
         doubling.run(person[:0], found, nothing[:doublings], np.zeros((doublings, 0)), nothing[:doublings])
         end, *moments = found[:, :n].reshape(4, size, size, n)
-        E[..., here] = end[:states]
+        E[..., block] = end[:states]
         projected = np.tensordot(PATH, np.stack([m[:states] for m in moments]), 1)
-        path[..., here] = projected
+        path[..., block] = projected
     return E, path

@@ -1,12 +1,12 @@
 """Engines that run a loop over samples for many people: native code, or JAX mapped over people.
 
 Both take the same function of one person and one sample,
-``carry, outputs = step(own, carry, reaching, shared, rng)``:
+``carry, outputs = step(person, carry, reaching, shared, rng)``:
 
 ============  =====================================================  ================================
 argument      meaning                                                arrays given to `run`
 ============  =====================================================  ================================
-``own``       values of a person                                     ``(..., people)``
+``person``    values of a person                                     ``(..., people)``
 ``carry``     state that is passed from sample to sample             ``(..., people)``
 ``reaching``  inputs of the person at a sample                       ``(samples, ..., people)``
 ``shared``    inputs of all people at a sample                       ``(samples, ...)``
@@ -56,14 +56,14 @@ class Engine(Protocol):
         """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
 
     def run(
-        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
         """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
 
 
 def make_engine(
     step: Step,
-    own: Any,
+    person: Any,
     carry: Any,
     reaching: Any,
     shared: Any,
@@ -85,7 +85,7 @@ def make_engine(
     lacking = None
     if name != "xla":
         try:
-            return NativeEngine(step, (own, carry, reaching, shared, key), precision, products)
+            return NativeEngine(step, (person, carry, reaching, shared, key), precision, products)
         except UnsupportedError as error:
             lacking = str(error)
             if name == "native":
@@ -108,23 +108,23 @@ class NativeEngine:
 
     def __init__(self, step: Step, example: tuple[Any, ...], precision: str, products: str = FUSED) -> None:
         self.precision = precision
-        own, carry, reaching, shared, key = example
+        person, carry, reaching, shared, key = example
         rng = key, jnp.zeros((), int)
-        lowered = lower(step, own, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
+        lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None
         self._shapes = lowered.shapes
 
     def run(
-        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
         """Run the compiled loop; see `Engine.run`."""
         kernel, n = self._kernel, keys.shape[0]
         columns, dtype = kernel.padded(n), kernel.dtype
-        told = [np.asarray(leaf, dtype) for leaf in jax.tree.leaves(shared)]
-        samples = told[0].shape[0]
-        at_sample = np.concatenate([leaf.reshape(samples, -1) for leaf in told], axis=1)
+        shared_leaves = [np.asarray(leaf, dtype) for leaf in jax.tree.leaves(shared)]
+        samples = shared_leaves[0].shape[0]
+        at_sample = np.concatenate([leaf.reshape(samples, -1) for leaf in shared_leaves], axis=1)
         reaches = list(jax.tree.leaves(reaching))
         if self._draw is not None:
             with one_at_a_time:
@@ -137,7 +137,9 @@ class NativeEngine:
             row += part.shape[1]
         state = _rows(jax.tree.leaves(carry), n, columns, dtype)
         written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
-        kernel.run(_rows(jax.tree.leaves(own), n, columns, dtype), state, arriving, at_sample, written, threads=threads)
+        kernel.run(
+            _rows(jax.tree.leaves(person), n, columns, dtype), state, arriving, at_sample, written, threads=threads
+        )
         return _tree(self._shapes.carry, state[:, :n], axis=0), _tree(self._shapes.outputs, written[..., :n], axis=1)
 
 
@@ -150,15 +152,15 @@ class MappedEngine:
     def __init__(self, step: Step, not_native: str | None = None) -> None:
         self.not_native = not_native
 
-        def scan(own: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
+        def scan(person: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
             def one(carry: Any, entry: Any) -> tuple[Any, Any]:
                 reaching, shared, index = entry
 
-                def person(own: Any, carry: Any, reaching: Any, key: Any) -> tuple[Any, Any]:
-                    return step(own, carry, reaching, shared, (key, index))
+                def one_person(person: Any, carry: Any, reaching: Any, key: Any) -> tuple[Any, Any]:
+                    return step(person, carry, reaching, shared, (key, index))
 
-                of_people = jax.vmap(person, in_axes=(-1, -1, -1, 0), out_axes=-1)
-                results: tuple[Any, Any] = of_people(own, carry, reaching, keys)
+                of_people = jax.vmap(one_person, in_axes=(-1, -1, -1, 0), out_axes=-1)
+                results: tuple[Any, Any] = of_people(person, carry, reaching, keys)
                 return results
 
             index = jnp.arange(jax.tree.leaves(shared)[0].shape[0])
@@ -167,12 +169,12 @@ class MappedEngine:
         self._scan = jax.jit(scan)
 
     def run(
-        self, own: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
     ) -> tuple[Any, Any]:
         """Run the mapped loop with JAX's own threads; see `Engine.run`."""
         del threads
         with one_at_a_time:
-            carry, outputs = jax.tree.map(np.asarray, self._scan(own, carry, reaching, shared, keys))
+            carry, outputs = jax.tree.map(np.asarray, self._scan(person, carry, reaching, shared, keys))
         return carry, outputs
 
 

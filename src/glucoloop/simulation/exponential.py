@@ -119,16 +119,16 @@ def design(
     step_min: float,
     dense_times_min: Sequence[Matrix],
     state: jax.Array,
-    kept: npt.NDArray[np.bool_] | None = None,
+    contained: npt.NDArray[np.bool_] | None = None,
 ) -> Matrices:
     """Compute the matrices of one step of one person, whose slow block is linearised at a state.
 
     `dense_times_min` are the moments inside each substep of a sample, counted from its start, at which glucose is
-    wanted. `kept` are the entries of the Jacobian of the kinetics, ``(n, n)``, that the exponentials contain, all of
-    them by default; the others are left to the Runge-Kutta method, at the same order.
+    wanted. `contained` are the entries of the Jacobian of the kinetics, ``(n, n)``, that the exponentials contain, all
+    of them by default; the others are left to the Runge-Kutta method, at the same order.
     """
     T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
-    K = K if kept is None else np.where(kept, K, 0.0)
+    K = K if contained is None else np.where(contained, K, 0.0)
     return _design(Content((T, K, A, b, row)), step_min, Content(tuple(dense_times_min)))
 
 

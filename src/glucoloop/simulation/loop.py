@@ -213,12 +213,12 @@ def sample(
 
 def _check_boluses(controller: Controller, decision: Decision) -> None:
     """Refuse a controller whose decisions contradict its declaration of boluses, which no loop could carry."""
-    name, says = type(controller).__name__, gives_boluses(controller)
-    if decision.bolus_mU is not None and not says:
+    name, declares = type(controller).__name__, gives_boluses(controller)
+    if decision.bolus_mU is not None and not declares:
         raise ArgumentTypeError(
             f"{name}.step decides on a bolus, but {name} does not say so; write gives_boluses = True in its class"
         )
-    if decision.bolus_mU is None and says:
+    if decision.bolus_mU is None and declares:
         raise ArgumentTypeError(
             f"{name} says that it gives boluses, but {name}.step decides on none; "
             "return Decision(..., bolus_mU=...), 0 where there is none"

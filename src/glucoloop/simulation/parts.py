@@ -208,10 +208,10 @@ def _comparison(content: Content) -> tuple[bool, bool, str]:
         x = work[None] * rng.uniform(0.7, 1.3, (_STATES, *work.shape))
         t_min = np.linspace(0.0, MIN_PER_DAY, _STATES, endpoint=False)
         insulin, meal = basal * rng.uniform(0.0, 3.0, _STATES), rng.uniform(0.0, 300.0, _STATES)
-        told, split, size = (np.asarray(part) for part in _rates(patient, t_min, x, insulin, meal))
+        by_derivative, split, size = (np.asarray(part) for part in _rates(patient, t_min, x, insulin, meal))
         at_midnight = np.asarray(_rates(patient, 0.0 * t_min, x, insulin, meal)[0])
-    clock = bool(_differ(told, at_midnight, size).any())
-    differ = _differ(told, split, size)
+    clock = bool(_differ(by_derivative, at_midnight, size).any())
+    differ = _differ(by_derivative, split, size)
     if not differ.any():
         return False, clock, ""
     where, state = np.argwhere(differ)[0]
@@ -220,7 +220,8 @@ def _comparison(content: Content) -> tuple[bool, bool, str]:
         clock,
         (
             f"At {t_min[where]:g} min after the start, the rate of state {state} of (slow, driven) is "
-            f"{told[where, state]:.6g} per minute by the derivative and {split[where, state]:.6g} by the others"
+            f"{by_derivative[where, state]:.6g} per minute by the derivative and {split[where, state]:.6g} by the "
+            "others"
         ),
     )
 
@@ -237,9 +238,9 @@ def _rates(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Rates of slow and driven block by the derivative and by the parts, and the sizes of what they are made of."""
     derivative = patient.derivative(t_min, x, Inputs(insulin_mU_min=insulin, meal_mg_min=meal))
-    _, told = jax.jvp(patient.split, (x,), (derivative,))
+    _, by_derivative = jax.jvp(patient.split, (x,), (derivative,))
     y, z = patient.split(x)
     parts = patient.transport(y), patient.kinetics(y, patient.effects(z), meal)
     driven = patient.driven_derivative(z, insulin)
     size = jnp.concatenate([sum(map(jnp.abs, parts), start=jnp.abs(y) * 1e-3), jnp.abs(driven) + jnp.abs(z) * 1e-3])
-    return jnp.concatenate(told), jnp.concatenate([parts[0] + parts[1], driven]), size
+    return jnp.concatenate(by_derivative), jnp.concatenate([parts[0] + parts[1], driven]), size

@@ -49,7 +49,7 @@ class PeoplePlant:
             matrices = dataclasses.replace(matrices, transport=_transport(nominal, y))
         if _depends(lambda p: p.glucose_mg_dl(p.join(y, z)), nominal, patient_varies):
             matrices = dataclasses.replace(matrices, probe=_probe(nominal, varied))
-        self._own_driven = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
+        self._driven_varies = _depends(lambda p: p.driven_derivative(z, jnp.zeros(())), nominal, patient_varies)
         self._doublings = driven_block.doublings_for(nominal, self.step_min)
         self.single = ExponentialPlant(patient=nominal, matrices=matrices)
         self._varies = [*patient_varies, *self._matrices_vary()]
@@ -58,13 +58,13 @@ class PeoplePlant:
         varies: list[bool] = []
         for field in dataclasses.fields(Matrices):
             numbers = len(jax.tree.leaves(getattr(self.single.matrices, field.name)))
-            varies += [self._own_driven and field.name.startswith("driven")] * numbers
+            varies += [self._driven_varies and field.name.startswith("driven")] * numbers
         return varies
 
-    def own(self, patient: SemilinearPatient) -> list[jax.Array]:
+    def values_of(self, patient: SemilinearPatient) -> list[jax.Array]:
         """Values that differ between people, as a list of arrays with people trailing."""
         matrices = self.single.matrices
-        if self._own_driven:
+        if self._driven_varies:
             end, gauss = driven_block.driven_matrices(
                 patient,
                 self.step_min,
@@ -75,13 +75,13 @@ class PeoplePlant:
             matrices = dataclasses.replace(matrices, driven_end=jnp.asarray(end), driven_gauss=jnp.asarray(gauss))
         return chosen(ExponentialPlant(patient=patient, matrices=matrices), self._varies)
 
-    def own_of_nominal(self) -> list[jax.Array]:
+    def values_of_nominal(self) -> list[jax.Array]:
         """Values of the nominal patient in the same form, as an example of one person."""
         return chosen(self.single, self._varies)
 
-    def of(self, own: Sequence[jax.Array]) -> ExponentialPlant:
+    def of(self, values: Sequence[jax.Array]) -> ExponentialPlant:
         """Plant of one person."""
-        plant: ExponentialPlant = replaced(self.single, self._varies, own)
+        plant: ExponentialPlant = replaced(self.single, self._varies, values)
         return plant
 
 
@@ -104,8 +104,8 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
     people = np.shape(varied.basal_insulin_mU_min)
 
     def read(block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        own = jnp.broadcast_to(jnp.asarray(block).reshape(-1, *[1] * len(people)), (block.size, *people))
-        glucose = varied.glucose_mg_dl(varied.join(own, jnp.zeros((z.size, *people))))
+        slow = jnp.broadcast_to(jnp.asarray(block).reshape(-1, *[1] * len(people)), (block.size, *people))
+        glucose = varied.glucose_mg_dl(varied.join(slow, jnp.zeros((z.size, *people))))
         return np.broadcast_to(np.asarray(glucose, float), people)
 
     scale = read(probe)
@@ -126,13 +126,13 @@ def varying(many: Any, one: Any) -> list[bool]:
 
 def chosen(tree: Any, varies: Sequence[bool]) -> list[jax.Array]:
     """Leaves that vary between people."""
-    return [jnp.asarray(leaf) for leaf, own in zip(jax.tree.leaves(tree), varies, strict=True) if own]
+    return [jnp.asarray(leaf) for leaf, differs in zip(jax.tree.leaves(tree), varies, strict=True) if differs]
 
 
-def replaced(tree: Any, varies: Sequence[bool], own: Sequence[Any]) -> Any:
+def replaced(tree: Any, varies: Sequence[bool], values: Sequence[Any]) -> Any:
     """A tree with other leaves where they vary."""
     leaves, structure = jax.tree.flatten(tree)
-    new = iter(own)
+    new = iter(values)
     return jax.tree.unflatten(structure, [next(new) if v else leaf for leaf, v in zip(leaves, varies, strict=True)])
 
 
@@ -141,4 +141,4 @@ def _depends(function: Callable[[Any], jax.Array], single: Any, varies: Sequence
     leaves, tree = jax.tree.flatten(single)
     jaxpr = jax.make_jaxpr(lambda *leaves: function(jax.tree.unflatten(tree, leaves)))(*leaves).jaxpr
     used = {id(atom) for equation in jaxpr.eqns for atom in equation.invars}
-    return any(own and id(variable) in used for own, variable in zip(varies, jaxpr.invars, strict=True))
+    return any(differs and id(variable) in used for differs, variable in zip(varies, jaxpr.invars, strict=True))

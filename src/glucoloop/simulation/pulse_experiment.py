@@ -40,7 +40,7 @@ class PulseExperiment:
         carry, key = self._begin(x, jax.random.key(0))
         self._engine = make_engine(
             self._step,
-            self._plants.own_of_nominal(),
+            self._plants.values_of_nominal(),
             carry,
             jnp.zeros(()),
             jnp.zeros(()),
@@ -54,9 +54,9 @@ class PulseExperiment:
         glucose = seen_mg_dl(self._plants.single.patient, x, site_of(self._sensor))
         return (x, self._sensor.init(glucose, sensor_key)), reading_key
 
-    def _step(self, own: Any, carry: Any, insulin: Any, shared: Any, rng: Any) -> tuple[Any, jax.Array]:
+    def _step(self, values: Any, carry: Any, insulin: Any, shared: Any, rng: Any) -> tuple[Any, jax.Array]:
         del shared
-        plant, (x, in_sensor), (key, index) = self._plants.of(own), carry, rng
+        plant, (x, in_sensor), (key, index) = self._plants.of(values), carry, rng
         glucose = seen_mg_dl(plant.patient, x, site_of(self._sensor))
         in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
         x, _ = plant.advance(x, insulin, self._fasting)
@@ -70,5 +70,5 @@ class PulseExperiment:
         """
         carry, keys = self._begin_people(jnp.asarray(x), key)
         rates = np.concatenate([insulin_mU_min, insulin_mU_min[-1:]])  # what follows the last reading is not looked at
-        _, readings = self._engine.run(self._plants.own(patient), carry, rates, np.zeros(rates.shape[0]), keys)
+        _, readings = self._engine.run(self._plants.values_of(patient), carry, rates, np.zeros(rates.shape[0]), keys)
         return np.asarray(readings, np.float64)

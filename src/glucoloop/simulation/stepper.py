@@ -422,5 +422,5 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:
     finite = happened.decision.status != Status.NO_FINITE_DOSE
-    told = jnp.where(finite, decision.status, happened.decision.status)
-    return dataclasses.replace(happened, decision=dataclasses.replace(happened.decision, status=told))
+    status = jnp.where(finite, decision.status, happened.decision.status)
+    return dataclasses.replace(happened, decision=dataclasses.replace(happened.decision, status=status))

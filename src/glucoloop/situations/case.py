@@ -105,11 +105,11 @@ class _Cases:
     def read(self, tree: Any, *, allow_unusual: bool = True) -> Case:
         """A case from its tree, or from its text as a leaf of one."""
         controller = as_table(tree, self.tree)
-        beside: dict[str, Any] = {}
+        of_case: dict[str, Any] = {}
         if isinstance(controller, Mapping):
-            beside = {key: value for key, value in controller.items() if key in _BESIDE}
+            of_case = {key: value for key, value in controller.items() if key in _BESIDE}
             controller = {key: value for key, value in controller.items() if key not in _BESIDE} or {
-                NAME: GivenValue(USUAL_CONTROLLER, place(beside))
+                NAME: GivenValue(USUAL_CONTROLLER, place(of_case))
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
         for name in _BESIDE:
@@ -118,7 +118,7 @@ class _Cases:
                     f"the controller {designed.called} has a setting {name!r}, which every case has already; its "
                     "author has to give it another name"
                 )
-        case = read(Case, beside, allow_unusual=allow_unusual)
+        case = read(Case, of_case, allow_unusual=allow_unusual)
         return Case.partial({**case.given, "controller": designed}, place(tree))
 
 

@@ -9,7 +9,7 @@ from typing import Final
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
 from glucoloop.parts.number_text import NUMBER, UNITS_OF_TIME
-from glucoloop.plausible import CONFIRM_OPTION, MEAL, ask
+from glucoloop.plausible import CONFIRM_OPTION, MEAL, refuse_unusual
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
@@ -68,7 +68,7 @@ def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
             raise Refusal(
                 f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
             )
-        ask(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
+        refuse_unusual(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
         if horizon_min >= MIN_PER_DAY and not match["unit"] and 0.0 < meal.t_min < HOURS_PER_DAY:
             size, time = f"{meal.carbs_g:g}g", f"{meal.t_min:g}"
             eating = f"/{meal.eating_min:g}min" if meal.eating_min else ""

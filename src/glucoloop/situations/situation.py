@@ -28,7 +28,7 @@ from glucoloop.plausible import (
     RATE_CHANGE,
     SAMPLE_TIME,
     SETPOINT,
-    ask,
+    refuse_unusual,
 )
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
@@ -194,9 +194,9 @@ class Situation(Part):
                 largest = largest.within(least=basal, reason=f"the patient needs {rest}")
             if basal < least_mU_min < most_mU_min:
                 least = least.within(most=basal, reason=f"the patient needs only {rest}")
-        ask(most_mU_min, largest, "max_insulin_mU_min of the pump", CONFIRM_OPTION)
-        ask(least_mU_min, least, "min_insulin_mU_min of the pump", CONFIRM_OPTION)
-        ask(float(limits.max_change_mU_min), RATE_CHANGE, "max_change_mU_min of the pump", CONFIRM_OPTION)
+        refuse_unusual(most_mU_min, largest, "max_insulin_mU_min of the pump", CONFIRM_OPTION)
+        refuse_unusual(least_mU_min, least, "min_insulin_mU_min of the pump", CONFIRM_OPTION)
+        refuse_unusual(float(limits.max_change_mU_min), RATE_CHANGE, "max_change_mU_min of the pump", CONFIRM_OPTION)
 
     def refuse_late_faults(self, duration_min: float) -> None:
         """Refuse a fault that begins after the end of a run."""

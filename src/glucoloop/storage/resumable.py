@@ -181,10 +181,10 @@ class ResumableFolder(ABC):
                 f"go on with {earlier.version}, or choose another folder with --out"
             )
         differing = list(differences(earlier.config, now.config))
-        for name, there, here in differing:
+        for name, old, new in differing:
             if name not in self.work.may_change:
                 raise Refusal(
-                    f"{self.path} holds another {self.work.what}: {name} is {there} there and {here} here; choose "
+                    f"{self.path} holds another {self.work.what}: {name} is {old} there and {new} here; choose "
                     "another folder with --out, or add --overwrite to replace it"
                 )
         return bool(differing)
@@ -193,8 +193,8 @@ class ResumableFolder(ABC):
         """Refuse results of another arithmetic; those of whole work are noted."""
         if (found := arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)) is None:
             return
-        name, there, here = found
-        other = f"{self.path} was computed with {name} {there}, and here it is {here}"
+        name, old, new = found
+        other = f"{self.path} was computed with {name} {old}, and here it is {new}"
         if not whole:
             raise Refusal(
                 f"{other}, which does not give the same bits; go on as before, choose another folder with --out, or "

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from glucoloop.control import Controller
-from glucoloop.control.protocol import gives_boluses, settled
+from glucoloop.control.protocol import computed_settings, gives_boluses
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.identification import Identification
@@ -39,15 +39,15 @@ class Outcome:
     metrics: Metrics
     notes: tuple[str, ...]
     """Notes on the model and the run, one sentence each."""
-    settled: Mapping[str, float] = field(default_factory=dict)
-    """Settings that were settled when the controller was designed, see `control.protocol.settled`."""
+    computed_settings: Mapping[str, float] = field(default_factory=dict)
+    """Settings that were settled when the controller was designed, see `control.protocol.computed_settings`."""
 
     def report(self) -> dict[str, Any]:
         """Plain values for JSON; the settings are those of the run by itself, without a comparison around it."""
         config = {key: value for key, value in self.run.tree(whole=True).items() if key in Run.settings()}
         return {
             "config": {**config, "controller": self.case.tree(whole=True)},
-            "settled": dict(self.settled),
+            "settled": dict(self.computed_settings),
             "model": None if self.model is None else self.model.model_dump(mode="json"),
             "summary": clinical_summary(self.trace, self.metrics).as_dict(),
             "metrics": self.metrics.as_dict(),
@@ -75,7 +75,7 @@ def outcome_of(run: Run, case: Case, model: ModelFile | None, controller: Contro
         model=model,
         trace=trace,
         metrics=metrics,
-        settled=settled(controller),
+        computed_settings=computed_settings(controller),
         notes=(
             *notes_on(run, case, model),
             *notes_on_patient(run, controller),
@@ -124,10 +124,10 @@ def smoothing_of(identification: Identification) -> str:
 def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     model = read_model(path)
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
-        own, runs = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
+        of_model, of_run = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
         raise Refusal(
-            f"the model was identified for {own}-min samples, the run uses {runs} min; "
-            f"identify again with --sample-time {runs} or run with --sample-time {own}"
+            f"the model was identified for {of_model}-min samples, the run uses {of_run} min; "
+            f"identify again with --sample-time {of_run} or run with --sample-time {of_model}"
         )
     held = model.provenance.dead_time_min
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):

@@ -66,7 +66,7 @@ class Study:
     """Module that does the work, imported when it runs."""
     request: type[Part]
     """Class of its requests: its own settings, and those of the run or the trial that it extends."""
-    words: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    option_texts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Fields of options by key, in place of the usual ones: ``{"help": {"people": "All people."}}``."""
     files: tuple[str, ...] = ()
     """Names of all its tables, pages and figures."""

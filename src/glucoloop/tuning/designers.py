@@ -43,7 +43,7 @@ def designer(
     def tuned(tuning: MPCTuning) -> Controller:
         if not isinstance(tuning, kind):
             raise Refusal("the controller follows a filtered reference; give the grid reference filters")
-        own = {name: value for name, value in tuning.values().items() if name in case.tuning}
-        return design(dataclasses.replace(case.controller, **own))
+        settings = {name: value for name, value in tuning.values().items() if name in case.tuning}
+        return design(dataclasses.replace(case.controller, **settings))
 
     return tuned

@@ -57,8 +57,8 @@ class Evolution:
 
     def tell(self, score: Array) -> None:
         """Take the score of each point that was asked for last; NaN counts as the least."""
-        for start, told in zip(self._starts, np.split(score, len(self._starts)), strict=True):
-            start.tell(told)
+        for start, scores in zip(self._starts, np.split(score, len(self._starts)), strict=True):
+            start.tell(scores)
 
 
 class _Start:
@@ -86,8 +86,8 @@ class _Start:
     def tell(self, score: Array) -> None:
         """Take the scores, and begin again if there was no progress for long."""
         # the library orders numbers alone
-        told = np.where(np.isfinite(score), score, np.finfo(float).min)
-        self._search.tell([(point, -float(of)) for point, of in zip(self._asked, told, strict=True)])
+        finite = np.where(np.isfinite(score), score, np.finfo(float).min)
+        self._search.tell([(point, -float(value)) for point, value in zip(self._asked, finite, strict=True)])
         most = float(score.max())
         if most > self._most + _MORE:
             self._most, self._waited = most, 0

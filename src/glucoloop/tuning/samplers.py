@@ -23,7 +23,7 @@ SAMPLERS: Final = ("tpe", "nsga2", "random")
 
 
 @dataclass(frozen=True)
-class Told:
+class Evaluated:
     """Result of a tuning."""
 
     values: tuple[float, ...]
@@ -38,7 +38,7 @@ class Sampler(Protocol):
     def ask(self, number: int) -> list[dict[str, float]]:
         """The next tunings."""
 
-    def tell(self, told: Sequence[Told]) -> None:
+    def tell(self, results: Sequence[Evaluated]) -> None:
         """Take the results of the tunings that were asked for last, in their order."""
 
 
@@ -63,12 +63,15 @@ class _Chance:
     def ask(self, number: int) -> list[dict[str, float]]:
         """Draw tunings at random."""
         shares = self._random.random((number, len(self._space)))
-        asked = [{of.name: of.at(float(share)) for of, share in zip(self._space, row, strict=True)} for row in shares]
+        asked = [
+            {setting.name: setting.at(float(share)) for setting, share in zip(self._space, row, strict=True)}
+            for row in shares
+        ]
         if self._start is not None:
             asked[0], self._start = self._start, None
         return asked
 
-    def tell(self, told: Sequence[Told]) -> None:
+    def tell(self, results: Sequence[Evaluated]) -> None:
         """Ignore the results, since the draws do not depend on them."""
 
 
@@ -104,19 +107,24 @@ class _Optuna:
             warnings.simplefilter("ignore")
             self._asked = [self._study.ask() for _ in range(number)]
             return [
-                {of.name: of.rounded(trial.suggest_float(of.name, of.low, of.high, log=of.log)) for of in self._space}
+                {
+                    setting.name: setting.rounded(
+                        trial.suggest_float(setting.name, setting.low, setting.high, log=setting.log)
+                    )
+                    for setting in self._space
+                }
                 for trial in self._asked
             ]
 
-    def tell(self, told: Sequence[Told]) -> None:
+    def tell(self, results: Sequence[Evaluated]) -> None:
         """Pass the results to the study."""
         failed = self._optuna.trial.TrialState.FAIL
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for trial, of in zip(self._asked, told, strict=True):
-                trial.set_user_attr(_VIOLATION, list(of.violation))
-                if all(map(math.isfinite, of.values)):
-                    self._study.tell(trial, of.values)
+            for trial, result in zip(self._asked, results, strict=True):
+                trial.set_user_attr(_VIOLATION, list(result.violation))
+                if all(map(math.isfinite, result.values)):
+                    self._study.tell(trial, result.values)
                 else:
                     self._study.tell(trial, state=failed)
 

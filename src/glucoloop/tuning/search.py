@@ -134,10 +134,10 @@ def search(
     horizon = max(horizons(one)[1] for one in controllers)
 
     def runs(situation: Situation, seeds: Sequence[int], done: int, total: int) -> _Scores:
-        around = surroundings_of(situation)
+        surroundings = surroundings_of(situation)
 
         def score(controller: Controller, key: jax.Array) -> _Scores:
-            trace = close_loop(situation, controller, meals, around=around, key=key, integrator=integrator)
+            trace = close_loop(situation, controller, meals, surroundings=surroundings, key=key, integrator=integrator)
             metrics = summarise(trace, limits)
             scores = {name: getattr(metrics, name) for name in (*_NUMBERS, *_TRUTHS, "constraints_satisfied")}
             return {**scores, **vars(oscillation(trace))}
@@ -200,23 +200,23 @@ def _in_blocks(
     jobs = list(itertools.product(range(len(designed)), range(len(seeds))))
     slots = [move_slots(horizons(one)[0], most_moves) for one in designed]
     keys = [jax.random.key(seed) for seed in seeds]
-    kept: dict[tuple[int, int], _Scores] = {}
+    scores_of: dict[tuple[int, int], _Scores] = {}
     for moves in sorted(set(slots)):
         group = [job for job in jobs if slots[job[0]] == moves]
         block = _block(len(group))
         for start in range(0, len(group), block):
-            here = group[start : start + block]
-            full = here + [here[-1]] * (block - len(here))
+            jobs_of_block = group[start : start + block]
+            full = jobs_of_block + [jobs_of_block[-1]] * (block - len(jobs_of_block))
             fitted = {point: padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)}
             batch = stack([fitted[point] for point, _ in full])
             scores = jax.vmap(score)(batch, jnp.stack([keys[seed] for _, seed in full]))
             host = jax.tree.map(np.asarray, scores)
-            for place, job in enumerate(here):
-                kept[job] = jax.tree.map(lambda leaf, place=place: leaf[place], host)
-            done += len(here)
+            for place, job in enumerate(jobs_of_block):
+                scores_of[job] = jax.tree.map(lambda leaf, place=place: leaf[place], host)
+            done += len(jobs_of_block)
             if progress is not None:
                 progress(done, total)
-    ordered = [kept[job] for job in jobs]
+    ordered = [scores_of[job] for job in jobs]
     together: _Scores = jax.tree.map(lambda *leaves: np.stack(leaves).reshape(len(designed), len(seeds)), *ordered)
     return together
 

@@ -100,14 +100,14 @@ class TuningSurface:
 
     def rank_of(self, tuning: MPCTuning, called: str = "printed") -> TuningRank:
         """Rank of a tuning by the sum of squared errors among the acceptable ones; equal sums share a rank."""
-        here, acceptable = self.index(tuning), self.acceptable
-        better = acceptable & (self.sse < self.sse[here])
+        point, acceptable = self.index(tuning), self.acceptable
+        better = acceptable & (self.sse < self.sse[point])
         best = self.best_index() if acceptable.any() else None
         return TuningRank(
             tuning=tuning,
-            rank=int(better.sum()) + 1 if acceptable[here] else None,
+            rank=int(better.sum()) + 1 if acceptable[point] else None,
             points=int(acceptable.sum()),
-            sse=float(self.sse[here]),
+            sse=float(self.sse[point]),
             best=None if best is None else self.tunings[best],
             best_sse=None if best is None else float(self.sse[best]),
             called=called,
@@ -115,12 +115,12 @@ class TuningSurface:
 
     def only(self, tunings: Collection[MPCTuning]) -> TuningSurface:
         """The same results for some of the tunings, in the order of the surface."""
-        kept = np.array([tuning in tunings for tuning in self.tunings], bool)
+        selected = np.array([tuning in tunings for tuning in self.tunings], bool)
         return dataclasses.replace(
             self,
             tunings=tuple(tuning for tuning in self.tunings if tuning in tunings),
             refused=tuple(one for one in self.refused if one[0] in tunings),
-            **{name: value[kept] for name, value in self._results().items()},
+            **{name: value[selected] for name, value in self._results().items()},
         )
 
     def _results(self) -> dict[str, npt.NDArray[Any]]:

@@ -38,8 +38,8 @@ class Expectation:
         share, now = shares(noise_mg_dl), self
         if self.daily is not None:
             now = self.daily.at(dataclasses.replace(self, daily=None), time_of_day_min)
-        here: Expectation = jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), now)
-        return here
+        at_noise: Expectation = jax.tree.map(lambda leaf: jnp.tensordot(share, leaf, axes=1), now)
+        return at_noise
 
     def without(
         self,
@@ -53,13 +53,13 @@ class Expectation:
         removed in proportion to the probability that there is no meal: all of it at rest, and nothing during a meal
         that is certain.
         """
-        here = self._at(estimate.noise_mg_dl, time_of_day_min)
-        share = taken * (1.0 - estimate.eating) / (1.0 - here.eating)
+        expected = self._at(estimate.noise_mg_dl, time_of_day_min)
+        share = taken * (1.0 - estimate.eating) / (1.0 - expected.eating)
         return dataclasses.replace(
             estimate,
-            eating=jnp.clip(estimate.eating - share * here.eating, 0.0, 1.0),
-            x=estimate.x - share * here.x,
-            stomach=jax.tree.map(lambda held, always: held - share * always, estimate.stomach, here.stomach),
+            eating=jnp.clip(estimate.eating - share * expected.eating, 0.0, 1.0),
+            x=estimate.x - share * expected.x,
+            stomach=jax.tree.map(lambda held, always: held - share * always, estimate.stomach, expected.stomach),
         )
 
 
@@ -72,7 +72,7 @@ def expectation(estimator: MealEstimator, model: FedModel) -> Expectation:
 
 def _at_levels(estimator: MealEstimator, model: FedModel) -> MealEstimate:
     """Last estimates at rest, for each size of the sensor's error."""
-    return _stacked([_settled(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL])
+    return _stacked([_at_rest(estimator.at_noise(deviation), model) for deviation in LEVELS_MG_DL])
 
 
 def _stacked(estimates: list[MealEstimate]) -> MealEstimate:
@@ -81,7 +81,7 @@ def _stacked(estimates: list[MealEstimate]) -> MealEstimate:
 
 
 @jax.jit
-def _settled(estimator: MealEstimator, model: FedModel) -> MealEstimate:
+def _at_rest(estimator: MealEstimator, model: FedModel) -> MealEstimate:
     """Last estimate of a person at rest."""
     sensed = Sensed(
         glucose_mg_dl=jnp.asarray(model.glucose_mg_dl(model.state)),

@@ -184,8 +184,8 @@ class MealHorizon:
         returns = jnp.where(sensed.reported, self.returns, 0.0)
         hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends, fails, returns)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
-        told = state.noise_mg_dl, state.haste
-        hypotheses, probability, noise = self._correct(model, hypotheses, probability, told, sensed)
+        learned = state.noise_mg_dl, state.haste
+        hypotheses, probability, noise = self._correct(model, hypotheses, probability, learned, sensed)
         state = MealHorizonState(
             hypotheses=hypotheses,
             probability=probability,
@@ -304,12 +304,12 @@ class MealHorizon:
         )
 
     def _correct(
-        self, model: FedModel, held: Hypothesis, p: jax.Array, told: tuple[jax.Array, jax.Array], sensed: Sensed
+        self, model: FedModel, held: Hypothesis, p: jax.Array, learned: tuple[jax.Array, jax.Array], sensed: Sensed
     ) -> tuple[Hypothesis, jax.Array, jax.Array]:
         """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
         predicted = jax.vmap(reading_of(model), in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
-        noise, haste = told
+        noise, haste = learned
         gain, variance = self.filters.at(noise)
         likelihood = jnp.exp(-0.5 * innovation**2 / variance) + _STRAY
         moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
@@ -391,9 +391,11 @@ def design_meal_horizon(
         Outside these bounds, or for a model whose disturbance cannot be told from glucose.
     """
     habits = MealHabits() if habits is None else habits
-    for samples, of in ((horizon, "a meal horizon"), (fast_horizon, "a horizon of meals through a fast gut")):
+    for samples, what in ((horizon, "a meal horizon"), (fast_horizon, "a horizon of meals through a fast gut")):
         if isinstance(samples, bool) or not isinstance(samples, int) or not 2 <= samples <= LONGEST_HORIZON:
-            raise Refusal(f"{of} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}")
+            raise Refusal(
+                f"{what} of {samples} samples is not possible; give a whole number from 2 to {LONGEST_HORIZON}"
+            )
     check_variances(disturbance_variance, measurement_variance)
     if not 0.0 < largest_disturbance_mg_min < np.inf:
         raise Refusal(

@@ -80,16 +80,16 @@ def replay(
         reported=jnp.asarray(True),
         announced_carbs_g=jnp.zeros_like(initial),
     )
-    _, told = jax.lax.scan(one, estimator.init(model, first), sensed)
+    _, estimates = jax.lax.scan(one, estimator.init(model, first), sensed)
     return MealEstimates(
         t_min=t_min,
-        glucose_mg_dl=jax.vmap(model.glucose_mg_dl)(told.x),
-        eating=told.eating,
-        carbs_g=told.carbs_g,
-        remaining_g=told.remaining_g,
-        emptying_mg_min=jax.vmap(lambda stomach: stomach.emptying_mg_min)(told.stomach),
-        disturbance_mg_min=told.disturbance_mg_min,
-        lost=told.lost,
+        glucose_mg_dl=jax.vmap(model.glucose_mg_dl)(estimates.x),
+        eating=estimates.eating,
+        carbs_g=estimates.carbs_g,
+        remaining_g=estimates.remaining_g,
+        emptying_mg_min=jax.vmap(lambda stomach: stomach.emptying_mg_min)(estimates.stomach),
+        disturbance_mg_min=estimates.disturbance_mg_min,
+        lost=estimates.lost,
     )
 
 
@@ -170,7 +170,7 @@ def estimate_meals(
     initial = float(model.insulin_mU_min) if initial_insulin_mU_min is None else float(initial_insulin_mU_min)
     _refuse_amounts("an insulin rate", "mU/min", np.append(initial, insulin[:-1]))
     _refuse_amounts("an announced meal", "g", announced)
-    told: MealEstimates = _replay(
+    estimates: MealEstimates = _replay(
         model,
         estimator,
         jnp.asarray(times),
@@ -181,7 +181,7 @@ def estimate_meals(
         dead_time_samples=dead_time_samples,
         start_min=start_min,
     )
-    return told
+    return estimates
 
 
 def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:

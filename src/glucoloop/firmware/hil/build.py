@@ -72,12 +72,12 @@ def portable_files(exported: Exported) -> dict[str, str]:
 
 def files(exported: Exported, chip: str) -> dict[str, str]:
     """All files of the firmware for an emulated chip."""
-    own = {name: template(name, _HERE) for name in _BOARDS[chip]}
+    of_board = {name: template(name, _HERE) for name in _BOARDS[chip]}
     if chip in CHIPS:
-        of = CHIPS[chip]
-        own |= {name: template(name) for name in ("chip.c", "chip.h", *of.support(exported.precision)[0])}
-        own["chip.ld"] = template("chip.ld").replace("@FLASH@", _MEMORY[chip].at).replace("@RAM@", of.ram)
-    return portable_files(exported) | own
+        target = CHIPS[chip]
+        of_board |= {name: template(name) for name in ("chip.c", "chip.h", *target.support(exported.precision)[0])}
+        of_board["chip.ld"] = template("chip.ld").replace("@FLASH@", _MEMORY[chip].at).replace("@RAM@", target.ram)
+    return portable_files(exported) | of_board
 
 
 def refuse_missing_tools(chip: str) -> None:
@@ -99,16 +99,16 @@ def build(exported: Exported, chip: str, folder: Path, extra: tuple[str, ...] = 
     if chip == HOST:
         _compile([str(compiler()), *WARNINGS, *extra, "-O1", "-ffp-contract=off", "-o", "firmware", *sources], folder)
         return (str(folder / "firmware"),)
-    of = CHIPS[chip]
-    _, told = of.support(exported.precision)
-    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *of.flags, *LINK, *told]
+    target = CHIPS[chip]
+    _, support_flags = target.support(exported.precision)
+    flags = [*WARNINGS, *extra, "-O2", "-ffp-contract=off", *target.flags, *LINK, *support_flags]
     flags += ["-fno-tree-loop-distribute-patterns"]
-    _compile([of.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
-    _compile([of.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
+    _compile([target.compiler, *flags, "-o", "firmware.elf", *sources, "-lgcc"], folder)
+    _compile([target.compiler.replace("gcc", "objcopy"), "-O", "binary", "firmware.elf", _IMAGE], folder)
     with (folder / _IMAGE).open("r+b") as image:
         (folder / _VECTORS).write_bytes(image.read(_VECTORS_BYTES))
         image.truncate(_MEMORY[chip].size)
-    return _emulation(of)
+    return _emulation(target)
 
 
 def _emulation(chip: Chip) -> tuple[str, ...]:
@@ -121,8 +121,8 @@ def _emulation(chip: Chip) -> tuple[str, ...]:
     semihosting = ("-semihosting-config", "enable=on,target=native")
     line = ("-chardev", "stdio,id=line,signal=off", "-serial", "chardev:line")
     switch = ("-chardev", "socket,id=switch,fd=2", "-mon", "chardev=switch,mode=control")
-    own = ("-display", "none", "-icount", _INSTRUCTION_TIME)
-    return (*_bound_to_us(), chip.emulator, *machine, *program, *semihosting, *line, *switch, *own)
+    no_display = ("-display", "none", "-icount", _INSTRUCTION_TIME)
+    return (*_bound_to_us(), chip.emulator, *machine, *program, *semihosting, *line, *switch, *no_display)
 
 
 def _bound_to_us() -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class Exchange:
         self._patience = Patience()
         self._sent_s: float | None = None
         """Time at which the last frame was sent that is to be timed; None if it was answered or sent again."""
-        self._kept: dict[int, bytes] = {}
+        self._observations: dict[int, bytes] = {}
         self._session = self._question = 0
         self._fresh = True
         """Whether nothing was answered in the session yet."""
@@ -90,9 +90,9 @@ class Exchange:
             self._ask()
 
         def took(frame: Frame) -> bool:
-            told = self._hello(frame)
-            if told is not None and told.asked == self._question:
-                hello.append(told)
+            answer = self._hello(frame)
+            if answer is not None and answer.asked == self._question:
+                hello.append(answer)
             return bool(hello)
 
         if not self._until(asked, took):
@@ -106,9 +106,9 @@ class Exchange:
 
     def keep(self, sample: int, observation: bytes) -> None:
         """Remember an observation, to be sent when the chip is ready for it."""
-        self._kept[sample] = observation
-        if len(self._kept) > KEPT:
-            del self._kept[min(self._kept)]
+        self._observations[sample] = observation
+        if len(self._observations) > KEPT:
+            del self._observations[min(self._observations)]
 
     def decide(self, sample: int, observation: bytes, within_s: float = ANSWER_WITHIN_S) -> bytes | None:
         """Decision on a sample; None if the chip did not answer in time. Another controller is refused."""
@@ -124,19 +124,21 @@ class Exchange:
         return again
 
     def _answer_to(self, sample: int, within_s: float) -> bytes | None:
-        def ask() -> None:
+        def send() -> None:
             if self._memory_in_question:
                 self._ask()
             else:
-                self._observe(min(kept for kept in self._kept if kept not in self.answers))
+                self._observe(min(number for number in self._observations if number not in self.answers))
 
         def took(frame: Frame) -> bool:
             self._take(frame, sample)
             return sample in self.answers
 
-        return self.answers[sample] if self._until(ask, took, within_s) else None
+        return self.answers[sample] if self._until(send, took, within_s) else None
 
-    def _until(self, ask: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S) -> bool:
+    def _until(
+        self, send: Callable[[], None], took: Callable[[Frame], bool], within_s: float = ANSWER_WITHIN_S
+    ) -> bool:
         """Ask until a frame is the one that is waited for; False if none was in time.
 
         A damaged frame is perhaps the answer: the question is sent again at once, and later ones wait their time, so
@@ -145,7 +147,7 @@ class Exchange:
         end = self._clock() + within_s
         self._decoder.forget()
         refused, at_once = self.refused, True
-        ask()
+        send()
         again = self._clock() + self._patience.wait_s
         while (now := self._clock()) < end:
             for frame in self._decoder.feed(self._link.receive(max(0.0, min(again, end) - now))):
@@ -158,7 +160,7 @@ class Exchange:
                 refused, at_once = self.refused, late
                 if late:
                     self._patience.repeated()
-                ask()
+                send()
                 self._sent_s = None
                 self.repeated += 1
                 again = self._clock() + self._patience.wait_s
@@ -178,7 +180,7 @@ class Exchange:
         hello = self._hello(frame)
         if hello is None:
             return
-        if hello.session == self._session and hello.next in (*self._kept, current + 1):
+        if hello.session == self._session and hello.next in (*self._observations, current + 1):
             self._memory_in_question = False
             self._observe(min(hello.next, current))
         elif hello.session != self._session and self._fresh:
@@ -187,7 +189,7 @@ class Exchange:
             # The chip has lost what it remembered: its controller can only start anew.
             self._memory_in_question = False
             self._session = max(self._session, hello.session)
-            self._kept = {current: self._kept[current]}
+            self._observations = {current: self._observations[current]}
             self._new_session(current)
         elif not self._memory_in_question:
             # Perhaps an old frame that was late: only an answer to a question of now is believed.
@@ -196,7 +198,7 @@ class Exchange:
             self._ask()
 
     def _decided(self, frame: Frame, current: int) -> None:
-        if frame.sample not in self._kept or frame.sample > current:
+        if frame.sample not in self._observations or frame.sample > current:
             return
         self._fresh = self._memory_in_question = False
         known = frame.sample in self.answers
@@ -215,8 +217,8 @@ class Exchange:
         self._send(Frame(Type.ASK, sample=self._question))
 
     def _observe(self, sample: int) -> None:
-        if sample in self._kept:
-            self._send(Frame(Type.OBSERVATION, self._session, sample, self._kept[sample]))
+        if sample in self._observations:
+            self._send(Frame(Type.OBSERVATION, self._session, sample, self._observations[sample]))
 
     def _hello(self, frame: Frame) -> Hello | None:
         hello = Hello.of(frame) if frame.type == Type.HELLO else None

@@ -87,7 +87,7 @@ class Disturbances:
             to_chip = bool(rng.integers(2)) if both else kind is not Kind.CUT_AFTER_ANSWER
             event = Event(kind, to_chip, float(rng.random()), int(rng.integers(1, 256)))
             events[heard[int(rng.integers(len(heard)))]].append(event)
-        return [[of[int(i)] for i in rng.permutation(len(of))] for of in events], silent
+        return [[kind[int(i)] for i in rng.permutation(len(kind))] for kind in events], silent
 
 
 NOTHING: Final = Disturbances()

@@ -152,14 +152,14 @@ def _on_one_core(pid: int) -> None:
 
 def _was_reset(switch: socket.socket) -> bool:
     """Ask for a reset, and wait until it has happened; False if it does not."""
-    said = b""
+    output = b""
     try:
         switch.sendall(_RESET)
-        while _WAS_RESET not in said:
+        while _WAS_RESET not in output:
             more = switch.recv(_CHUNK)
             if not more:
                 return False
-            said += more
+            output += more
     except OSError:
         return False
     return True

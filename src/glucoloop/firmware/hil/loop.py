@@ -128,17 +128,17 @@ def run_on_chip(
         pace.wait_for(sample)
         begun.append(time.monotonic())
         seen.append(leaves_of(observation, exported))
-        payload, told = payloads.observation(seen[-1]), None
+        payload, answer = payloads.observation(seen[-1]), None
         if sample in silent:
             exchange.keep(sample, payload)
         else:
             line.expect(events[sample])
-            told = exchange.decide(sample, payload, pace.answer_within_s)
-            while line.pending and told is not None and exchange.ask_again(sample, pace.answer_within_s) is not None:
+            answer = exchange.decide(sample, payload, pace.answer_within_s)
+            while line.pending and answer is not None and exchange.ask_again(sample, pace.answer_within_s) is not None:
                 pass
-        answered.append(told is not None)
+        answered.append(answer is not None)
         progress(1)
-        if told is None:
+        if answer is None:
             rate = pump.rate_mU_min(last, silent_min)
             silent_min += stepper.sample_time_min
             return Decision(
@@ -146,7 +146,7 @@ def run_on_chip(
                 status=jnp.asarray(int(Status.NO_ANSWER)),
                 bolus_mU=jnp.zeros(()) if gives_boluses else None,
             )
-        decision = decision_of(payloads.decision(told), exported)
+        decision = decision_of(payloads.decision(answer), exported)
         last, silent_min = float(decision.insulin_mU_min), 0.0
         return decision
 

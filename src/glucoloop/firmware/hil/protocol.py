@@ -61,8 +61,8 @@ class Frame:
     def encoded(self) -> bytes:
         """The bytes on the line."""
         head = _HEADER.pack(MARK, VERSION, self.type, self.session, self.sample, len(self.payload), 0)
-        told = head + _CRC.pack(zlib.crc32(head)) + self.payload
-        return told + _CRC.pack(zlib.crc32(told))
+        content = head + _CRC.pack(zlib.crc32(head)) + self.payload
+        return content + _CRC.pack(zlib.crc32(content))
 
 
 class Decoder:
@@ -88,11 +88,11 @@ class Decoder:
             if length is None or len(self._held) < length:
                 return None
             if length:
-                told = bytes(self._held[:length])
-                if _CRC.pack(zlib.crc32(told[:-4])) == told[-4:]:
+                content = bytes(self._held[:length])
+                if _CRC.pack(zlib.crc32(content[:-4])) == content[-4:]:
                     del self._held[:length]
-                    _, _, type, session, sample, _, _ = _HEADER.unpack_from(told)
-                    return Frame(type, session, sample, told[HEADER_BYTES:-4])
+                    _, _, type, session, sample, _, _ = _HEADER.unpack_from(content)
+                    return Frame(type, session, sample, content[HEADER_BYTES:-4])
             self.refused += self._held[0] == MARK[0]
             next_mark = self._held.find(MARK[0], 1)
             del self._held[: next_mark if next_mark > 0 else len(self._held)]
@@ -153,7 +153,7 @@ class Payloads:
     @property
     def sizes(self) -> tuple[int, int]:
         """Number of bytes of an observation and of a decision."""
-        memories = [of.memory(self._precision) for of in (self._observation, self._decision)]
+        memories = [record.memory(self._precision) for record in (self._observation, self._decision)]
         return memories[0].itemsize, memories[1].itemsize
 
 

@@ -31,10 +31,10 @@ class Reproduced:
     """Whether more than half of the runs never settle."""
 
     @classmethod
-    def of(cls, values: Any, settled: Any = True) -> Reproduced:
+    def of(cls, values: Any, settles: Any = True) -> Reproduced:
         """Median and percentiles over the seeds, `(seeds,)`."""
         array = np.asarray(values, float).ravel()
-        unsettled = bool(np.mean(~np.asarray(settled)) > 0.5)
+        unsettled = bool(np.mean(~np.asarray(settles)) > 0.5)
         if array.size == 1:
             return cls(median=float(array[0]), unsettled=unsettled)
         low, median, high = (float(part) for part in np.percentile(array, [10, 50, 90]))
@@ -155,8 +155,8 @@ def _found(entry: PrintedEntry, study: PointResults) -> Reproduced | None:
     if entry.metric == "deviation_mg_dl":
         return Reproduced.of(np.maximum(metrics.undershoot_mg_dl, metrics.overshoot_mg_dl))
     if entry.metric.startswith("settling"):
-        settled = getattr(metrics, entry.metric.removesuffix("_min").replace("settling", "settled"))
-        return Reproduced.of(getattr(metrics, entry.metric), settled)
+        settles = getattr(metrics, entry.metric.removesuffix("_min").replace("settling", "settled"))
+        return Reproduced.of(getattr(metrics, entry.metric), settles)
     return Reproduced.of(getattr(metrics, entry.metric))
 
 

@@ -111,7 +111,7 @@ def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Contro
     surroundings = surroundings_of(situation)
 
     def run(controller: Controller, key: jax.Array) -> tuple[Metrics, Trace]:
-        trace = close_loop(situation, controller, Scenario(), around=surroundings, key=key)
+        trace = close_loop(situation, controller, Scenario(), surroundings=surroundings, key=key)
         return summarise(trace), trace
 
     if isinstance(controllers, Sequence):

@@ -32,34 +32,36 @@ from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import TRUNCATION_SD, Variation
 
 
-def _variation(of: Normal | Uniform | Lognormal, within_sd: float) -> Variation:
-    if isinstance(of, Uniform):
-        half = (of.most - of.least) / 2.0
-        return Variation(parameter=of.parameter, distribution="uniform", centre=of.least + half, spread=half)
-    if isinstance(of, Normal):
-        reach = within_sd * of.sd
+def _variation(distribution: Normal | Uniform | Lognormal, within_sd: float) -> Variation:
+    if isinstance(distribution, Uniform):
+        half = (distribution.most - distribution.least) / 2.0
         return Variation(
-            parameter=of.parameter,
+            parameter=distribution.parameter, distribution="uniform", centre=distribution.least + half, spread=half
+        )
+    if isinstance(distribution, Normal):
+        reach = within_sd * distribution.sd
+        return Variation(
+            parameter=distribution.parameter,
             distribution="normal",
-            centre=of.mean,
-            spread=of.sd,
-            lower=of.mean - reach if reach < of.mean else LEAST_OF_MEAN * of.mean,
-            upper=of.mean + reach,
+            centre=distribution.mean,
+            spread=distribution.sd,
+            lower=distribution.mean - reach if reach < distribution.mean else LEAST_OF_MEAN * distribution.mean,
+            upper=distribution.mean + reach,
         )
     return Variation(
-        parameter=of.parameter,
+        parameter=distribution.parameter,
         distribution="lognormal",
-        centre=of.median,
-        spread_pct=100.0 * math.sqrt(math.expm1(of.sd_of_logarithm**2)),
-        lower=of.median * math.exp(-within_sd * of.sd_of_logarithm),
-        upper=of.median * math.exp(within_sd * of.sd_of_logarithm),
+        centre=distribution.median,
+        spread_pct=100.0 * math.sqrt(math.expm1(distribution.sd_of_logarithm**2)),
+        lower=distribution.median * math.exp(-within_sd * distribution.sd_of_logarithm),
+        upper=distribution.median * math.exp(within_sd * distribution.sd_of_logarithm),
     )
 
 
 def _population(
     name: str, patient: str, distributions: Iterable[Normal | Uniform | Lognormal], within_sd: float
 ) -> dict[str, Population]:
-    variations = tuple(_variation(of, within_sd) for of in distributions)
+    variations = tuple(_variation(distribution, within_sd) for distribution in distributions)
     return {name: Population(name, variations, PATIENTS[patient].populations[name], patient=patient)}
 
 

@@ -56,14 +56,14 @@ RENAL_THRESHOLD: Final = "renal_threshold"
 
 def nominal_values(person: HovorkaConstants) -> dict[str, float]:
     """All constants that can vary, with the values of a nominal person."""
-    own = {name: float(value) for name, value in vars(person).items()}
-    return {**own, ABSORPTION_RATE: 1.0 / own[ABSORPTION_TIME]}
+    values = {name: float(value) for name, value in vars(person).items()}
+    return {**values, ABSORPTION_RATE: 1.0 / values[ABSORPTION_TIME]}
 
 
 def meanings(constants: Iterable[Constant]) -> dict[str, str]:
     """Meaning of what can vary, in words."""
-    own = {constant.name: constant.meaning.partition(";")[0] for constant in constants}
-    return {**own, ABSORPTION_RATE: "rate of insulin absorption"}
+    values = {constant.name: constant.meaning.partition(";")[0] for constant in constants}
+    return {**values, ABSORPTION_RATE: "rate of insulin absorption"}
 
 
 def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distribution]) -> None:

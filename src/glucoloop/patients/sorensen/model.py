@@ -42,22 +42,22 @@ _SPREAD_CV_PCT: Final = 20.0
 def _populations() -> dict[str, Population]:
     """Populations by name."""
     uncertain = (
-        Variation(parameter=of.parameter, distribution="uniform", spread_pct=LARGEST_VARIATION_PCT)
-        if of.half_width is None
-        else Variation(parameter=of.parameter, distribution="uniform", spread=of.half_width)
-        for of in UNCERTAIN
+        Variation(parameter=entry.parameter, distribution="uniform", spread_pct=LARGEST_VARIATION_PCT)
+        if entry.half_width is None
+        else Variation(parameter=entry.parameter, distribution="uniform", spread=entry.half_width)
+        for entry in UNCERTAIN
     )
     lognormal = (
         Variation(
-            parameter=of.parameter,
+            parameter=entry.parameter,
             distribution="lognormal",
             spread_pct=_SPREAD_CV_PCT,
             # insulin of the periphery could not be cleared beyond 0.243
-            upper=0.21 if of.parameter == "F_PC" else None,
+            upper=0.21 if entry.parameter == "F_PC" else None,
         )
-        if of.half_width is None
-        else Variation(parameter=of.parameter, distribution="normal", spread=_SPREAD_CV_PCT / 100.0)
-        for of in UNCERTAIN
+        if entry.half_width is None
+        else Variation(parameter=entry.parameter, distribution="normal", spread=_SPREAD_CV_PCT / 100.0)
+        for entry in UNCERTAIN
     )
     varied = {"parker2000": tuple(uncertain), "lognormal": (*lognormal, ADULTS)}
     summaries = PATIENTS[_NAME].populations

@@ -90,9 +90,9 @@ class SorensenPatient(RestingPatient[SorensenParameters]):
 
     def stiff_couplings(self) -> npt.NDArray[np.bool_]:
         """Mask of glucose with glucose: blood flow mixes it within minutes; its regulation acts within half an hour."""
-        kept = np.eye(sorensen.REGULATED, dtype=bool)
-        kept[sorensen.GLUCOSE, sorensen.GLUCOSE] = True
-        return kept
+        regulated = np.eye(sorensen.REGULATED, dtype=bool)
+        regulated[sorensen.GLUCOSE, sorensen.GLUCOSE] = True
+        return regulated
 
     def driven_derivative(self, z: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Insulin balances `(7, ...)`."""

@@ -63,8 +63,8 @@ class Compression(FaultySensor):
         fall = goal + self.left * (state.fall - goal)
         fall = jnp.where(there | (fall > _NOTHING), fall, 0.0)
         glucose = reading.glucose_mg_dl
-        told = jnp.where(fall > 0.0, glucose - fall * glucose, glucose)
-        return _State(within=within, fall=fall), Reading(glucose_mg_dl=told, valid=reading.valid)
+        reported = jnp.where(fall > 0.0, glucose - fall * glucose, glucose)
+        return _State(within=within, fall=fall), Reading(glucose_mg_dl=reported, valid=reading.valid)
 
 
 @checked

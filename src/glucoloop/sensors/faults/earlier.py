@@ -36,8 +36,8 @@ class Stuck(FaultySensor):
     def read(self, state: _Held, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_Held, Reading]:
         """Read the inner sensor, and give the held reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
-        told: Reading = jax.tree.map(lambda held, new: jnp.where(age > 0.0, held, new), state.held, newest)
-        return _Held(within=within, held=told), told
+        reported: Reading = jax.tree.map(lambda held, new: jnp.where(age > 0.0, held, new), state.held, newest)
+        return _Held(within=within, held=reported), reported
 
 
 @checked
@@ -69,8 +69,8 @@ class Repeated(FaultySensor):
         """Read the inner sensor, and repeat the last reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         again = (age > 0.0) & (state.told < self.times)
-        told: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
-        return _Repeats(within=within, last=told, told=jnp.where(again, state.told + 1.0, 1.0)), told
+        reported: Reading = jax.tree.map(lambda last, new: jnp.where(again, last, new), state.last, newest)
+        return _Repeats(within=within, last=reported, told=jnp.where(again, state.told + 1.0, 1.0)), reported
 
 
 @checked
@@ -110,8 +110,8 @@ class Late(FaultySensor):
         """Read the inner sensor, and give an older reading while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         line = joined(state.past, newest)
-        told: Reading = jax.tree.map(lambda old, new: jnp.where(age >= 0.0, old, new), one_of(line, 0), newest)
-        return _State(within=within, past=without_oldest(line)), told
+        reported: Reading = jax.tree.map(lambda old, new: jnp.where(age >= 0.0, old, new), one_of(line, 0), newest)
+        return _State(within=within, past=without_oldest(line)), reported
 
 
 @checked
@@ -152,14 +152,16 @@ class OutOfOrder(FaultySensor):
         """Read the inner sensor, and give one of the latest readings while the fault is present."""
         within, age, newest = read_within(self, state.within, glucose_mg_dl, key)
         line = joined(state.past, newest)
-        own = jax.random.fold_in(self.episodes.own(key), _WHICH)
-        drawn = self.among * jax.random.uniform(own, age.shape, age.dtype)
-        told = newest
+        choice_key = jax.random.fold_in(self.episodes.own(key), _WHICH)
+        drawn = self.among * jax.random.uniform(choice_key, age.shape, age.dtype)
+        reported = newest
         for place in range(self.among - 1):
             # native code cannot take a random place of an array, but it can choose between values
-            here = (age >= 0.0) & (drawn >= place) & (drawn < place + 1)
-            told = jax.tree.map(lambda old, so_far, here=here: jnp.where(here, old, so_far), one_of(line, place), told)
-        return _State(within=within, past=without_oldest(line)), told
+            chosen = (age >= 0.0) & (drawn >= place) & (drawn < place + 1)
+            reported = jax.tree.map(
+                lambda old, so_far, chosen=chosen: jnp.where(chosen, old, so_far), one_of(line, place), reported
+            )
+        return _State(within=within, past=without_oldest(line)), reported
 
 
 @checked

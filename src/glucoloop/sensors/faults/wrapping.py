@@ -51,8 +51,8 @@ class AlteredReadings(FaultySensor):
         def while_there(altered: Any, inner: Any) -> Any:
             return inner if altered is inner else jnp.where(there, altered, inner)
 
-        told: Reading = jax.tree.map(while_there, self.altered(reading, age), reading)
-        return state, told
+        reported: Reading = jax.tree.map(while_there, self.altered(reading, age), reading)
+        return state, reported
 
 
 def or_ideal(inner: Sensor | None) -> Sensor:

@@ -79,7 +79,7 @@ class TrialTables:
     done: int
     shards: int
 
-    def ask(self, sql: str, *, timeout_s: float | None = None) -> Answer:
+    def query(self, sql: str, *, timeout_s: float | None = None) -> Answer:
         """Answer a query; the time limit is for the answer and all of its rows.
 
         A ValueError tells of a text that is not one query that only reads, of a query that DuckDB refuses, or of an

@@ -108,7 +108,7 @@ ADVERSARY: Final = SearchStudy(
     module="glucoloop.studies.adversary.study",
     request=Adversary,
     needs_folder=False,
-    words={
+    option_texts={
         "help": {
             "people": "Number of people with random errors, for comparison.",
             "duration_min": "Length of the run.",

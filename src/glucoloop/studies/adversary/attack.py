@@ -140,14 +140,14 @@ class _Fold:
         zero = jnp.zeros_like(glucose_mg_dl)
         return Harm(lowest_mg_dl=glucose_mg_dl, below_54_min=zero, peak_mg_dl=glucose_mg_dl)
 
-    def step(self, kept: Harm, happened: Sampled, t_min: jax.Array) -> Harm:
+    def step(self, harm: Harm, happened: Sampled, t_min: jax.Array) -> Harm:
         del t_min
         inside = happened.inside_mg_dl
         below = jnp.sum(jnp.where(inside < VERY_LOW_MG_DL, self.point_min, 0.0), axis=0)
         return Harm(
-            lowest_mg_dl=jnp.minimum(kept.lowest_mg_dl, jnp.min(inside, axis=0)),
-            below_54_min=kept.below_54_min + below,
-            peak_mg_dl=jnp.maximum(kept.peak_mg_dl, jnp.max(inside, axis=0)),
+            lowest_mg_dl=jnp.minimum(harm.lowest_mg_dl, jnp.min(inside, axis=0)),
+            below_54_min=harm.below_54_min + below,
+            peak_mg_dl=jnp.maximum(harm.peak_mg_dl, jnp.max(inside, axis=0)),
         )
 
 
@@ -166,11 +166,11 @@ class Attack:
             raise Refusal(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
         self.lanes, self._trial = lanes, trial
         self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
-        around = surroundings_of(trial, trial.cases[0].faults)
+        surroundings = surroundings_of(trial, trial.cases[0].faults)
         example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=trial.target_mg_dl)
         none, nowhere = np.zeros(space.samples), np.full(space.stretches, float(space.samples))
-        sensor = erring(none, nowhere, space.stretch_samples, around.sensor)
-        self._around = Surroundings(sensor=sensor, pump=around.pump)
+        sensor = erring(none, nowhere, space.stretch_samples, surroundings.sensor)
+        self._surroundings = Surroundings(sensor=sensor, pump=surroundings.pump)
         self._loop = PeopleLoop(
             trial,
             controller,
@@ -179,12 +179,12 @@ class Attack:
             _Fold(point_min=trial.sample_time_min / len(self._grid.inside_min)),
             meals=eaten(trial.plan.nominal()),
             own_announcements=trial.miscounts,
-            own=with_basal_of_each(controller),
-            around=self._around,
+            controllers_of=with_basal_of_each(controller),
+            surroundings=self._surroundings,
             varied=self._erring(none[:, None], nowhere[:, None]),
             precision=trial.precision,
             products=trial.products,
-            tell_decisions=True,
+            record_decisions=True,
         )
 
     @property
@@ -243,18 +243,20 @@ class Attack:
         """Run one full set of lanes, with the person and the sequence of errors of each."""
         trial = self._trial
         with one_at_a_time:
-            people, around = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
+            people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
             person = people.draw.person
             key = keys_of_people(trial.seed, person)
             announced_g = (
                 announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
             )
-        return self._loop.run(people, key, around=around, announced_g=announced_g, threads=os.cpu_count() or 1)
+        return self._loop.run(
+            people, key, surroundings=surroundings, announced_g=announced_g, threads=os.cpu_count() or 1
+        )
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
-        sensor: Any = self._around.sensor
-        own = dataclasses.replace(sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
-        return dataclasses.replace(self._around, sensor=own)
+        sensor: Any = self._surroundings.sensor
+        erring_sensor = dataclasses.replace(sensor, errors=jnp.asarray(errors), stuck_from=jnp.asarray(stuck_from))
+        return dataclasses.replace(self._surroundings, sensor=erring_sensor)
 
 
 def _first(run: CohortRun, n: int) -> Harm:

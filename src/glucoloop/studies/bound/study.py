@@ -44,14 +44,14 @@ class Bounds:
     @property
     def drawn(self) -> dict[str, OptimalDoses]:
         """All plans for the meals as they are."""
-        return {**self.plans, **{label: of.meal for label, of in self.hedged.items()}}
+        return {**self.plans, **{label: hedged.meal for label, hedged in self.hedged.items()}}
 
     def table(self, time: str, what: str) -> pl.DataFrame:
         """Values of all plans over time, by information and world."""
         worlds = [(label, "meal", plan) for label, plan in self.plans.items()]
-        for label, of in self.hedged.items():
-            other = "no meal" if of.question == "begins" else "larger meal"
-            worlds += [(label, "meal", of.meal), (label, other, of.other)]
+        for label, hedged in self.hedged.items():
+            other = "no meal" if hedged.question == "begins" else "larger meal"
+            worlds += [(label, "meal", hedged.meal), (label, other, hedged.other)]
         return pl.concat(
             pl.DataFrame({"t_min": getattr(plan, time), what: getattr(plan, what)}).select(
                 pl.lit(label).alias("information"), pl.lit(world).alias("world"), pl.all()
@@ -75,16 +75,16 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
         "hedged": [
             {
                 "information": label,
-                **{name: getattr(of, name) for name in ("error", "told_after_min", "deviation_mg_dl")},
-                "undershoot_mg_dl": of.meal.undershoot_mg_dl,
-                "peak_mg_dl": of.meal.peak_mg_dl,
-                "other_undershoot_mg_dl": of.other.undershoot_mg_dl,
-                "other_peak_mg_dl": of.other.peak_mg_dl,
-                "converged": of.converged,
-                "iterations": of.meal.iterations,
-                "optimality": of.meal.optimality,
+                **{name: getattr(hedged, name) for name in ("error", "told_after_min", "deviation_mg_dl")},
+                "undershoot_mg_dl": hedged.meal.undershoot_mg_dl,
+                "peak_mg_dl": hedged.meal.peak_mg_dl,
+                "other_undershoot_mg_dl": hedged.other.undershoot_mg_dl,
+                "other_peak_mg_dl": hedged.other.peak_mg_dl,
+                "converged": hedged.converged,
+                "iterations": hedged.meal.iterations,
+                "optimality": hedged.meal.optimality,
             }
-            for label, of in bounds.hedged.items()
+            for label, hedged in bounds.hedged.items()
         ],
         "notes": [*_notes(asked, bounds)],
     }
@@ -202,11 +202,11 @@ _COLUMNS: Final = (
 def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
     """The best possible results by the knowledge of the meals, and under sensor noise."""
     rows = [
-        {**of, "settles": f"{of['settling_min']:.0f}{'' if of['settled'] else '+'}"} for of in found.plain["bounds"]
+        {**row, "settles": f"{row['settling_min']:.0f}{'' if row['settled'] else '+'}"} for row in found.plain["bounds"]
     ]
     # they are not followed to the end of the run
-    rows += [{**of, "known_after_min": of["told_after_min"]} for of in found.plain["hedged"]]
-    lines = [(f"{of['information']}{'' if of['converged'] else ' (not converged)'}", [of]) for of in rows]
+    rows += [{**row, "known_after_min": row["told_after_min"]} for row in found.plain["hedged"]]
+    lines = [(f"{row['information']}{'' if row['converged'] else ' (not converged)'}", [row]) for row in rows]
     yield terminal_table("Information", [("", lines)], _COLUMNS)
 
 

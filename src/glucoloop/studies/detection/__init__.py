@@ -106,9 +106,9 @@ class Detection(Trial):
     @functools.cached_property
     def estimating(self) -> ControllerPart:
         """The controller to which the estimators belong, with all settings."""
-        own = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
-        asked = own if self.estimates_by is None else self.estimates_by
-        return asked.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
+        usual = self.case.controller if self.case.controller.name == ESTIMATING.name else ESTIMATING.partial({})
+        chosen = usual if self.estimates_by is None else self.estimates_by
+        return chosen.completed(self.patient.usual_of(ESTIMATING.name), noisy=self.noisy)
 
     @functools.cached_property
     def trial(self) -> Trial:
@@ -157,7 +157,7 @@ DETECT: Final = PlainStudy(
     ),
     module="glucoloop.studies.detection.study",
     request=Detection,
-    words={
+    option_texts={
         "help": {
             "controller": "Controller that gives the doses, like 'meal-mpc, meals_per_h=0.1'. Without a name the "
             "settings are those of the controller that is there.",

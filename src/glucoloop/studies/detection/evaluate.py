@@ -45,7 +45,7 @@ Truths = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.int64]
 
 ENGINE: Final = {"engine": "xla", "not_native": "the replay of estimators, which runs in JAX alone"}
-"""Engine of the days and of the estimates, as `PeopleLoop.engine_told` has it."""
+"""Engine of the days and of the estimates, as `PeopleLoop.engine_facts` has it."""
 _MOST_AT_ONCE: Final = 64
 AFTERMATH_MIN: Final = 60.0
 """Time after a meal's end for which it is still under way, and after which its size is judged."""
@@ -78,7 +78,9 @@ class Recorder:
         index = jnp.round(t_min / self.sample_time_min).astype(int)
         reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
         values = {"reading": reading, "reported": happened.delivery.reported_mU_min}
-        return {name: jax.lax.dynamic_update_index_in_dim(record[name], of, index, 0) for name, of in values.items()}
+        return {
+            name: jax.lax.dynamic_update_index_in_dim(record[name], value, index, 0) for name, value in values.items()
+        }
 
 
 @pytree
@@ -112,8 +114,8 @@ def recorded_days(
         grid,
         Recorder(sample_time_min=grid.sample_time_min, samples=grid.samples),
         meals=None,
-        own=with_basal_of_each(controller),
-        around=surroundings_of(trial, case.faults),
+        controllers_of=with_basal_of_each(controller),
+        surroundings=surroundings_of(trial, case.faults),
         engine=ENGINE["engine"],
     )
 
@@ -152,7 +154,7 @@ def _in_blocks(n: int, run: Callable[[Numbers], T], progress: Callable[[str], No
         threads=1,
         done=lambda _: progress(f"{what}, {next(done)} of {blocks} blocks"),
     )
-    together: T = jax.tree.map(lambda *of: np.concatenate(of, axis=-1)[..., :n], *parts)
+    together: T = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=-1)[..., :n], *parts)
     return together
 
 
@@ -199,8 +201,8 @@ def with_estimates(
         basal, rates = days.basal_insulin_mU_min, _believed(days.insulin_mU_min, days.basal_insulin_mU_min)
 
         def block(place: Numbers) -> Any:
-            own = (jnp.asarray(of[..., place]) for of in (basal, days.reading_mg_dl, rates))
-            return _of_days(controller, t_min, *own, trial.start_min, late=late)
+            of_block = (jnp.asarray(values[..., place]) for values in (basal, days.reading_mg_dl, rates))
+            return _of_days(controller, t_min, *of_block, trial.start_min, late=late)
 
         return dataclasses.replace(days, estimates=_in_blocks(days.person.size, block, progress, f"{name}: estimates"))
 
@@ -221,9 +223,9 @@ def _of_days(
     """Estimates of the controller's estimator, with each person's basal rate, along days that trail."""
 
     def of_day(basal: jax.Array, readings: jax.Array, insulin: jax.Array) -> MealEstimates:
-        own = controller.with_basal(basal)
+        individual = controller.with_basal(basal)
         none = jnp.zeros_like(readings)
-        return replay(own.model, own.estimator, t_min, readings, insulin, none, basal, late, start_min)
+        return replay(individual.model, individual.estimator, t_min, readings, insulin, none, basal, late, start_min)
 
     found: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
     return found
@@ -251,7 +253,7 @@ class Score(NamedTuple):
 class Scores(NamedTuple):
     """Scores of all estimators, on as many days with meals as without; people without a basal rate are left out."""
 
-    of: dict[str, Score]
+    by_estimator: dict[str, Score]
     days: int
     infeasible: int
 
@@ -286,7 +288,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
     grid, meals, eating = detection.grid, fed.meals, fed.estimates.eating
     quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
-    fasting_days, between_days = (days_of(of, grid.sample_time_min) for of in (always, quiet))
+    fasting_days, between_days = (days_of(counted, grid.sample_time_min) for counted in (always, quiet))
     rows = {}
     for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
         delay, already = delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
@@ -341,13 +343,13 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
         **{f"expected_{after}_min_g": expected(after) for after in JUDGED_AFTER_MIN},
     }
     # day by day
-    meals = pl.DataFrame({name: np.broadcast_to(of, begin_min.shape).T.ravel() for name, of in columns.items()})
+    meals = pl.DataFrame({name: np.broadcast_to(column, begin_min.shape).T.ravel() for name, column in columns.items()})
     rows = []
     for after in (grid.sample_time_min * np.arange(int(LONGEST_AFTER_MIN / grid.sample_time_min) + 1)).tolist():
         error = (expected(after) - carbs_g).ravel()
         known = error[np.isfinite(error)]
         quantiles = np.quantile(known, QUANTILES) if known.size else np.full(len(QUANTILES), np.nan)
-        errors = {f"error_p{100 * share:.0f}_g": of for share, of in zip(QUANTILES, quantiles, strict=True)}
+        errors = {f"error_p{100 * share:.0f}_g": quantile for share, quantile in zip(QUANTILES, quantiles, strict=True)}
         rows.append({"after_min": after, **errors, "meals": known.size})
     return {"meals": meals, "size_error": pl.DataFrame(rows)}
 

@@ -38,37 +38,39 @@ SIZES_G: Final = (0.0, 30.0, 60.0, np.inf)
 """Limits between small, middling and large meals."""
 
 
-def _spread(name: str, of: pl.Expr, unit: str, group: str, text: Callable[[float], str]) -> list[Column]:
+def _spread(name: str, value: pl.Expr, unit: str, group: str, text: Callable[[float], str]) -> list[Column]:
     """The 10 % quantile, the median and the 90 % quantile over meals."""
     return [
-        Column(name=f"{name}_{quantile}_{unit}", of=of.quantile(share, "linear"), group=group, head=unit, text=text)
+        Column(
+            name=f"{name}_{quantile}_{unit}", value=value.quantile(share, "linear"), group=group, head=unit, text=text
+        )
         for quantile, share in zip(("p10", "median", "p90"), QUANTILES, strict=True)
     ]
 
 
-def _size_error(name: str, of: str, group: str) -> list[Column]:
-    error = pl.col(of) - pl.col("carbs_g")
+def _size_error(name: str, value: str, group: str) -> list[Column]:
+    error = pl.col(value) - pl.col("carbs_g")
     return [
         *_spread(f"size_error_{name}", error, "g", group, "{:+z.1f}".format),
-        Column(name=f"size_error_{name}_mean_absolute_g", of=error.abs().mean()),
-        Column(name=f"size_error_{name}_meals", of=error.count(), empty=0),
+        Column(name=f"size_error_{name}_mean_absolute_g", value=error.abs().mean()),
+        Column(name=f"size_error_{name}_meals", value=error.count(), empty=0),
     ]
 
 
 _DELAYS: Final = _spread("delay", pl.col("delay_min"), "min", "Delay of detection", whole)
 _FOUND: Final = (
-    Column(name="meals", of=pl.len(), empty=0, group="Meals", text=whole),
-    Column(name="detected_pct", of=100.0 * pl.col("delay_min").is_not_null().mean()),
-    Column(name="missed_pct", of=100.0 * pl.col("missed").mean(), group="Missed", head="%", text=decimals(1)),
+    Column(name="meals", value=pl.len(), empty=0, group="Meals", text=whole),
+    Column(name="detected_pct", value=100.0 * pl.col("delay_min").is_not_null().mean()),
+    Column(name="missed_pct", value=100.0 * pl.col("missed").mean(), group="Missed", head="%", text=decimals(1)),
     Column(
         name="already_pct",
-        of=100.0 * pl.col("already").mean(),
+        value=100.0 * pl.col("already").mean(),
         group="Began while above the threshold",
         head="%",
         text=decimals(1),
     ),
     *_DELAYS,
-    Column(name="delay_max_min", of=pl.col("delay_min").max()),
+    Column(name="delay_max_min", value=pl.col("delay_min").max()),
 )
 _SIZES: Final = (
     *_size_error("after_end", "estimated_g", "  60 min after the end"),
@@ -93,9 +95,9 @@ def found(asked: Detection, progress: Callable[[str], None]) -> Findings:
 
 def findings(asked: Detection, scores: Scores) -> Findings:
     """Numbers of all estimators; a number without meals is null."""
-    of = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.of}
+    columns = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.by_estimator}
     tables = {
-        table: pl.concat([score.tables[table].select(of[name]) for name, score in scores.of.items()])
+        table: pl.concat([score.tables[table].select(columns[name]) for name, score in scores.by_estimator.items()])
         for table in ("meals", "curve", "size_error", "day")
     }
     plain = {
@@ -103,8 +105,8 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
-        "engines": dict.fromkeys(scores.of, ENGINE),
-        "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.of.items()},
+        "engines": dict.fromkeys(scores.by_estimator, ENGINE),
+        "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.by_estimator.items()},
         "notes": list(_notes(asked, scores)),
     }
     return Findings(plain, {f"{name}.{kind}": table for name, table in tables.items() for kind in ("csv", "parquet")})
@@ -112,13 +114,13 @@ def findings(asked: Detection, scores: Scores) -> Findings:
 
 def _numbers(scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[str, Any]]]:
     """Numbers of each estimator, over all meals and by their size."""
-    columns, cells = (*_FOUND, *_SIZES), pl.DataFrame({"estimator": list(scores.of)})
+    columns, cells = (*_FOUND, *_SIZES), pl.DataFrame({"estimator": list(scores.by_estimator)})
     sizes = pl.DataFrame({"from_g": SIZES_G[:-1], "to_g": [*SIZES_G[1:-1], None]})
     sized = meals.sort("carbs_g").join_asof(sizes, left_on="carbs_g", right_on="from_g")
     by_size = measured(sized, cells.join(sizes, how="cross"), columns).partition_by("estimator", include_key=False)
     for row, of_sizes in zip(measured(meals, cells, columns).to_dicts(), by_size, strict=True):
         name = row.pop("estimator")
-        yield name, {**row, **scores.of[name].alarms, "by_size": of_sizes.to_dicts()}
+        yield name, {**row, **scores.by_estimator[name].alarms, "by_size": of_sizes.to_dicts()}
 
 
 def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
@@ -137,37 +139,39 @@ def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
         yield (
             f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
         )
-    yield f"Engine: {engine_facts(dict.fromkeys(scores.of, ENGINE))['Engine']}."
+    yield f"Engine: {engine_facts(dict.fromkeys(scores.by_estimator, ENGINE))['Engine']}."
 
 
 def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
     """One column for each estimator: meals found and missed, delay, error of the size, and false alarms."""
-    of = found.plain["estimators"]
-    lines = _lines(of, _FOUND)
-    for rows in zip(*(row["by_size"] for row in of.values()), strict=True):
-        (line,) = _lines(dict(zip(of, rows, strict=True)), _DELAYS)
+    estimators = found.plain["estimators"]
+    lines = _lines(estimators, _FOUND)
+    for rows in zip(*(row["by_size"] for row in estimators.values()), strict=True):
+        (line,) = _lines(dict(zip(estimators, rows, strict=True)), _DELAYS)
         lines.append((f"  {_size(rows[0])}, {how_many(rows[0]['meals'], 'meal')}", line[1]))
     # the error of the size after the end of a meal stands below the others
-    after_end, *later = _lines(of, _SIZES)
-    columns = [Column(name=name, short=name, text=str) for name in of]
-    sections = [("", lines), ("", [*later, after_end]), ("", _lines(of, _ALARMS))]
+    after_end, *later = _lines(estimators, _SIZES)
+    columns = [Column(name=name, short=name, text=str) for name in estimators]
+    sections = [("", lines), ("", [*later, after_end]), ("", _lines(estimators, _ALARMS))]
     yield terminal_table("", sections, [*columns, Column(name="unit", short="Unit", text=str, left=True)])
 
 
 def _lines(rows: Mapping[str, Row], columns: Sequence[Column]) -> list[Line]:
     """A line for each heading of the columns, with the texts of every estimator and the unit."""
     lines: list[Line] = []
-    for group, own in headings(columns):
-        texts = {name: "  ".join(column.value_text(row) for column in own) for name, row in rows.items()}
-        known = {name: text if rows[name][own[0].name] is not None else NOT_AVAILABLE for name, text in texts.items()}
-        lines.append((group, [{**known, "unit": own[0].head}]))
+    for group, of_group in headings(columns):
+        texts = {name: "  ".join(column.value_text(row) for column in of_group) for name, row in rows.items()}
+        known = {
+            name: text if rows[name][of_group[0].name] is not None else NOT_AVAILABLE for name, text in texts.items()
+        }
+        lines.append((group, [{**known, "unit": of_group[0].head}]))
     return lines
 
 
-def _size(of: Row) -> str:
-    if of["to_g"] is None:
-        return f"{of['from_g']:g} g and more"
-    return f"{of['from_g']:g} to {of['to_g']:g} g" if of["from_g"] else f"up to {of['to_g']:g} g"
+def _size(row: Row) -> str:
+    if row["to_g"] is None:
+        return f"{row['from_g']:g} g and more"
+    return f"{row['from_g']:g} to {row['to_g']:g} g" if row["from_g"] else f"up to {row['to_g']:g} g"
 
 
 def drawn(asked: Detection, found: Findings) -> dict[str, bytes]:

@@ -110,7 +110,7 @@ HIL: Final = PlainStudy(
     ),
     module="glucoloop.studies.hil.study",
     request=Hil,
-    words={"rare": dict.fromkeys(_SELDOM, True)},
+    option_texts={"rare": dict.fromkeys(_SELDOM, True)},
     in_mmol=True,
     unit="samples",
     summary="metrics.json",

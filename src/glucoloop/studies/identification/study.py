@@ -314,7 +314,7 @@ def _plain(identified: Identified) -> dict[str, Any]:
         },
         "validation": {
             "on": identified.validated_on,
-            **{name: float(of) for name, of in vars(validation).items() if np.ndim(of) == 0},
+            **{name: float(value) for name, value in vars(validation).items() if np.ndim(value) == 0},
         },
         "doubts": identified.model.doubts(),
     }
@@ -329,20 +329,20 @@ def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
 
 def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:
     """Name, value and unit of each property of the model."""
-    of, model, check = identified.identification, identified.model, identified.validation
-    yield "Gain", f"{float(of.model.gain):.4f}", "mg/dl per mU/min"
-    yield "Gain, 95 % confidence", f"± {of.reliability.gain_margin:.4f}", "mg/dl per mU/min"
-    yield "Time constant, first-order fit", _time_constant(of), "min"
-    yield "Memory", f"{of.model.memory}", f"samples of {identified.record.sample_time_min:g} min"
+    identification, model, check = identified.identification, identified.model, identified.validation
+    yield "Gain", f"{float(identification.model.gain):.4f}", "mg/dl per mU/min"
+    yield "Gain, 95 % confidence", f"± {identification.reliability.gain_margin:.4f}", "mg/dl per mU/min"
+    yield "Time constant, first-order fit", _time_constant(identification), "min"
+    yield "Memory", f"{identification.model.memory}", f"samples of {identified.record.sample_time_min:g} min"
     if model.realisation is not None:
         late_pct = 100.0 * (1.0 - model.step_response[-1] / model.gain)
         yield "Gain after the memory, by the Laguerre functions", f"{late_pct:.1f}", "% of the gain"
-    yield "Basal insulin", f"{of.basal_insulin_mU_min:.3f}", "mU/min"
-    yield "Glucose at that rate", f"{of.baseline_glucose_mg_dl:.2f}", "mg/dl"
-    yield "Laguerre pole", f"{of.laguerre_pole:.4g}", ""
-    yield "Laguerre functions", f"{of.laguerre_coefficients.size}", ""
-    yield "Misfit of the record, rms", f"{of.model_rms_mg_dl:.3f}", "mg/dl"
-    yield "Variance explained, cross-validated", f"{of.reliability.explained_percent:.1f}", "%"
+    yield "Basal insulin", f"{identification.basal_insulin_mU_min:.3f}", "mU/min"
+    yield "Glucose at that rate", f"{identification.baseline_glucose_mg_dl:.2f}", "mg/dl"
+    yield "Laguerre pole", f"{identification.laguerre_pole:.4g}", ""
+    yield "Laguerre functions", f"{identification.laguerre_coefficients.size}", ""
+    yield "Misfit of the record, rms", f"{identification.model_rms_mg_dl:.3f}", "mg/dl"
+    yield "Variance explained, cross-validated", f"{identification.reliability.explained_percent:.1f}", "%"
     yield "Check: sum of |residual|", f"{float(check.sum_absolute_residual_mg_dl):.2f}", "mg/dl"
     yield "Check: worst residual", f"{float(check.worst_residual_mg_dl):.2f}", "mg/dl"
     yield "Check: fit", f"{float(check.fit_percent):.1f}", "%"

@@ -25,7 +25,7 @@ from glucoloop.studies.study import SearchStudy
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
-RANGES: Final = {of.name: of for of in SEARCHED.searched}
+RANGES: Final = {setting.name: setting for setting in SEARCHED.searched}
 """Ranges that can be searched, by the name of the setting."""
 _MOST_SUBJECTS: Final = 100_000
 _subjects = functools.partial(Option, panel="People and noise")
@@ -100,7 +100,7 @@ class Search(Trial):
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
         found = super().tree(whole=whole)
-        ranges = {of.name: of.text for of in self.space} if whole else self.given.get(RANGES_KEY) or {}
+        ranges = {setting.name: setting.text for setting in self.space} if whole else self.given.get(RANGES_KEY) or {}
         return with_ranges(found, ranges)
 
     def __post_init__(self) -> None:
@@ -174,21 +174,21 @@ class Search(Trial):
     @property
     def initial(self) -> dict[str, float]:
         """Initial values of the tuned numbers."""
-        return {of.name: float(getattr(self.tuned.controller, of.name)) for of in self.space}
+        return {setting.name: float(getattr(self.tuned.controller, setting.name)) for setting in self.space}
 
 
-def _bound(text: str, beside: tuple[str, ...]) -> tuple[str, float | str]:
+def _bound(text: str, references: tuple[str, ...]) -> tuple[str, float | str]:
     name, _, most = (part.strip() for part in text.partition("="))
     if not most:
         raise Refusal(f"--at-most is {text!r}; write it like total-variation=500, or total-variation=mpc-se")
-    if most in beside:
+    if most in references:
         return name, most
     try:
         number = number_of(most)
     except ValueError:
         number = float("nan")
     if number != number:
-        known = ", ".join(beside) or "there is none"
+        known = ", ".join(references) or "there is none"
         raise Refusal(
             f"--at-most is {text!r}; {most!r} is neither a number nor a controller that stands beside: {known}"
         )
@@ -216,7 +216,7 @@ ROBUST: Final = SearchStudy(
     ),
     module="glucoloop.studies.robust.study",
     request=Search,
-    words={
+    option_texts={
         "help": {
             "controller": "Controller that is tuned, with ranges or kept numbers: "
             f"'{SEARCHED.name}, move_weight=.1:2, caution_weight=7.5'.",

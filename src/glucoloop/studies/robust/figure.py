@@ -62,10 +62,10 @@ def _draw_trade(
     from matplotlib.lines import Line2D
 
     x, y = (OBJECTIVES[name] for name in asked.objectives)
-    of = found.plain
-    tried = found.tables["candidates.csv"].filter(pl.all_horizontal(pl.col(x.name, y.name).is_finite()))
-    out, kept = tried.filter(~pl.col("keeps_the_bounds")), tried.filter("keeps_the_bounds")
-    front = tried.filter("on_the_front").sort(x.name, y.name)
+    plain = found.plain
+    candidates = found.tables["candidates.csv"].filter(pl.all_horizontal(pl.col(x.name, y.name).is_finite()))
+    out, within = candidates.filter(~pl.col("keeps_the_bounds")), candidates.filter("keeps_the_bounds")
+    front = candidates.filter("on_the_front").sort(x.name, y.name)
     entries: dict[str, Artist] = {}
 
     def draw(label: str, points: pl.DataFrame, **style: Any) -> None:
@@ -73,34 +73,35 @@ def _draw_trade(
             entries[label] = axes.plot(points[x.name], points[y.name], **{"linestyle": "none", **style})[0]
 
     draw("exceeds a bound", out, marker="x", markersize=2.8, markeredgewidth=0.5, color="0.72", zorder=1)
-    draw("tuning", kept, marker="o", markersize=2.4, markeredgewidth=0.0, color="0.5", zorder=2)
+    draw("tuning", within, marker="o", markersize=2.4, markeredgewidth=0.0, color="0.5", zorder=2)
     steps = {"drawstyle": "steps-post", "linestyle": "-", "linewidth": 0.8, "markerfacecolor": "white"}
     draw("front", front, **steps, color="black", marker="o", markersize=3.2, markeredgewidth=0.7, zorder=3)
-    marks = {CHOSEN: of["chosen"]["scores"]}
-    if of["as_it_was"] is not None:
-        marks[AS_IT_WAS] = of["as_it_was"]["scores"]
+    marks = {CHOSEN: plain["chosen"]["scores"]}
+    if plain["as_it_was"] is not None:
+        marks[AS_IT_WAS] = plain["as_it_was"]["scores"]
     places = {
-        label: np.array([scores[x.name], scores[y.name]], float) for label, scores in {**marks, **of["beside"]}.items()
+        label: np.array([scores[x.name], scores[y.name]], float)
+        for label, scores in {**marks, **plain["beside"]}.items()
     }
     for label, place in places.items():
         style = {**styles[label], "markeredgecolor": "black", "markeredgewidth": 0.6}
         axes.plot(*place, **{**style, "linestyle": "none"}, zorder=4)
         entries[label] = Line2D([], [], **style)
     lines = dict(zip(asked.objectives, (axes.axvline, axes.axhline), strict=True))
-    for bound in of["bounds"]:
+    for bound in plain["bounds"]:
         if bound["objective"] in lines and bound["at_most"] is not None:
             line = lines[bound["objective"]]
             entries["bound"] = line(bound["at_most"], color=GREY, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
     axes.set_xlabel(x.head, fontsize=FONT_PT)
     axes.set_ylabel(y.head, fontsize=FONT_PT)
     readable = np.array([*front.select(x.name, y.name).to_numpy(), *places.values()])
-    cloud = (kept if len(kept) else tried).select(x.name, y.name).to_numpy()
-    _zoom(axes, tried.select(x.name, y.name).to_numpy(), readable, cloud)
+    cloud = (within if len(within) else candidates).select(x.name, y.name).to_numpy()
+    _zoom(axes, candidates.select(x.name, y.name).to_numpy(), readable, cloud)
     return entries
 
 
 def _zoom(
-    axes: Axes, tried: npt.NDArray[np.float64], readable: npt.NDArray[np.float64], cloud: npt.NDArray[np.float64]
+    axes: Axes, points: npt.NDArray[np.float64], readable: npt.NDArray[np.float64], cloud: npt.NDArray[np.float64]
 ) -> None:
     """Limit the axes to points that must be readable, and to as many of a cloud of others as leave them readable."""
     shown = np.array([*readable, np.quantile(cloud, _SHOWN, axis=0), cloud.min(axis=0)])
@@ -108,7 +109,7 @@ def _zoom(
     room = np.where(high > low, high - low, 1.0) * _ROOM
     axes.set_xlim(low[0] - room[0], high[0] + room[0])
     axes.set_ylim(low[1] - room[1], high[1] + room[1])
-    beyond = int((tried > high + room).any(axis=1).sum())
+    beyond = int((points > high + room).any(axis=1).sum())
     if beyond:
         inside: dict[str, Any] = {"xytext": (-2.0, -2.0), "xycoords": "axes fraction", "ha": "right", "va": "top"}
         _style.write(axes, f"{beyond} beyond", (1.0, 1.0), **inside, color=GREY)
@@ -116,8 +117,8 @@ def _zoom(
 
 def _draw_check(axes: Axes, check: pl.DataFrame, what: str, styles: Mapping[str, Mapping[str, Any]]) -> None:
     """Draw the share of the subjects with at most each undershoot, for each controller."""
-    for (label,), of in check.group_by("controller", maintain_order=True):
-        undershoot = np.sort(of["undershoot_mg_dl"].to_numpy())
+    for (label,), subjects in check.group_by("controller", maintain_order=True):
+        undershoot = np.sort(subjects["undershoot_mg_dl"].to_numpy())
         share = 100.0 * np.arange(1, undershoot.size + 1) / undershoot.size
         style = {key: styles[str(label)][key] for key in ("color", "linestyle", "linewidth")}
         axes.step(np.append(0.0, undershoot), np.append(0.0, share), where="post", **style)

@@ -93,10 +93,10 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
             "choose another population or setpoint"
         )
     leaves, tree = jax.tree.flatten(drawn.patient)
-    own = jax.tree.leaves(nominal)
+    nominal_leaves = jax.tree.leaves(nominal)
     joined = [
         jnp.concatenate([many[feasible], jnp.broadcast_to(jnp.asarray(one, float), seeds)]) if trails else many
-        for many, one, trails in zip(leaves, own, varying(drawn.patient, nominal), strict=True)
+        for many, one, trails in zip(leaves, nominal_leaves, varying(drawn.patient, nominal), strict=True)
     ]
     basal = np.asarray(nominal.basal_insulin_mU_min, float)
     rest = np.asarray(nominal.steady_state(jnp.asarray(basal)), float)
@@ -124,7 +124,9 @@ class TuningLoop:
         inside_min = tuple(self._grid.inside_min.tolist())
         self._fold = RunningMetrics(setpoint_mg_dl=trial.target_mg_dl, limits=trial.limits, inside_min=inside_min)
         self._controller = self._design({})
-        probes = [self._design({of.name: of.at(share) for of in space}) for share in _PROBES] if space else []
+        probes = (
+            [self._design({setting.name: setting.at(share) for setting in space}) for share in _PROBES] if space else []
+        )
         self._tuned = [
             any(not np.array_equal(leaf, other) for other in others)
             for leaf, *others in zip(*map(jax.tree.leaves, [self._controller, *probes]), strict=True)
@@ -136,12 +138,12 @@ class TuningLoop:
             self._grid,
             self._fold,
             meals=eaten(trial.plan.nominal()),
-            own=lambda some: self._of(
+            controllers_of=lambda some: self._of(
                 [self._controller], np.zeros(some.basal_insulin_mU_min.size, int), some.basal_insulin_mU_min
             ),
-            around=surroundings_of(trial, case.faults),
+            surroundings=surroundings_of(trial, case.faults),
         )
-        self.engine_told = self._loop.engine_told
+        self.engine_facts = self._loop.engine_facts
 
     def run(self, subjects: Subjects, tunings: Sequence[Tuning] = ({},)) -> Iterator[dict[str, Array] | None]:
         """Yield `METRICS` ``(subjects,)`` by name under each tuning, in order, as soon as they are known.
@@ -164,18 +166,18 @@ class TuningLoop:
                 which = len(possible) - 1
                 yield from ((which, place) for place in range(n))
 
-        waiting, kept, ended = jobs(), np.zeros((len(METRICS), 0)), False
+        waiting, ready, ended = jobs(), np.zeros((len(METRICS), 0)), False
         while not ended:
             # blocks are filled with subjects under one tuning after the other, and only the last is filled up
             block = np.array(list(itertools.islice(waiting, size)), int)
             ended = len(block) < size
             if len(block):
                 found = self._block(subjects, possible, *np.resize(block, (size, 2)).T)
-                kept = np.hstack([kept, found[:, : len(block)]])
-            while order and (not order[0] or kept.shape[1] >= n):
+                ready = np.hstack([ready, found[:, : len(block)]])
+            while order and (not order[0] or ready.shape[1] >= n):
                 if order.pop(0):
-                    yield dict(zip(METRICS, kept[:, :n], strict=True))
-                    kept = kept[:, n:]
+                    yield dict(zip(METRICS, ready[:, :n], strict=True))
+                    ready = ready[:, n:]
                 else:
                     yield None
 
@@ -200,7 +202,7 @@ class TuningLoop:
         joined: Controller = jax.tree.unflatten(
             tree,
             [
-                jnp.asarray(np.stack([np.asarray(own[i], float) for own in many], axis=-1)[..., which])
+                jnp.asarray(np.stack([np.asarray(each[i], float) for each in many], axis=-1)[..., which])
                 if self._tuned[i]
                 else leaf
                 for i, leaf in enumerate(leaves)

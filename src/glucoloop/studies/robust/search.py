@@ -24,7 +24,7 @@ from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, Search
 from glucoloop.studies.robust.loop import TuningLoop, draw_subjects
-from glucoloop.tuning.samplers import Told, make_sampler
+from glucoloop.tuning.samplers import Evaluated, make_sampler
 
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"
@@ -56,7 +56,7 @@ OBJECTIVES: Final = {
 
 Scores = Mapping[str, float]
 """The objectives of a controller by the names of their columns; NaN where a run had no finite number."""
-NO_SCORES: Final[Scores] = {of.name: float("nan") for of in OBJECTIVES.values()}
+NO_SCORES: Final[Scores] = {objective.name: float("nan") for objective in OBJECTIVES.values()}
 
 
 def objective(name: str) -> Column:
@@ -93,7 +93,7 @@ class Bound:
 
     objective: str
     most: float
-    of: str | None = None
+    controller: str | None = None
     """Controller whose value is the bound, or None for a given number."""
 
     def violation(self, scores: Any) -> Any:
@@ -101,28 +101,30 @@ class Bound:
         return (scores[OBJECTIVES[self.objective].name] - self.most) / max(abs(self.most), 1.0)
 
 
-def judged(tried: pl.DataFrame, bounds: Sequence[Bound], objectives: Sequence[str], prefer: str = BOTH) -> pl.DataFrame:
+def judged(
+    candidates: pl.DataFrame, bounds: Sequence[Bound], objectives: Sequence[str], prefer: str = BOTH
+) -> pl.DataFrame:
     """Tunings that were tried, with columns for those that keep the bounds, those on the front, and the chosen one.
 
     If none keeps the bounds, the one that exceeds them least is chosen; Refusal if none has a controller.
     """
-    values = tried.select(OBJECTIVES[name].name for name in objectives).to_numpy()
+    values = candidates.select(OBJECTIVES[name].name for name in objectives).to_numpy()
     finite = np.isfinite(values).all(axis=1)
     if not finite.any():
         raise Refusal("no tuning of the search has a controller that works; give other ranges")
-    over = np.array([bound.violation(tried).to_numpy() for bound in bounds]).reshape(-1, len(tried))
-    keeps = finite & np.all(over <= 0.0, axis=0)
-    front = np.zeros(len(tried), bool)
-    if keeps.any():
-        front[keeps] = pareto(values[keeps])
+    over = np.array([bound.violation(candidates).to_numpy() for bound in bounds]).reshape(-1, len(candidates))
+    acceptable = finite & np.all(over <= 0.0, axis=0)
+    front = np.zeros(len(candidates), bool)
+    if acceptable.any():
+        front[acceptable] = pareto(values[acceptable])
         chosen = np.flatnonzero(front)[choose(values[front], objectives, prefer)]
     else:
         excess = np.maximum(over, 0.0).sum(axis=0)
         chosen = np.argmin(np.where(finite & np.isfinite(excess), excess, np.inf))
-    return tried.with_columns(
-        pl.Series("keeps_the_bounds", keeps),
+    return candidates.with_columns(
+        pl.Series("keeps_the_bounds", acceptable),
         pl.Series("on_the_front", front),
-        pl.Series("chosen", np.arange(len(tried)) == chosen),
+        pl.Series("chosen", np.arange(len(candidates)) == chosen),
     )
 
 
@@ -155,12 +157,12 @@ def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: s
 
 def tuning_of(asked: Search, candidate: Candidate) -> dict[str, float]:
     """The tuned numbers of a candidate."""
-    return {of.name: candidate[of.name] for of in asked.space}
+    return {setting.name: candidate[setting.name] for setting in asked.space}
 
 
 def rows_of(asked: Search) -> Rows[Candidate]:
     """The rows that are kept."""
-    numbers = [*(of.name for of in asked.space), *NO_SCORES]
+    numbers = [*(setting.name for setting in asked.space), *NO_SCORES]
 
     def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
         if cells["candidate"] != len(before):
@@ -208,8 +210,8 @@ class SearchEngine:
         """
         asked, known = self.asked, list(before)
         start = None
-        if all(of.holds(asked.initial[of.name]) for of in asked.space):
-            start = {of.name: of.rounded(asked.initial[of.name]) for of in asked.space}
+        if all(setting.holds(asked.initial[setting.name]) for setting in asked.space):
+            start = {setting.name: setting.rounded(asked.initial[setting.name]) for setting in asked.space}
         sampler = make_sampler(asked.sampler, asked.space, asked.sampler_seed, batch=asked.batch, start=start)
         for first in range(0, asked.rounds * asked.batch, asked.batch):
             tunings = sampler.ask(asked.batch)
@@ -227,13 +229,13 @@ class SearchEngine:
                 place = {"candidate": len(known), "round": first // asked.batch}
                 known.append({**place, **tuning, **self._scores(metrics)})
                 yield known[-1]
-            sampler.tell([self._told(candidate) for candidate in known[first : first + asked.batch]])
+            sampler.tell([self._outcome(candidate) for candidate in known[first : first + asked.batch]])
 
     def found(self, rows: Sequence[Candidate]) -> Findings:
         """Choose a tuning, and check it."""
         asked = self.asked
         table = judged(rows_of(asked).table(rows), self.bounds, asked.objectives, asked.prefer)
-        kept, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
+        acceptable, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
         front = front.sort(OBJECTIVES[asked.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
         check, scores_of_check = self.check(tuning_of(asked, chosen))
@@ -243,14 +245,14 @@ class SearchEngine:
         plain = {
             "config": asked.tree(whole=True),
             "candidates": len(table),
-            "keeping_the_bounds": len(kept),
-            "bounds": [{"objective": b.objective, "at_most": b.most, "of": b.of} for b in self.bounds],
+            "keeping_the_bounds": len(acceptable),
+            "bounds": [{"objective": b.objective, "at_most": b.most, "of": b.controller} for b in self.bounds],
             "chosen": {**self._plain(chosen), "keeps_the_bounds": chosen["keeps_the_bounds"]},
             "front": [self._plain(row) for row in front.to_dicts()],
             "as_it_was": self._plain(rows[0]) if tuning_of(asked, rows[0]) == asked.initial else None,
             "beside": self.references,
             "check": scores_of_check,
-            "engines": (engines := {label: loop.engine_told for label, loop in self._loops.items()}),
+            "engines": (engines := {label: loop.engine_facts for label, loop in self._loops.items()}),
             "notes": [*left_out, f"Engine: {engine_facts(engines)['Engine']}."],
         }
         return Findings(plain, {"candidates.csv": table, "check.parquet": check})
@@ -279,14 +281,14 @@ class SearchEngine:
                 {
                     "controller": label,
                     "group": group,
-                    "undershoot_mg_dl": of["undershoot_mg_dl"],
-                    "peak_mg_dl": of["peak_mg_dl"],
-                    "total_variation_mU_min": of["insulin_total_variation_mU_min"],
+                    "undershoot_mg_dl": metrics["undershoot_mg_dl"],
+                    "peak_mg_dl": metrics["peak_mg_dl"],
+                    "total_variation_mU_min": metrics["insulin_total_variation_mU_min"],
                 }
             )
-            for label, of in done.items()
+            for label, metrics in done.items()
         )
-        return table, {label: scores(of, subjects.people) for label, of in done.items()}
+        return table, {label: scores(metrics, subjects.people) for label, metrics in done.items()}
 
     def _loop(self, case: Case) -> TuningLoop:
         if case.label not in self._loops:
@@ -301,8 +303,8 @@ class SearchEngine:
         scores = {name: row[name] for name in NO_SCORES}
         return {"candidate": row["candidate"], "tuning": tuning_of(self.asked, row), "scores": scores}
 
-    def _told(self, candidate: Candidate) -> Told:
-        return Told(
+    def _outcome(self, candidate: Candidate) -> Evaluated:
+        return Evaluated(
             values=tuple(candidate[OBJECTIVES[name].name] for name in self.asked.objectives),
             violation=tuple(float(np.nan_to_num(bound.violation(candidate), nan=1e9)) for bound in self.bounds),
         )

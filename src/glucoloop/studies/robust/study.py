@@ -41,7 +41,7 @@ search = SearchEngine
 
 def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
     """The front in order of its first objective, the initial tuning and the references; and all on others."""
-    of = found.plain
+    plain = found.plain
     columns = [
         Column(name="candidate", short="Candidate", text=str, only=lambda row: "candidate" in row),
         *(
@@ -50,45 +50,45 @@ def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
         ),
         *OBJECTIVES.values(),
     ]
-    chosen, start = of["chosen"]["candidate"], of["as_it_was"]
-    front = _thinned(of["front"], asked.top, chosen) or [of["chosen"]]
+    chosen, start = plain["chosen"]["candidate"], plain["as_it_was"]
+    front = _thinned(plain["front"], asked.top, chosen) or [plain["chosen"]]
     sections: list[list[Line]] = [
         [_line(CHOSEN if one["candidate"] == chosen else "", one) for one in front],
         [] if start is None or start["candidate"] == chosen else [_line(AS_IT_WAS, start)],
-        [(label, [scores]) for label, scores in of["beside"].items()],
+        [(label, [scores]) for label, scores in plain["beside"].items()],
     ]
     yield terminal_table("", [("", lines) for lines in sections if lines], columns)
-    check = [(label, [scores]) for label, scores in of["check"].items()]
+    check = [(label, [scores]) for label, scores in plain["check"].items()]
     yield terminal_table("Never seen before", [("", check)], columns)
 
 
-def _line(name: str, of: Mapping[str, Any]) -> Line:
-    return name, [{"candidate": of["candidate"], **of["tuning"], **of["scores"]}]
+def _line(name: str, candidate: Mapping[str, Any]) -> Line:
+    return name, [{"candidate": candidate["candidate"], **candidate["tuning"], **candidate["scores"]}]
 
 
 def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[Mapping[str, Any]]:
     """Some tunings of the front, evenly spread, with its ends and the chosen one."""
     number = len(front) if len(front) <= top else max(top - 1, 1)
-    kept = np.linspace(0, len(front) - 1, number).round().astype(int).tolist()
-    return [of for at, of in enumerate(front) if at in kept or of["candidate"] == chosen]
+    places = np.linspace(0, len(front) - 1, number).round().astype(int).tolist()
+    return [candidate for place, candidate in enumerate(front) if place in places or candidate["candidate"] == chosen]
 
 
 def sentences(asked: Search, found: Findings) -> Iterator[str]:
     """Conclusions on the bounds, the front and the choice."""
-    of, objectives, prefer = found.plain, asked.objectives, asked.prefer
-    for bound in of["bounds"]:
+    plain, objectives, prefer = found.plain, asked.objectives, asked.prefer
+    for bound in plain["bounds"]:
         whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
         most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
         yield f"Bound: {bound['objective']} at most {most}{whose}."
-    chosen, tried = of["chosen"]["candidate"], how_many(of["candidates"], "tuning")
-    keeping = f"Of {tried} {how_many(of['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
-    if not of["chosen"]["keeps_the_bounds"]:
+    chosen, number = plain["chosen"]["candidate"], how_many(plain["candidates"], "tuning")
+    keeping = f"Of {number} {how_many(plain['keeping_the_bounds'], 'keeps', 'keep')} the bounds"
+    if not plain["chosen"]["keeps_the_bounds"]:
         yield f"{keeping}; chosen is the one that exceeds them least, candidate {chosen}."
         return
     preferred = f"the least of {prefer}" if prefer in objectives else "nearest to the least of both"
-    front = f"{how_many(len(of['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
+    front = f"{how_many(len(plain['front']), 'makes', 'make')} the front of {' and '.join(objectives)}"
     yield (
-        f"{f'{keeping}, and {front}' if of['bounds'] else f'Of {tried} {front}'}; "
+        f"{f'{keeping}, and {front}' if plain['bounds'] else f'Of {number} {front}'}; "
         f"chosen is candidate {chosen}, {preferred}."
     )
 

@@ -83,7 +83,7 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
             "known_after_min": loops.bound.known_after_min,
             "deviation_mg_dl": loops.bound.bound,
             "converged": loops.bound.converged,
-            "distances": {label: dataclasses.asdict(of) for label, of in (loops.distances() or {}).items()},
+            "distances": {label: dataclasses.asdict(distance) for label, distance in (loops.distances() or {}).items()},
         }
     plain["notes"] = [
         *(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes),
@@ -145,8 +145,8 @@ def sentences(asked: Run, found: Findings) -> Iterator[str]:
     if "cases" not in found.plain:
         yield from found.plain["summary"]["sentences"]
         return
-    for label, of in found.plain["cases"].items():
-        yield from (f"{label}: {text}" for text in of["summary"]["sentences"])
+    for label, case in found.plain["cases"].items():
+        yield from (f"{label}: {text}" for text in case["summary"]["sentences"])
 
 
 def mmol_lines(found: Findings) -> Iterator[str]:
@@ -168,11 +168,11 @@ def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes
     files = {name: text.encode() for name, text in models.values()}
     if isinstance(asked, Comparison):
         command, title = "compare", f"Comparison at {asked.place}"
-        facts = comparison_facts(asked, {label: of.settled for label, of in outcomes.items()})
+        facts = comparison_facts(asked, {label: outcome.computed_settings for label, outcome in outcomes.items()})
     else:
         [(name, outcome)] = outcomes.items()
         command, title = "run" if type(asked) is Run else "hil", f"{name} at {asked.place}"
-        facts = run_facts(asked, outcome.case, outcome.settled)
+        facts = run_facts(asked, outcome.case, outcome.computed_settings)
     again = _repeat(asked, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
@@ -212,19 +212,19 @@ def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, s
     """Command and configuration that repeat the loops from the folder alone, with the models beside it."""
     used, given = asked.tree(whole=True), asked.tree()
     by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}
-    beside = {
+    model_files = {
         case.label: {"name": FilePart.name, "path": models[case.label]}
         for case in asked.cases
         if isinstance(case.model, FilePart) and case.label in models
     }
     for table in used["controller"]:
         label = table["label"]
-        designed = by_label[label].settled
+        designed = by_label[label].computed_settings
         table.update({"settled": dict(designed)} if designed else {})
-        table.update({"model": beside[label]} if label in beside else {})
-    if beside:
+        table.update({"model": model_files[label]} if label in model_files else {})
+    if model_files:
         given.pop("model", None)
         given["controller"] = given.get("controller") or [case.tree() for case in asked.cases]
         for table, case in zip(given["controller"], asked.cases, strict=True):
-            table.update({"model": beside[case.label]} if case.label in beside else {})
+            table.update({"model": model_files[case.label]} if case.label in model_files else {})
     return Repeat(f"{command} --config {command}.toml", used, _FILES, given=given)

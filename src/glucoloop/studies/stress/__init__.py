@@ -97,7 +97,7 @@ STRESS: Final = TrialStudy(
     ),
     module="glucoloop.studies.stress.study",
     request=StressTest,
-    words={
+    option_texts={
         "default": {"faults": "23 usual ones", "days": ""},
         "help": {
             "seed": "The same seed gives the same people, meals and noise.",

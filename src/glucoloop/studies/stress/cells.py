@@ -80,7 +80,7 @@ def _share(kind: str, short: str | None = None, **others: Any) -> Column:
     value = 100.0 * pl.col(f"samples_{kind}").mean() / pl.col("samples").first()
     head = kind.removeprefix("dose_")
     return Column(
-        name=f"{kind}_pct", of=value, group="Samples (%)", head=head, short=short, short_text=terse_percent, **others
+        name=f"{kind}_pct", value=value, group="Samples (%)", head=head, short=short, short_text=terse_percent, **others
     )
 
 
@@ -94,37 +94,38 @@ _ever_below = functools.partial(Column, group="People ever below (%)")
 _glucose = functools.partial(Column, group="Glucose (mg/dl)", text=whole_glucose)
 _events = functools.partial(Column, group="Events", text=whole)
 COLUMNS: Final = (
-    Column(name="people", of=pl.len(), empty=0, text=whole),
-    _worse_off(name="worse", of=_WORSE.sum(), head="people", text=whole, short="worse\noff"),
+    Column(name="people", value=pl.len(), empty=0, text=whole),
+    _worse_off(name="worse", value=_WORSE.sum(), head="people", text=whole, short="worse\noff"),
     Column(
         name="worse_people",
-        of=_PERSON.filter(_WORSE).sort_by(_MORE.filter(_WORSE), descending=True, maintain_order=True),
+        value=_PERSON.filter(_WORSE).sort_by(_MORE.filter(_WORSE), descending=True, maintain_order=True),
     ),
-    _worse_off(name="worst_more_pct", of=_MORE.max(), head="most (%)"),
-    _below_60(name="below_60_mean_pct", of=_60.mean(), head="mean", short="<60\nmean"),
-    _below_60(name="below_60_worst_pct", of=_60.max(), head="longest", short="<60\nlongest"),
-    _below_54(name="below_54_mean_pct", of=_54.mean(), head="mean"),
-    _below_54(name="below_54_worst_pct", of=_54.max(), head="longest", short="<54\nlongest"),
-    _ever_below(name="ever_below_60_pct", of=100.0 * (_LOWEST < 60.0).mean(), head="60"),
-    _ever_below(name="ever_below_54_pct", of=100.0 * (_LOWEST < 54.0).mean(), head="54"),
+    _worse_off(name="worst_more_pct", value=_MORE.max(), head="most (%)"),
+    _below_60(name="below_60_mean_pct", value=_60.mean(), head="mean", short="<60\nmean"),
+    _below_60(name="below_60_worst_pct", value=_60.max(), head="longest", short="<60\nlongest"),
+    _below_54(name="below_54_mean_pct", value=_54.mean(), head="mean"),
+    _below_54(name="below_54_worst_pct", value=_54.max(), head="longest", short="<54\nlongest"),
+    _ever_below(name="ever_below_60_pct", value=100.0 * (_LOWEST < 60.0).mean(), head="60"),
+    _ever_below(name="ever_below_54_pct", value=100.0 * (_LOWEST < 54.0).mean(), head="54"),
     Column(
         name="people_below_validity",
-        of=(pl.col("time_below_validity_pct") > 0.0).sum(),
+        value=(pl.col("time_below_validity_pct") > 0.0).sum(),
         group="Model not valid",
         head="people",
         text=whole,
     ),
     _glucose(
         name="lowest_mg_dl",
-        of=pl.when(_LOWEST.min() >= 0.0).then(_LOWEST.min()),  # below 0 it is no concentration: the model is not valid
+        # below 0 it is no concentration: the model is not valid
+        value=pl.when(_LOWEST.min() >= 0.0).then(_LOWEST.min()),
         head="lowest",
         missing=lambda row: NOT_VALID if row["people"] else NOT_AVAILABLE,
         short="lowest\nmg/dl",
     ),
-    _glucose(name="lowest_person", of=_PERSON.get(_LOWEST.arg_min()), head="of person", text=whole),
-    _glucose(name="highest_mg_dl", of=pl.col("peak_mg_dl").max(), head="highest"),
-    _events(name="low_events", of=pl.col("low_events").sum().cast(pl.Int64), head="low", short="low\nevents"),
-    _events(name="very_low_events", of=pl.col("very_low_events").sum().cast(pl.Int64), head="very low"),
+    _glucose(name="lowest_person", value=_PERSON.get(_LOWEST.arg_min()), head="of person", text=whole),
+    _glucose(name="highest_mg_dl", value=pl.col("peak_mg_dl").max(), head="highest"),
+    _events(name="low_events", value=pl.col("low_events").sum().cast(pl.Int64), head="low", short="low\nevents"),
+    _events(name="very_low_events", value=pl.col("very_low_events").sum().cast(pl.Int64), head="very low"),
     _share("saturated", "\nsat."),
     _share("missing"),
     _share("rejected"),

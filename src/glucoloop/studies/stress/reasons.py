@@ -48,10 +48,10 @@ def _repeated(prepared: PreparedTrial, label: str, person: int) -> Trace:
     counted_g = announced_to(trial, meals, number)
     columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted_g is None else counted_g
     controller = of_case.controller
-    if of_case.loop.own is not None:
-        own = of_case.loop.own(drawn)
-        varies = varying(own, controller)
-        controller = replaced(own, varies, [leaf[..., 0] for leaf in chosen(own, varies)])
+    if of_case.loop.controllers_of is not None:
+        individual = of_case.loop.controllers_of(drawn)
+        varies = varying(individual, controller)
+        controller = replaced(individual, varies, [leaf[..., 0] for leaf in chosen(individual, varies)])
     return close_loop(
         trial,
         controller,
@@ -63,7 +63,7 @@ def _repeated(prepared: PreparedTrial, label: str, person: int) -> Trace:
             start_min=trial.start_min,
         ),
         patient=of_people(drawn.patient, 0),
-        around=of_case.surroundings,
+        surroundings=of_case.surroundings,
         key=keys_of_people(trial.seed, number)[0],
     )
 

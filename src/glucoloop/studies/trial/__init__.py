@@ -25,7 +25,7 @@ TRIAL: Final = TrialStudy(
     ),
     module="glucoloop.studies.trial.study",
     request=Trial,
-    words={
+    option_texts={
         "help": {
             "patient": "Patient, around whom people vary and for whom controllers are designed.",
             "setpoint_mg_dl": "Glucose at which all people rest at the start, and the target; that of the operating "

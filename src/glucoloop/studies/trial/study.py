@@ -139,8 +139,9 @@ def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
 
 
 def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping[str, Any]) -> CaseReport:
-    t_min, of = times(trial), summary.plain["controllers"][label]
-    metrics, low = of["metrics"], {int(name.removesuffix("_mg_dl")): share for name, share in of["ever_below"].items()}
+    t_min, plain = times(trial), summary.plain["controllers"][label]
+    metrics = plain["metrics"]
+    low = {int(name.removesuffix("_mg_dl")): share for name, share in plain["ever_below"].items()}
     return CaseReport(
         bands_t_min=t_min["glucose"],
         glucose_quantiles=dict(zip(BAND_QUANTILES, bands["glucose"], strict=True)),
@@ -157,10 +158,10 @@ def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping
         },
         cvga_counts=summary.cvga_counts[label],
         time_in_range_pct=ranges_pct(lambda metric: metrics[metric]["mean"]),
-        table=dict(_page_numbers(trial, of)),
-        worst=_worst(trial, label, of["worst"]),
+        table=dict(_page_numbers(trial, plain)),
+        worst=_worst(trial, label, plain["worst"]),
         ever_below={limit: (share["people"], share["share_pct"]) for limit, share in low.items()},
-        not_finite=of["not_finite"]["count"],
+        not_finite=plain["not_finite"]["count"],
     )
 
 
@@ -171,21 +172,23 @@ def _one_meal(trial: Trial) -> bool:
 
 def _headlines(trial: Trial) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Metrics and their statistics; settling only after one meal."""
-    yield from ((metric, of) for metric, of in _HEADLINES.items() if metric != _SETTLING or _one_meal(trial))
+    yield from (
+        (metric, statistics) for metric, statistics in _HEADLINES.items() if metric != _SETTLING or _one_meal(trial)
+    )
 
 
-def _page_numbers(trial: Trial, of: Mapping[str, Any]) -> Iterator[tuple[str, float | str]]:
+def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[str, float | str]]:
     """Headline numbers of one controller by their names on the page, from its plain values."""
     for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for statistic in statistics:
-            value = of["metrics"][metric][statistic]
+            value = plain["metrics"][metric][statistic]
             valid = how.text(value, trial.target_mg_dl) != NOT_VALID
             yield f"{how.title}{_ON_THE_PAGE[statistic]} ({how.unit})", value / how.divisor if valid else NOT_VALID
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
-            yield f"People ever below {limit} mg/dl (%)", of["ever_below"][f"{limit}_mg_dl"]["share_pct"]
-    yield "People ever below the valid range of the model", str(of["below_validity"]["count"])
+            yield f"People ever below {limit} mg/dl (%)", plain["ever_below"][f"{limit}_mg_dl"]["share_pct"]
+    yield "People ever below the valid range of the model", str(plain["below_validity"]["count"])
 
 
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
@@ -216,19 +219,19 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
     for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for position, statistic in enumerate(statistics):
-            values = (of["metrics"][metric][statistic] for of in controllers)
+            values = (controller["metrics"][metric][statistic] for controller in controllers)
             cells = (NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values)
             yield MetricRow("", "" if position else how.title, how.unit, list(cells), statistic=statistic)
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
-            counts = (of["ever_below"][f"{limit}_mg_dl"] for of in controllers)
+            counts = (controller["ever_below"][f"{limit}_mg_dl"] for controller in controllers)
             cells = (
-                NOT_AVAILABLE if of["share_pct"] is None else f"{of['people']} ({percent(of['share_pct'])})"
-                for of in counts
+                NOT_AVAILABLE if count["share_pct"] is None else f"{count['people']} ({percent(count['share_pct'])})"
+                for count in counts
             )
             yield MetricRow("", f"People ever below {limit} mg/dl", "", list(cells), statistic="number")
-    if all("engine" in of for of in controllers):  # earlier versions did not tell it
-        yield MetricRow("", "Engine", "", [of["engine"] for of in controllers])
+    if all("engine" in controller for controller in controllers):  # earlier versions did not tell it
+        yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
 
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -246,9 +249,9 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
             f"{_persons(beyond)}."
         )
     yield from engine_notes(summary["controllers"])
-    for label, of in summary["controllers"].items():
+    for label, plain in summary["controllers"].items():
         for name, happened in _LOST.items():
-            named = of.get(name, {"count": 0})  # earlier versions did not measure validity
+            named = plain.get(name, {"count": 0})  # earlier versions did not measure validity
             if named["count"]:
                 who = how_many(named["count"], "person", "people")
                 yield f"{label}: glucose of {who} {happened.format(_persons(named))}"
@@ -261,8 +264,8 @@ def _persons(named: Mapping[str, Any]) -> str:
 
 def mmol_lines(found: Findings) -> Iterator[str]:
     """Glucose under each controller in mmol/l."""
-    for label, of in found.plain["controllers"].items():
-        least, peak = of["metrics"]["minimum_mg_dl"], of["metrics"]["peak_mg_dl"]
+    for label, plain in found.plain["controllers"].items():
+        least, peak = plain["metrics"]["minimum_mg_dl"], plain["metrics"]["peak_mg_dl"]
         values = (least["median"], least["min"], peak["median"], peak["max"])
         if None not in values:
             median, worst, high, highest = (glucose_text(mmol_l_from_mg_dl(value), 2) for value in values)

@@ -98,7 +98,7 @@ TUNE: Final = PlainStudy(
     ),
     module="glucoloop.studies.tuning.study",
     request=GridSearch,
-    words={
+    option_texts={
         "help": {
             "controller": "Controller with ranges of its horizons, its weights and its reference filter, like 'mpc, "
             "move_horizon=1:4, move_weight=0|1|3'; other settings are kept."

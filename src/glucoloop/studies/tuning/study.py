@@ -150,9 +150,9 @@ def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
     """The best tunings in order with their ranks, and the printed one if it is not among them."""
     surface, printed = searched.surface, searched.printed
     order = surface.order().tolist()
-    here = order.index(surface.index(printed.tuning))
+    position = order.index(surface.index(printed.tuning))
     best = [_line(surface, point, printed) for point in order[:top]]
-    return best, [_line(surface, order[here], printed)] if here >= top else []
+    return best, [_line(surface, order[position], printed)] if position >= top else []
 
 
 def _line(surface: TuningSurface, point: int, printed: TuningRank) -> Line:
@@ -192,14 +192,14 @@ def tables(asked: GridSearch, found: Findings) -> Iterator[FittingTable]:
 def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
     """Sentence on the usual tuning among the others."""
     printed: TuningRank = found.extra.printed
-    told = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
+    subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
-        yield f"{told} is not acceptable here."
+        yield f"{subject} is not acceptable here."
     elif printed.rank == 1:
-        yield f"{told} is the best of {how_many(printed.points, 'acceptable one')}."
+        yield f"{subject} is the best of {how_many(printed.points, 'acceptable one')}."
     else:
         best = "" if printed.best is None else f" with {printed.sse:.4g} against {printed.best_sse:.4g} of the best"
-        yield f"{told} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
+        yield f"{subject} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
 
 
 def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
@@ -209,8 +209,8 @@ def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
         if isinstance(asked.case.model, FilePart):
-            beside = {"name": FilePart.name, "path": "model.json"}
-            used["controller"][0]["model"] = given["model"] = beside
+            model_file = {"name": FilePart.name, "path": "model.json"}
+            used["controller"][0]["model"] = given["model"] = model_file
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
     again = Repeat("tune --config tune.toml", used, data, given=given)
     files["tune.toml"] = again.text.encode()

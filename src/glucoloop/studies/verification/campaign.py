@@ -133,9 +133,9 @@ class WatchedLoops:
                 caps=None if guard is None else Caps(settings=guard, limits=limits),
             ),
             meals=None,
-            own=with_basal_of_each(controller),
-            around=self._around(faults, 0),
-            varied=self._around(faults),
+            controllers_of=with_basal_of_each(controller),
+            surroundings=self._surroundings(faults, 0),
+            varied=self._surroundings(faults),
         )
 
     @property
@@ -143,7 +143,7 @@ class WatchedLoops:
         """Number of samples of each loop."""
         return self._grid.samples
 
-    def _around(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
+    def _surroundings(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
         return Surroundings(
             sensor=faults.sensor(person=person), pump=faults.pump(self._situation.limits, person=person)
         )
@@ -160,7 +160,7 @@ class WatchedLoops:
         run = self.loop.run(
             drawn,
             keys_of_people(self._seed, person),
-            around=self._around(faults),
+            surroundings=self._surroundings(faults),
             meals=draw_random_meals(self._seed, person, self._horizon),
         )
         points = self.samples * len(self._grid.inside_min)
@@ -175,9 +175,9 @@ class WatchedLoops:
 def bits_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
     """Hash of each person's values, which changes with any single bit: odd factors lose none of them."""
     rows = np.concatenate([np.asarray(a, np.float64).reshape(-1, a.shape[-1]) for a in arrays])
-    words = np.ascontiguousarray(rows).view(np.uint64)
+    bits = np.ascontiguousarray(rows).view(np.uint64)
     factors = 2 * np.arange(rows.shape[0], dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)
-    together: npt.NDArray[np.uint64] = (words * factors[:, None]).sum(axis=0, dtype=np.uint64)
+    together: npt.NDArray[np.uint64] = (bits * factors[:, None]).sum(axis=0, dtype=np.uint64)
     return together
 
 
@@ -223,7 +223,7 @@ def _arm(
         "guarded": guarded,
         "engine": loops.loop.engine,
         # operation that native code lacks for the loops, and in whose code it is
-        "not_native": loops.loop.engine_told.get("not_native"),
+        "not_native": loops.loop.engine_facts.get("not_native"),
         "loops": person.size,
         "samples": person.size * loops.samples,
         "broken": dict(zip(PROMISES, (closed.broken > 0).sum(axis=1).tolist(), strict=True)),

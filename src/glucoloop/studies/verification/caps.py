@@ -97,8 +97,8 @@ class Caps:
         binds = jnp.where((given <= basal) & (given_bolus <= 0.0) & within, 1.0, binds)
         at_once = on_board + bolus / (self.settings.on_board_tau_min * basal)
         later = self._on_board(on_board, asked_mU_min + bolus / self.sample_time_min, basal)
-        kept = jnp.maximum(at_once, later) <= most_on_board
-        kept = kept & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), bolus, basal)
+        satisfied = jnp.maximum(at_once, later) <= most_on_board
+        satisfied = satisfied & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), bolus, basal)
         after = Counted(
             basal_mU_min=basal,
             on_board=on_board,
@@ -108,7 +108,7 @@ class Caps:
             asked_bolus_mU=bolus,
             binds=binds,
         )
-        return after, kept | (binds < 0.5)
+        return after, satisfied | (binds < 0.5)
 
     def _hours_hold(
         self, past_mU_min: jax.Array, past_mU: jax.Array, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array

@@ -100,7 +100,7 @@ class _Loops:
         self._guard = guarded(catalogue_controller(name), limits=PARKER_1999_LIMITS)
         self._caps = Caps(settings=self._guard.settings, limits=PARKER_1999_LIMITS)
         first = self._begin(jnp.asarray(20.0))
-        self._words = sum(np.size(leaf) for leaf in jax.tree.leaves(first.guard))
+        self._memory_words = sum(np.size(leaf) for leaf in jax.tree.leaves(first.guard))
         inputs = {key: jnp.asarray(values[0, 0]) for key, values in self._inputs(np.zeros(1, np.int64)).items()}
         self._engine = NativeEngine(
             self._step,
@@ -196,7 +196,7 @@ class _Loops:
             "delivered": delivered,
             "asks": np.where(given < 0.2, anything("asks", _NONSENSE), 200.0 * given),
             "wilful": np.where(uniforms(self._seed, "wilful", loop) < 0.5, 1.0, 0.0) * np.ones_like(given),
-            "word": np.where(lost, np.floor(memory * 20.0 * self._words), -1.0),
+            "word": np.where(lost, np.floor(memory * 20.0 * self._memory_words), -1.0),
             "value": anything("value", _NONSENSE),
         }
 

@@ -51,7 +51,7 @@ def helpers(text: Iterable[str], format: Format) -> list[str]:
 
 def _filled(source: str, format: Format) -> str:
     shift = format.mantissa_bits
-    words = {
+    texts = {
         "real": format.type,
         "f": format.suffix,
         "bits": format.bits,
@@ -63,4 +63,4 @@ def _filled(source: str, format: Format) -> str:
         "magic": f"0x1p+{shift}{format.suffix}",
         "MAX": "FLT_MAX" if format.type == "float" else "DBL_MAX",
     }
-    return re.sub(r"@(\w+)@", lambda found: words[found.group(1)], source)
+    return re.sub(r"@(\w+)@", lambda found: texts[found.group(1)], source)

@@ -89,13 +89,13 @@ def record(pointer: str, tree: Any) -> Structure:
 
 
 def declaration(
-    name: str, of: Structure, format: Format, comment: str, meanings: Mapping[str, str] | None = None
+    name: str, structure: Structure, format: Format, comment: str, meanings: Mapping[str, str] | None = None
 ) -> list[str]:
     """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside.
 
     A field without a meaning has its path in the tree as its comment.
     """
-    held = [field for field in of.fields if field.size]
+    held = [field for field in structure.fields if field.size]
     reals = [field for field in held if field.kind == REAL]
     others = [field for field in held if field.kind != REAL]
     lines = [f"/* {comment} */", "typedef struct", "{"]
@@ -105,9 +105,9 @@ def declaration(
         shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
         truth = "0: no, otherwise: yes" if field.kind == TRUTH else ""
         whole = "a whole number" if field.kind == WHOLE else ""
-        told = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
-        told = told if meanings is None else meanings.get(field.name, told)
-        lines.append(f"  {type_name} {field.name}{size};" + (f" /* {told} */" if told else ""))
+        remark = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
+        remark = remark if meanings is None else meanings.get(field.name, remark)
+        lines.append(f"  {type_name} {field.name}{size};" + (f" /* {remark} */" if remark else ""))
     words = sum(field.size for field in others)
     if format.type == "double" and words % 2:
         lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")

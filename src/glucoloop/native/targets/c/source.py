@@ -153,9 +153,9 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
             ]
         else:
             form = UNROLLED
-            held, seen, told = (of.elements() for of in (state, observation, decision))
-            lines = [unrolled(lowered[0], seen, held), unrolled(lowered[1], [*held, *seen], [*held, *told])]
-            bodies = [Body(of, {}) for of in lines]
+            held, seen, decided = (structure.elements() for structure in (state, observation, decision))
+            lines = [unrolled(lowered[0], seen, held), unrolled(lowered[1], [*held, *seen], [*held, *decided])]
+            bodies = [Body(of_function, {}) for of_function in lines]
         if last is not None:
             bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
         code = _code(bodies, tables, format, [] if last is None else last.function(format))
@@ -254,14 +254,14 @@ def _function(name: str, body: Body, format: Format) -> list[str]:
 
 def _indented(lines: Sequence[str]) -> list[str]:
     """Lines with the indentation of their depth."""
-    told, depth = [], 0
+    indented, depth = [], 0
     for line in lines:
         if line.startswith("}"):
             depth -= 1
-        told.append("  " * depth + line if line else line)
+        indented.append("  " * depth + line if line else line)
         if line == "{":
             depth += 1
-    return told
+    return indented
 
 
 def _tables(tables: Tables, text: str, format: Format) -> list[str]:
@@ -291,13 +291,13 @@ def _structures(
     format: Format,
     meanings: Mapping[str, Mapping[str, str]] | None = None,
 ) -> str:
-    told = {
+    comments = {
         "observation": "What is known at a sample.",
         "state": "What the controller remembers from sample to sample. The caller keeps it.",
         "decision": "What the pump is to do until the next sample, and why.",
     }
     lines: list[str] = []
-    for name, comment in told.items():
+    for name, comment in comments.items():
         of_fields = None if meanings is None else meanings.get(name)
         lines += [*declaration(f"gl_{name}", records[name], format, comment, of_fields), ""]
     room = [
@@ -305,7 +305,7 @@ def _structures(
         for kind, letter in ((REAL, "w"), (WHOLE, "k"), (TRUTH, "b"))
         if workspace[kind] or (kind == TRUTH and not any(workspace.values()))
     ]
-    told_room = (
+    room_comment = (
         "Memory for the computation of one step; nothing in it lasts. One may serve several controllers in turn."
     )
-    return "\n".join([*lines, f"/* {told_room} */", "typedef struct", "{", *room, "} gl_workspace;"])
+    return "\n".join([*lines, f"/* {room_comment} */", "typedef struct", "{", *room, "} gl_workspace;"])

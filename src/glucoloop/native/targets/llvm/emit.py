@@ -52,23 +52,23 @@ class Emitter:
         needed = [a for v in order if program.levels[v] == SAMPLE for a in program.operations[v][1]]
         self._persons = {v: i for i, v in enumerate(layout.person)}
         held = [v for v in dict.fromkeys([*needed, *results]) if program.levels[v] == PERSON]
-        own = self._persons if apart else {}  # which need not be copied, since they lie before what is held
-        computed = [v for v in held if v not in own]
-        self._held = {v: i + len(own) for i, v in enumerate(computed)}
+        in_memory = self._persons if apart else {}  # which need not be copied, since they lie before what is held
+        computed = [v for v in held if v not in in_memory]
+        self._held = {v: i + len(in_memory) for i, v in enumerate(computed)}
         """Place of each value that is computed once and needed at every sample."""
         arriving = {name: getattr(layout, name) for name in ("carry", "own", "shared")}
         self._sources = {v: (name, i) for name, values in arriving.items() for i, v in enumerate(values)}
         values = [v for v in varying if v not in self._sources]
         # A caller's numbers are at known places only if the function is apart.
         rows = find_rows(program, values, results, self._persons | self._held) if apart else []
-        self._rows = {min(of.sums, key=values.index): of for of in rows}
+        self._rows = {min(row.sums, key=values.index): row for row in rows}
         """Rows by the first of them that is computed."""
-        self._sums = {v: i for i, v in enumerate(v for of in rows for v in of.sums)}
+        self._sums = {v: i for i, v in enumerate(v for row in rows for v in row.sums)}
         """Place of each row's value, which waits in memory."""
-        inner = {v for of in rows for v in of.inner} | (self._sums.keys() - self._rows.keys())
+        inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
         self._group = 1 if apart or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
-        vectors = {first: of.factors for first, of in self._rows.items()}
+        vectors = {first: row.factors for first, row in self._rows.items()}
         self._plan = plan_chunks(program, layout, values, self._taken, vectors=vectors)
 
     @property
@@ -263,8 +263,8 @@ class Emitter:
         """Address of a vector in the caller's arrays."""
         by_sample = array in ("own", "outputs")
         if self._apart:
-            here = f"%{array}_now" if by_sample else "%held" if array == "person" else f"%{array}"
-            return self._out.vector_at(here, i)
+            base = f"%{array}_now" if by_sample else "%held" if array == "person" else f"%{array}"
+            return self._out.vector_at(base, i)
         row = self._out(f"add i64 %{array}_row, {i}") if by_sample else str(i)
         offset = self._out(f"mul i64 {row}, %stride")
         offset = self._out(f"add i64 {offset}, {self._column}")
@@ -277,10 +277,10 @@ class Emitter:
         if value in self._p.constants:
             return self._out.constant(self._p.constants[value])
         if value not in self._names:
-            self._names[value] = self._from_number(self._kept(value), value)
+            self._names[value] = self._from_number(self._stored(value), value)
         return self._names[value]
 
-    def _kept(self, value: Value) -> str:
+    def _stored(self, value: Value) -> str:
         if self._apart and value in self._persons:
             return self._out.load(self._place("person", self._persons[value]))
         if value in self._held:

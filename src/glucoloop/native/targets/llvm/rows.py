@@ -70,19 +70,19 @@ def find_rows(
         if len(terms) == 2:
             found[value] = _Sum(None, tuple(sorted(term for _, term in terms)), frozenset(arguments))
         elif len(terms) == 1:
-            ((own, term),) = terms
-            (before,) = (a for a in arguments if a != own)
+            ((added, term),) = terms
+            (before,) = (a for a in arguments if a != added)
             if before in places:
-                found[value] = _Sum(places[before], (term,), frozenset([own]))
+                found[value] = _Sum(places[before], (term,), frozenset([added]))
             elif before in found and uses[before] == 1:
                 so_far = found.pop(before)
-                found[value] = _Sum(so_far.start, (*so_far.terms, term), so_far.inner | {before, own})
+                found[value] = _Sum(so_far.start, (*so_far.terms, term), so_far.inner | {before, added})
 
     alike: dict[tuple[object, ...], list[Value]] = {}
-    for value, of in found.items():
-        first = of.terms[0][0]
-        form = tuple((place - first, factor) for place, factor in of.terms)
-        alike.setdefault((of.start is None, form), []).append(value)
+    for value, total in found.items():
+        first = total.terms[0][0]
+        form = tuple((place - first, factor) for place, factor in total.terms)
+        alike.setdefault((total.start is None, form), []).append(value)
     rows = []
     for sums in alike.values():
         terms_of_first = found[sums[0]].terms

@@ -168,5 +168,5 @@ class VectorCode:
             e = self(f"lshr {w} {bits}, {whole(shift)}")
             e = self(f"sub {w} {self(f'and {w} {e}, {whole(2 * bias + 1)}')}, {whole(bias)}")
             return self(f"sitofp {w} {e} to {v}")
-        kept = self(f"and {w} {bits}, {whole((1 << shift) - 1)}")
-        return self(f"bitcast {w} {self(f'or {w} {kept}, {whole(bias << shift)}')} to {v}")
+        mantissa = self(f"and {w} {bits}, {whole((1 << shift) - 1)}")
+        return self(f"bitcast {w} {self(f'or {w} {mantissa}, {whole(bias << shift)}')} to {v}")

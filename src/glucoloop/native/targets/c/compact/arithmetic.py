@@ -166,13 +166,13 @@ class Arithmetic:
         return self._places[id(equation)][1]
 
     def _reduced(self, name: str, equation: Any, a: Array) -> Array:
-        start, of = _REDUCED[name]
+        start, reduce = _REDUCED[name]
         axes = primitives.axes(equation)
-        kept = [axis for axis in range(a.ndim) if axis not in axes]
-        rows = a.transpose(*axes, *kept).reshape(-1, *(a.shape[axis] for axis in kept))
+        remaining = [axis for axis in range(a.ndim) if axis not in axes]
+        rows = a.transpose(*axes, *remaining).reshape(-1, *(a.shape[axis] for axis in remaining))
         total = np.full(rows.shape[1:], start, a.dtype)
         for row in rows:
-            total = np.asarray(of(total, row))
+            total = np.asarray(reduce(total, row))
         return total
 
     def _cumsum(self, equation: Any, a: Array) -> Array:
@@ -205,14 +205,14 @@ class Arithmetic:
         inside_a = constant_band(a, left) if factor == 0 else np.ones(a.shape, np.bool_)
         inside_b = constant_band(b, right) if factor == 1 else np.ones(b.shape, np.bool_)
 
-        def rows_of_a(of: Array) -> Array:
-            of = of.transpose(*left, *batch[0], *free_a)
-            return of.reshape(-1, *of.shape[len(left) :], *[1] * len(free_b))
+        def rows_of_a(array: Array) -> Array:
+            array = array.transpose(*left, *batch[0], *free_a)
+            return array.reshape(-1, *array.shape[len(left) :], *[1] * len(free_b))
 
-        def rows_of_b(of: Array) -> Array:
-            of = of.transpose(*right, *batch[1], *free_b)
+        def rows_of_b(array: Array) -> Array:
+            array = array.transpose(*right, *batch[1], *free_b)
             n, m = len(right), len(batch[1])
-            return of.reshape(-1, *of.shape[n : n + m], *[1] * len(free_a), *of.shape[n + m :])
+            return array.reshape(-1, *array.shape[n : n + m], *[1] * len(free_a), *array.shape[n + m :])
 
         a, b, inside = rows_of_a(a), rows_of_b(b), rows_of_a(inside_a) & rows_of_b(inside_b)
         total = np.zeros(np.broadcast_shapes(a.shape[1:], b.shape[1:]), a.dtype)
@@ -382,10 +382,10 @@ def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
     out = primitives.gathered_offsets(equation)
     ndim = found.ndim
     taken = list(range(axis, axis + batches))
-    kept = [i for i in range(ndim) if i not in taken]
-    order, of_kept, of_taken = [], iter(kept), iter(taken)
+    remaining = [i for i in range(ndim) if i not in taken]
+    order, of_remaining, of_taken = [], iter(remaining), iter(taken)
     for i in range(ndim):
-        order.append(next(of_kept) if i in out else next(of_taken))
+        order.append(next(of_remaining) if i in out else next(of_taken))
     return found.transpose(order)
 
 

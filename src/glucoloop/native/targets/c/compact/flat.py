@@ -135,8 +135,8 @@ def _is_real(equation: Any) -> bool:
     return kind_of(equation.invars[0].aval.dtype) == REAL
 
 
-def _variable(of: Any) -> Variable:
-    return Variable(tuple(of.aval.shape), kind_of(of.aval.dtype))
+def _variable(atom: Any) -> Variable:
+    return Variable(tuple(atom.aval.shape), kind_of(atom.aval.dtype))
 
 
 def _same_kind(equation: Any) -> bool:
@@ -152,7 +152,7 @@ def _key(operand: Operand) -> Any:
 def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs: Sequence[Operand]) -> Flat:
     """The function without unused operations, and with the number of uses of each variable."""
     uses: dict[Variable, int] = {}
-    kept: list[Operation] = []
+    needed: list[Operation] = []
 
     def use(operand: Operand) -> None:
         if isinstance(operand, Variable):
@@ -163,10 +163,10 @@ def _pruned(inputs: Sequence[Variable], operations: Sequence[Operation], outputs
     for operation in reversed(operations):
         if any(output in uses for output in operation.outputs):
             lean = _lean(operation, [output in uses for output in operation.outputs])
-            kept.append(lean)
+            needed.append(lean)
             for given in lean.inputs:
                 use(given)
-    return Flat(inputs=inputs, operations=kept[::-1], outputs=outputs, uses=uses)
+    return Flat(inputs=inputs, operations=needed[::-1], outputs=outputs, uses=uses)
 
 
 def _lean(operation: Operation, used: Sequence[bool]) -> Operation:

@@ -36,10 +36,10 @@ class LinearAlgebra(ValueStore):
             constants: Any
             constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
             (along,) = (summed_b, summed_a)[factor]
-            rows, band = (np.moveaxis(of, summed[0], -1) for of in (constants, constant_band(constants, summed)))
+            rows, band = (np.moveaxis(array, summed[0], -1) for array in (constants, constant_band(constants, summed)))
             if not band.all():
                 return [self._banded(output, rows, band, self._view(vector, environment), along)]
-        if not batch[0] and output.kind == REAL and [len(of) for of in (summed_a, free_a, free_b)] == [1, 1, 1]:
+        if not batch[0] and output.kind == REAL and [len(axes) for axes in (summed_a, free_a, free_b)] == [1, 1, 1]:
             product = self._matrices(output, left, right, environment, (summed_a[0], summed_b[0]))
             if product is not None:
                 return [product]
@@ -67,8 +67,8 @@ class LinearAlgebra(ValueStore):
         if max(n, m) < COLUMNS:
             return None
         a, b = (
-            of.permuted((1 - axis, axis))
-            for of, axis in zip((self._view(left, environment), self._view(right, environment)), summed, strict=True)
+            view.permuted((1 - axis, axis))
+            for view, axis in zip((self._view(left, environment), self._view(right, environment)), summed, strict=True)
         )
         swapped = m < COLUMNS or (b.strides[0] != 1 and n >= COLUMNS and a.strides[0] == 1)
         rows, columns = (b, a) if swapped else (a, b)
@@ -90,18 +90,18 @@ class LinearAlgebra(ValueStore):
 
     def _banded(self, output: Variable, rows: Any, band: Any, vector: View, axis: int) -> Value:
         """Product of a matrix of constants with zeros at the ends of its rows and a vector; the zeros are not kept."""
-        flat_rows, flat_band = (of.reshape(-1, of.shape[-1]) for of in (rows, band))
+        flat_rows, flat_band = (array.reshape(-1, array.shape[-1]) for array in (rows, band))
         line = replace(vector, shape=(rows.shape[-1],), strides=(vector.strides[axis],))
-        kept = flat_rows[flat_band]
+        nonzero = flat_rows[flat_band]
         counts = flat_band.sum(axis=1)
         begins = np.append(0, np.cumsum(counts)).astype(np.int32)
         shifts = (flat_band.argmax(axis=1) - begins[:-1]).astype(np.int32)
         if counts.size == 1 and counts[0] <= FEW:
             text = self._w.literal(0, output.kind)
-            for number, place in zip(kept, np.flatnonzero(flat_band[0]), strict=True):
+            for number, place in zip(nonzero, np.flatnonzero(flat_band[0]), strict=True):
                 text = f"({text} + ({self._w.literal(number, output.kind)} * {line.value([str(place)])}))"
             return self._w.local(Scalar(text, output.kind))
-        numbers, begin, shift = (self._w.table(of) for of in (kept, begins, shifts))
+        numbers, begin, shift = (self._w.table(array) for array in (nonzero, begins, shifts))
         to = self._w.array((counts.size,), output.kind)
         i, p = self._w.fresh("i"), self._w.fresh("i")
         self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
@@ -109,8 +109,8 @@ class LinearAlgebra(ValueStore):
             found = self._w.variable(output.kind, self._w.literal(0, output.kind))
             head = f"for (int32_t {p} = {begin}[{i}]; {p} < {begin}[{i} + 1]; {p}++)"
             with self._w.block(head):
-                of = line.value([f"({p} + {shift}[{i}])"])
-                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {of});")
+                element = line.value([f"({p} + {shift}[{i}])"])
+                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {element});")
             self._w.assign(to, [i], found.text)
         view = replace(to, shape=output.shape, strides=dense(output.shape))
         return self._scalar(view) if math.prod(output.shape) == 1 else view

@@ -77,25 +77,25 @@ class Loops(ValueStore):
 
     def _carry_on(self, results: Sequence[Value], held: Sequence[Value]) -> None:
         """Pass on the carried values, when nothing reads their old values any more."""
-        changing = {of.number for of in held if isinstance(of, View)}
+        changing = {place.number for place in held if isinstance(place, View)}
         waiting: list[tuple[Value, Value]] = []
-        for value, of in zip(results, held, strict=True):
-            if value == of or of == Scalar("0", of.kind):
+        for value, place in zip(results, held, strict=True):
+            if value == place or place == Scalar("0", place.kind):
                 continue
-            if isinstance(of, Scalar):
-                waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), of))
+            if isinstance(place, Scalar):
+                waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), place))
             elif any(view.number in changing for view in views_of(value)):
-                fresh = self._w.array(of.shape, of.kind)
+                fresh = self._w.array(place.shape, place.kind)
                 self._w.write(value, fresh)
-                waiting.append((fresh, of))
+                waiting.append((fresh, place))
             else:
-                waiting.append((value, of))
-        for value, of in waiting:  # arrays first: they may be computed from the old numbers
-            if isinstance(of, View):
-                self._w.write(value, of)
-        for value, of in waiting:
-            if isinstance(of, Scalar) and isinstance(value, Scalar):
-                self._w.say(f"{of.text} = {value.text};")
+                waiting.append((value, place))
+        for value, place in waiting:  # arrays first: they may be computed from the old numbers
+            if isinstance(place, View):
+                self._w.write(value, place)
+        for value, place in waiting:
+            if isinstance(place, Scalar) and isinstance(value, Scalar):
+                self._w.say(f"{place.text} = {value.text};")
 
     def _cond(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         index, *given = operation.inputs

@@ -42,9 +42,9 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
     place: dict[int, int] = {}
     total: dict[str, int] = {}
     for kind in dict.fromkeys(array.kind for array in arrays if array.number in lives):
-        own = [array for array in arrays if array.kind == kind and array.number in lives]
-        own_places, total[kind] = _packed(own, lives)
-        place.update(own_places)
+        of_kind = [array for array in arrays if array.kind == kind and array.number in lives]
+        places_of_kind, total[kind] = _packed(of_kind, lives)
+        place.update(places_of_kind)
 
     def put(found: re.Match[str]) -> str:
         return str(place[int(found.group(1))] + int(found.group(2)))

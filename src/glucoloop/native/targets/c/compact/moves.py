@@ -147,8 +147,8 @@ class Moves(ValueStore):
         def element(found: list[str]) -> Scalar:
             batch = [i for n, i in enumerate(found) if n not in out]
             at = self._w.local(Scalar(f"gl_within({index.value([*batch, '0'])}, {size - 1})", WHOLE))
-            of = view.row(axis, at.text)
-            return Scalar(of.value([i for n, i in enumerate(found) if n in out]), view.kind)
+            row = view.row(axis, at.text)
+            return Scalar(row.value([i for n, i in enumerate(found) if n in out]), view.kind)
 
         return [self._each(output, element, (view, index))]
 

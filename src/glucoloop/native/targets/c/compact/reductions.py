@@ -33,8 +33,8 @@ class Reductions(ValueStore):
             return value
         if not axes:
             return value
-        kept = [axis for axis in range(len(value.shape)) if axis not in axes]
-        turned = permuted(value, [*kept, *axes])
+        remaining = [axis for axis in range(len(value.shape)) if axis not in axes]
+        turned = permuted(value, [*remaining, *axes])
         inner = [value.shape[axis] for axis in axes]
         start, step = self._w.literal(_STARTS[operation.name], output.kind), _STEPS[operation.name]
 
@@ -87,11 +87,13 @@ class Reductions(ValueStore):
             found = self._w.variable(WHOLE, "0")
             i = self._w.fresh("i")
             with self._w.block(f"for (int32_t {i} = 1; {i} < {turned.shape[-1]}; {i}++)"):
-                of = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
-                new = f" || (({of.text} != {of.text}) && ({best.text} == {best.text}))" if kind == REAL else ""
-                condition = f"({of.text} {sign} {best.text})"
+                element = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
+                new = (
+                    f" || (({element.text} != {element.text}) && ({best.text} == {best.text}))" if kind == REAL else ""
+                )
+                condition = f"({element.text} {sign} {best.text})"
                 with self._w.block(f"if ({condition}{new})" if new else f"if {condition}"):
-                    self._w.say(f"{best.text} = {of.text};", f"{found.text} = {i};")
+                    self._w.say(f"{best.text} = {element.text};", f"{found.text} = {i};")
             return found
 
         return [self._each(output, place, (view,))]

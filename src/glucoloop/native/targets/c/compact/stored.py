@@ -81,14 +81,14 @@ class ValueStore:
             return value
         return self._readable(given, environment, flat)
 
-    def _each(self, output: Variable, of: Callable[[list[str]], Scalar], reads: tuple[Any, ...]) -> Value:
+    def _each(self, output: Variable, element: Callable[[list[str]], Scalar], reads: tuple[Any, ...]) -> Value:
         """An array each of whose elements is computed by lines of its own."""
         if math.prod(output.shape) == 1:
-            return of(["0"] * len(output.shape))
+            return element(["0"] * len(output.shape))
 
         def write(to: View) -> None:
             with self._w.loops(output.shape) as indices:
-                self._w.assign(to, indices, of(indices).text)
+                self._w.assign(to, indices, element(indices).text)
 
         return Maker(output.shape, output.kind, write, reads)
 

@@ -123,16 +123,16 @@ def _used(lines: Sequence[str]) -> list[str]:
     """Lines without local constants that nothing reads."""
     while True:
         read = Counter(name for line in lines for name in _LOCAL.findall(line))
-        kept = [line for line in lines if not ((found := _DEFINED.match(line)) and read[found.group(1)] == 1)]
-        if len(kept) == len(lines):
-            return kept
-        lines = kept
+        remaining = [line for line in lines if not ((found := _DEFINED.match(line)) and read[found.group(1)] == 1)]
+        if len(remaining) == len(lines):
+            return remaining
+        lines = remaining
 
 
 def _views(records: Sequence[Structure]) -> list[View]:
     """Leaves of structures as arrays."""
     return [
-        View(f"{of.pointer}->{f.name}", f.kind, f.shape, dense(f.shape), is_plain=not f.is_array, is_field=True)
-        for of in records
-        for f in of.fields
+        View(f"{record.pointer}->{f.name}", f.kind, f.shape, dense(f.shape), is_plain=not f.is_array, is_field=True)
+        for record in records
+        for f in record.fields
     ]

@@ -178,12 +178,12 @@ def _joined(shape: Sequence[int], strides: Sequence[Sequence[int]]) -> tuple[tup
     axes = [i for i, n in enumerate(shape) if n != 1]
     joined: list[tuple[int, list[int]]] = []
     for axis in axes:
-        own = [of[axis] for of in strides]
-        if joined and all(above == n * shape[axis] for above, n in zip(joined[-1][1], own, strict=True)):
-            joined[-1] = (joined[-1][0] * shape[axis], own)
+        along_axis = [one_view[axis] for one_view in strides]
+        if joined and all(above == n * shape[axis] for above, n in zip(joined[-1][1], along_axis, strict=True)):
+            joined[-1] = (joined[-1][0] * shape[axis], along_axis)
         else:
-            joined.append((shape[axis], own))
-    return tuple(n for n, _ in joined), [tuple(own[v] for _, own in joined) for v in range(len(strides))]
+            joined.append((shape[axis], along_axis))
+    return tuple(n for n, _ in joined), [tuple(along_axis[v] for _, along_axis in joined) for v in range(len(strides))]
 
 
 def _bare(text: str) -> str:
