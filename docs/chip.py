@@ -29,7 +29,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.exported import PRECISIONS
-from glucoloop.firmware.ladder import emulated, here, interpreted, native
+from glucoloop.firmware.ladder import emulated, interpreted, native, on_this_computer
 from glucoloop.firmware.samples import joined
 from glucoloop.situations.situation import configured
 from glucoloop.studies.exported import Export
@@ -123,7 +123,7 @@ def go_on(cells, samples):
             at_once = int(A_PROGRAM / (RUN * cell.get("instructions", case.guess(chip))))
             runs = max(1, min(at_once, MOST_RUNS, -(-samples // RUN) - done))
             record = joined([run_of(case, seed) for seed in range(done, done + runs)])
-            found = on_this_computer(case, record) if chip == HERE else on_chip(case, record, CHIPS[chip])
+            found = other_ways(case, record) if chip == HERE else on_chip(case, record, CHIPS[chip])
             for key, value in found.items():
                 before = cell.get(key, 0)
                 cell[key] = before + value if key.startswith("samples") else max(before, value)
@@ -132,11 +132,11 @@ def go_on(cells, samples):
             print(f"{case.name}, {chip}: {cell['samples']} samples, the last {runs * RUN} in {took:.0f} s", flush=True)
 
 
-def on_this_computer(case, record):
+def other_ways(case, record):
     """Numbers of samples that were computed in other ways than where they were recorded."""
     exported, runs = case.made.exported, len(record.observations) // record.run
     checked = runs * (IN_NUMPY_SLOW if CONTROLLERS[case.controller].slow else IN_NUMPY)
-    rungs = {"samples": here(exported, record), "samples_numpy": interpreted(exported, record, checked)}
+    rungs = {"samples": on_this_computer(exported, record), "samples_numpy": interpreted(exported, record, checked)}
     if exported.source.lowered is not None:
         rungs["samples_llvm"] = native(exported, record)
     return {key: told(case, rung).measured["samples"] for key, rung in rungs.items()}

@@ -108,8 +108,8 @@ def margin_of_slower_functions(
 ) -> float:
     """Margin of a gain that reaches what slower functions say, where they predict left-out readings as well; else 0.
 
-    Insulin ``(N,)`` is of the whole record, `readings` ``(n,)`` are the last ones, with `other_inputs` ``(n, K)`` fitted
-    beside the response. `fit` has the gain in question and its errors by `held_out_errors`.
+    Insulin ``(N,)`` is of the whole record, and `readings` ``(n,)`` are its last ones; `other_inputs` ``(n, K)`` are
+    fitted together with the response. `fit` has the gain in question and its errors by `held_out_errors`.
     """
     gain, errors = fit
     k = np.arange(readings.size)[:, None] / readings.size
