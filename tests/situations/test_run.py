@@ -119,7 +119,7 @@ def test_wrong_sample_time_is_refused_by_name(sample_time):
         ({"sensor": {"lag_min": 3.0}}, "no sensor is named; begin with its name, like 'white-noise, variance=1.45'"),
         ({"patient": "operating_point=here"}, "unknown operating point 'here' of parker-1999"),
         ({"meals": [["50g@50min"]]}, "meals is ('50g@50min',); give a text"),
-        ({"meal_model": 3}, "meal_model is 3; give the name of a meal model"),
+        ({"meal_model": 3}, "3 is no meal model; give a text like 'hovorka, time_to_maximum_min=55', or a table"),
         ({"carb_error_pct": 20.0}, "concerns announced meals only; announce the meals (--announce-meals)"),
         ({"faults": ["missing, start_min=11h"]}, "begins at 660 min, but the run ends at 600 min"),
     ],

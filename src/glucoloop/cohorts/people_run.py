@@ -117,7 +117,6 @@ def simulate_people(
             patient=patient_entry(people.name).partial({}, asked=people.name),
             setpoint_mg_dl=setpoint,
             announce_meals=scenario.announced,
-            meal_model=scenario.meal_model,
         ),
         controller,
         people,
@@ -129,6 +128,7 @@ def simulate_people(
         surroundings=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),
+        meal_model=scenario.meal_model,
         start_min=scenario.start_min,
         engine=engine,
         precision=precision,

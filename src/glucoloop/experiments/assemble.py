@@ -17,7 +17,7 @@ from glucoloop.control import Controller
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
-from glucoloop.meals import Eaten, Scenario
+from glucoloop.meals import Eaten, MealModel, Scenario
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import VirtualPeople
@@ -109,11 +109,11 @@ def with_basal_of_each(controller: Controller) -> ControllersOf:
 class PeopleLoop:
     """The loop of one controller in a situation, compiled once for any people.
 
-    The situation gives patient, target, meal model and announcement, and sensor and pump unless `surroundings` gives
-    them. The controller was designed for the nominal patient; `controllers_of` makes those of people (see
-    `own_controllers`). `example` and `varied` are some people, and sensors and pumps of some, to show which numbers
-    vary. `meals` are those of all people, ``(meals,)``, or None if each brings meals; with `own_announcements` each
-    brings what is announced, as where carbohydrate is counted with an error. The other arguments are as for
+    The situation gives patient, target and announcement; sensor, pump and meal model too, unless `surroundings` and
+    `meal_model` give them. The controller was designed for the nominal patient; `controllers_of` makes those of people
+    (see `own_controllers`). `example` and `varied` are some people, and sensors and pumps of some, to show which
+    numbers vary. `meals` are those of all people, ``(meals,)``, or None if each brings meals; with `own_announcements`
+    each brings what is announced, as where carbohydrate is counted with an error. The other arguments are as for
     `simulation.cohort.Cohort`.
     """
 
@@ -130,6 +130,7 @@ class PeopleLoop:
         controllers_of: ControllersOf | None = None,
         surroundings: Surroundings | None = None,
         varied: Surroundings | None = None,
+        meal_model: MealModel | None = None,
         start_min: float | None = None,
         engine: str | None = None,
         precision: str = "float64",
@@ -151,7 +152,7 @@ class PeopleLoop:
             announced=situation.announce_meals,
             own_announcements=own_announcements,
             start_min=situation.start_min if start_min is None else start_min,
-            meal_model=situation.gut,
+            meal_model=situation.gut if meal_model is None else meal_model,
             varied_controller=None if controllers_of is None else controllers_of(example),
             varied_sensor=None if varied is None else varied.sensor,
             varied_pump=None if varied is None else varied.pump,

@@ -11,13 +11,12 @@ from glucoloop.meals.absorption import (
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.meals.models import MEAL_MODELS, meal_model, meal_model_of
+from glucoloop.meals.models import meal_model, meal_model_of
 from glucoloop.meals.plan import MealPlan, draw_meals
 from glucoloop.meals.protocol import Eaten, Jumps, MealModel
 from glucoloop.meals.scenario import Meal, Scenario, eaten
 
 __all__ = [
-    "MEAL_MODELS",
     "Absorption",
     "Eaten",
     "HovorkaGut",

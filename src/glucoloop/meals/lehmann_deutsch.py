@@ -19,11 +19,12 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
+from glucoloop.parts.meals import LehmannDeutschSettings
 from glucoloop.units import MG_PER_G
 
-PLATEAU_MG_MIN: Final = 360.0
-RAMP_MIN: Final = 30.0
-GUT_TIME_CONSTANT_MIN: Final = 60.0
+PLATEAU_MG_MIN: Final = LehmannDeutschSettings.plateau_mg_min
+RAMP_MIN: Final = LehmannDeutschSettings.ramp_min
+GUT_TIME_CONSTANT_MIN: Final = LehmannDeutschSettings.gut_time_constant_min
 
 
 @pytree

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Final
-
 import jax
 import numpy as np
 
 from glucoloop.arguments import is_traced
-from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.protocol import MealModel
+from glucoloop.parts.meals import MEAL_MODELS
 from glucoloop.refusal import Refusal
 
-MEAL_MODELS: Final[Mapping[str, Callable[[], MealModel]]] = {
-    "lehmann-deutsch": LehmannDeutsch,
-    "hovorka": HovorkaGut,
-}
-"""Meal models that can replace a patient's own, with their published numbers."""
 
-
-def meal_model(name: str) -> MealModel:
-    """A meal model by its name, with its published numbers."""
-    if name not in MEAL_MODELS:
-        raise Refusal(f"unknown meal model {name!r}; the known ones are: {', '.join(MEAL_MODELS)}")
-    return MEAL_MODELS[name]()
+def meal_model(text: str) -> MealModel:
+    """A meal model from its name, with its published numbers where none are given: ``hovorka, bioavailability=1``."""
+    model: MealModel = MEAL_MODELS.choose(text).made()
+    return model
 
 
 def meal_model_of(patient: object, instead: MealModel | None = None) -> MealModel:

@@ -15,6 +15,7 @@ P = TypeVar("P", bound=Part)
 
 HOMES: Final = {
     "patient": "glucoloop.parts.patients:PATIENTS",
+    "meal model": "glucoloop.parts.meals:MEAL_MODELS",
     "sensor": "glucoloop.parts.sensors:SENSORS",
     "pump": "glucoloop.parts.pumps:PUMPS",
     "fault": "glucoloop.parts.faults:FAULTS",
@@ -33,7 +34,7 @@ class Catalogue(dict[str, type[P]], Generic[P]):
     ----------
     base : type
         Class of which each part is a subclass; its ``kind`` names the kind, and its entry points are in the group
-        ``glucoloop.<kind>s``.
+        ``glucoloop.<kind>s``, with an underscore for a space.
     parts : iterable of type
         Parts of this package, the usual one first.
     example : str
@@ -45,7 +46,7 @@ class Catalogue(dict[str, type[P]], Generic[P]):
     def __init__(self, base: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
         super().__init__({part.name: part for part in parts})
         self._base, self.example, self.unnamed = base, example, unnamed
-        self._group = f"{base.kind}s"
+        self._group = f"{base.kind.replace(' ', '_')}s"
         base.catalogue = self  # type: ignore[attr-defined]
 
     @property

@@ -68,12 +68,12 @@ def literal(text: str) -> str:
 
 def new_figure(width: Width, height_mm: float, title: str | None) -> Figure:
     """An empty figure of a column's width, its title wrapped; Refusal for an unknown width."""
-    from glucoloop.report.print_figure import PrintFigure
+    from glucoloop.report.print_figure import print_figure
 
     if width not in WIDTHS_MM:
         raise Refusal(f"unknown width {width!r}; use one of {', '.join(map(repr, WIDTHS_MM))}")
     size = (WIDTHS_MM[width] / _MM_PER_INCH, height_mm / _MM_PER_INCH)
-    figure = PrintFigure(figsize=size, dpi=300, layout="constrained")
+    figure = print_figure(size)
     if title:
         figure.suptitle(literal(textwrap.fill(title, _characters(width, TITLE_PT))), fontsize=TITLE_PT)
     return figure

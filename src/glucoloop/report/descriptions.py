@@ -132,7 +132,7 @@ def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
         "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
-        "Digestion": str(situation.meal_model or "the patient's own model"),
+        "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,
         "Sensor": ", ".join(filter(None, sensor_parts)),
         "Pump": ", ".join(filter(None, pump_parts)),
         "Faults": "; ".join(map(fault_in_words, situation.faults)) or "none",

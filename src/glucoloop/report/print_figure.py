@@ -22,13 +22,18 @@ _FOR_PRINT: Final[dict[Any, Any]] = {
 _UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
-class PrintFigure(Figure):
+class _PrintFigure(Figure):
     """A figure that is saved with settings for print, wherever `savefig` is called."""
 
     def savefig(self, fname: Any, *, transparent: bool | None = None, **kwargs: Any) -> None:
         """Save the figure as `matplotlib.figure.Figure.savefig` does, with TrueType fonts in PDF and PostScript."""
         with matplotlib.rc_context(_FOR_PRINT):
             super().savefig(fname, transparent=transparent, **kwargs)
+
+
+def print_figure(size_inch: tuple[float, float]) -> Figure:
+    """Make an empty figure that is saved with settings for print: in PDF and PostScript its fonts are TrueType."""
+    return _PrintFigure(figsize=size_inch, dpi=300, layout="constrained")
 
 
 def figure_bytes(figure: Figure, kind: str) -> bytes:

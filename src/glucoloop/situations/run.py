@@ -168,7 +168,7 @@ class Run(ControlledSituation):
             initial_glucose_mg_dl=self.initial_glucose_mg_dl,
             allow_unusual=self.allow_unusual,
             announced=self.announce_meals,
-            meal_model=self.meal_model,
+            meal_model=self.gut,
             start_min=self.start_min,
         )
 

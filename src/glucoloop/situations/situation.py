@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.parts.faults import START, FaultPart
 from glucoloop.parts.grammar import given as given_values
+from glucoloop.parts.meals import MealModelPart
 from glucoloop.parts.metrics import MetricPart, metrics_with
 from glucoloop.parts.number_text import parse_time_of_day
 from glucoloop.parts.part import Part
@@ -46,12 +47,6 @@ _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
 
-def _named_or_made(meal_model: Any) -> Any:
-    if isinstance(meal_model, int | float | list | tuple | Mapping):
-        raise Refusal("give the name of a meal model, lehmann-deutsch or hovorka")
-    return meal_model
-
-
 class Situation(Part):
     """Everything about a loop but its meals and its controllers.
 
@@ -76,13 +71,11 @@ class Situation(Part):
         ),
     ] = None
     meal_model: Annotated[
-        Any,
+        MealModelPart | None,
         _patient(
             "Digestion of the patient: lehmann-deutsch or hovorka; the controller's does not change.",
             default="the patient's own",
-            metavar="NAME",
             rare=True,
-            reads=_named_or_made,
         ),
     ] = None
     announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
@@ -293,10 +286,7 @@ class Situation(Part):
     @property
     def gut(self) -> MealModel | None:
         """Meal model that replaces the patient's own; None if the patient's own is used."""
-        from glucoloop.meals import meal_model
-
-        named: MealModel | None = meal_model(self.meal_model) if isinstance(self.meal_model, str) else self.meal_model
-        return named
+        return None if self.meal_model is None else self.meal_model.made()
 
     @property
     def target_mg_dl(self) -> float:
