@@ -184,3 +184,4 @@ def test_what_was_prepared_last_is_kept(trial, prepared):
 def test_controllers_are_designed_for_the_nominal_patient(trial, prepared, patient_81):
     again = controller_of(trial, trial.cases[0], patient_81)
     jax.tree.map(np.testing.assert_array_equal, again, prepared.cases["mpc-se"].controller)
+    assert prepared.computed_settings == {"mpc-se": again.settled(), "basal": {}}

@@ -1,6 +1,10 @@
 """The engines of loops in words: grouped by what native code lacks, and few names however many cases there are."""
 
-from glucoloop.report.descriptions import engine_facts, engine_notes
+from glucoloop.control.protocol import computed_settings
+from glucoloop.experiments.designs import controller_of
+from glucoloop.report.descriptions import controllers_facts, engine_facts, engine_notes
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 NATIVE, LACKING = {"engine": "native"}, {"engine": "xla", "not_native": "the operation 'sort' in the controller"}
 
@@ -18,3 +22,12 @@ def test_loops_that_lack_the_same_are_told_in_one_sentence():
 
 def test_an_engine_that_was_asked_for_needs_no_note():
     assert list(engine_notes({"a": {"engine": "xla", "not_native": None}, "b": NATIVE})) == []
+
+
+def test_the_page_of_a_trial_has_the_tuning_that_a_controller_used():
+    run = configured(Run, controller=["pid", "basal"])
+    pid = computed_settings(controller_of(run, run.cases[0]))
+    assert pid["gain"] > 0.0
+    facts = controllers_facts(run.cases, {"pid": pid, "basal": {}})
+    assert f"gain {pid['gain']:.4g}" in facts["As designed, pid"]
+    assert "As designed, basal" not in facts

@@ -15,6 +15,7 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
+from glucoloop.control.protocol import computed_settings
 from glucoloop.experiments.assemble import PeopleLoop, own_controllers
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
@@ -74,6 +75,11 @@ class PreparedTrial:
     def engines(self) -> dict[str, dict[str, str]]:
         """Engine of each controller by its label, as `PeopleLoop.engine_facts` has it."""
         return {label: case.loop.engine_facts for label, case in self.cases.items()}
+
+    @property
+    def computed_settings(self) -> dict[str, dict[str, float]]:
+        """Settings that followed from the design of each controller for the nominal patient, by label."""
+        return {label: computed_settings(case.controller) for label, case in self.cases.items()}
 
 
 _PREPARED: Final[dict[str, PreparedTrial]] = {}

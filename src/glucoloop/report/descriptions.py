@@ -73,9 +73,12 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     }
 
 
-def controllers_facts(cases: Iterable[Case]) -> dict[str, str]:
-    """Controllers with their settings, by label."""
-    return {f"Controller {case.label}": case_in_words(case) for case in cases}
+def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """Controllers with their settings, and those that followed from their designs, by label."""
+    facts: dict[str, str] = {}
+    for case in cases:
+        facts |= _case_facts(f"Controller {case.label}", f"As designed, {case.label}", case, designed.get(case.label))
+    return facts
 
 
 def case_in_words(case: Case) -> str:

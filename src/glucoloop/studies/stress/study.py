@@ -54,7 +54,8 @@ def found(asked: StressTest, folder: TrialFolder) -> Findings:
         for cell, row in zip(cells, table.to_dicts(), strict=True)
         if cell.guarded and row["worse"]
     ]
-    facts = {**controllers_facts(base.cases), **trial_facts(base), **engine_facts(prepared.engines)}
+    designed = {cell.controller: prepared.computed_settings[cell.label] for cell in cells}
+    facts = {**controllers_facts(base.cases, designed), **trial_facts(base), **engine_facts(prepared.engines)}
     del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
         "facts": facts,

@@ -84,10 +84,10 @@ def notes(asked: Trial) -> tuple[str, ...]:
 def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
-    bands, origin, engines = _bands(folder), folder.recorded, engine.prepare(asked).engines
-    numbers = summary.plain
+    bands, origin, prepared = _bands(folder), folder.recorded, engine.prepare(asked)
+    numbers, designed = summary.plain, prepared.computed_settings
     for label, of_label in numbers["controllers"].items():
-        of_label |= engines[label]
+        of_label |= {**prepared.engines[label], "settled": designed[label]}
         of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
     plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **numbers}
     report = TrialReport(
@@ -96,7 +96,7 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         units_per_hour=asked.patient.under_the_skin,
         people=numbers["people"],
         infeasible=numbers["unable"]["count"],
-        facts={**controllers_facts(asked.cases), **trial_facts(asked), **engine_facts(engines)},
+        facts={**controllers_facts(asked.cases, designed), **trial_facts(asked), **engine_facts(prepared.engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
         faults=asked.fault_texts,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
