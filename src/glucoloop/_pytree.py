@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
@@ -23,6 +24,21 @@ def pytree(cls: type[T]) -> type[T]:
     """
     cls = dataclasses.dataclass(frozen=True, kw_only=True)(cls)
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
-    meta = [f.name for f in fields if f.metadata.get("static", False)]
-    data = [f.name for f in fields if f.name not in meta]
-    return jax.tree_util.register_dataclass(cls, data_fields=data, meta_fields=meta)
+    meta = tuple(f.name for f in fields if f.metadata.get("static", False))
+    data = tuple(f.name for f in fields if f.name not in meta)
+    keys = tuple(map(jax.tree_util.GetAttrKey, data))
+
+    def flatten(record: T) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return tuple(getattr(record, name) for name in data), tuple(getattr(record, name) for name in meta)
+
+    def flatten_with_keys(record: T) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
+        children, aux = flatten(record)
+        return tuple(zip(keys, children, strict=True)), aux
+
+    def unflatten(aux: tuple[Any, ...], children: Iterable[Any]) -> T:
+        return cls(**dict(zip(meta, aux, strict=True)), **dict(zip(data, children, strict=True)))
+
+    # Not register_dataclass: jaxlib (0.10) takes the structures of two such classes for equal whatever the classes,
+    # so that, where hashes collide, a function compiled for one runs for the other.
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    return cls
