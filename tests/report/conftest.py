@@ -176,7 +176,11 @@ def _case(undershoot, seed=0, people=400):
                 "time_above_250_pct": 0.0,
             }.get
         ),
-        table={"Undershoot, median (mg/dl)": float(np.median(81.1 - minimum)), "Settled": "all", "Unknown": np.nan},
+        table={
+            ("Undershoot, median", "mg/dl"): float(np.median(81.1 - minimum)),
+            ("Settled", ""): "all",
+            ("Unknown", ""): np.nan,
+        },
         worst=[
             WorstPerson(
                 person=1000 + int(p),

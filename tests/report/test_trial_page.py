@@ -96,7 +96,7 @@ def test_the_headline_numbers_stand_with_their_units(page, report, reader):
     assert "Undershoot, median" in read.text["th"]
     assert {"all", "n/a"} <= set(read.text["td"])
     for case in report.cases.values():
-        undershoot = case.table["Undershoot, median (mg/dl)"]
+        undershoot = case.table["Undershoot, median", "mg/dl"]
         digits = 1 if undershoot >= 10.0 else 2
         assert f"{undershoot:.{digits}f}" in read.text["span"]
         assert f"{undershoot / MG_DL_PER_MMOL_L:.2f}" in read.text["span"]

@@ -75,14 +75,6 @@ class SurfaceLayout:
     cells: dict[tuple[float, ...], list[list[Cell]]]
     """Cells ``[row][column]`` of each panel, by its values of the parameters in `panels`; every place holds a cell."""
 
-    def combinations(self) -> list[tuple[float, ...]]:
-        """Parameter values that distinguish the panels; one empty combination for a single panel."""
-        return list(self.cells)
-
-    def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
-        """Cells of a panel, ``[row][column]``."""
-        return self.cells[combination]
-
 
 def layout(surface: TuningSurface) -> SurfaceLayout:
     """Lay out a surface; Refusal for more panels than can be read."""

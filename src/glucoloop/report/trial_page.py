@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,7 +57,7 @@ def trial_page(report: TrialReport) -> str:
         script=True,
         report=report,
         limits=sorted({limit for case in cases for limit in case.ever_below}, reverse=True),
-        headlines=_headlines(cases),
+        headlines=list(_headlines(cases)),
         bin_text=f"{GLUCOSE_BIN_MG_DL:g} mg/dl or {INSULIN_BIN_MU_MIN:g} mU/min",
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),
@@ -73,19 +73,11 @@ def trial_page(report: TrialReport) -> str:
     )
 
 
-def _headlines(cases: Sequence[CaseReport]) -> list[MetricRow]:
-    rows = []
-    for name in cases[0].table:
-        text, opening, unit = name.rpartition(" (")
-        text, unit = (text, unit[:-1]) if opening and unit.endswith(")") else (name, "")
-        values = [case.table[name] for case in cases]
-        in_mmol_l = [value if isinstance(value, str) else value / MG_DL_PER_MMOL_L for value in values]
-        rows.append(
-            MetricRow(
-                "", text, unit, list(map(_text, values)), list(map(_text, in_mmol_l)) if unit == "mg/dl" else None
-            )
-        )
-    return rows
+def _headlines(cases: Sequence[CaseReport]) -> Iterator[MetricRow]:
+    for name, unit in cases[0].table:
+        values = [case.table[name, unit] for case in cases]
+        in_mmol_l = [_text(value if isinstance(value, str) else value / MG_DL_PER_MMOL_L) for value in values]
+        yield MetricRow("", name, unit, list(map(_text, values)), in_mmol_l if unit == "mg/dl" else None)
 
 
 def _text(value: float | str) -> str:

@@ -296,10 +296,10 @@ def _panels(
     """Caption of each panel, and its rows of cells from the top down."""
     colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
-    for combination in places.combinations():
+    for combination, panel in places.cells.items():
         rows = [
             (f"{value:g}", [_EMPTY | _cell(surface, best, printed.tuning, colours, cell) for cell in row])
-            for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
+            for value, row in zip(places.levels[places.y], panel, strict=True)
         ]
         yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
 
