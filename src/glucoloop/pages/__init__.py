@@ -1,1 +1,1 @@
-"""What all pages share: the engine that draws over time, the colours, and the packing of modules into a script."""
+"""Parts that all pages share: the engine that draws over time, the colours, and the packing of modules."""

@@ -43,7 +43,7 @@ class Panel:
     quantity: PlottedQuantity
     range: tuple[float, float]
     height: int
-    """In pixels."""
+    """Height of the panel in pixels."""
     marks: Sequence[tuple[float, str]] = ()
     """Times in min and texts above the upper edge."""
     band: tuple[float, float] | None = None
@@ -79,7 +79,7 @@ class Panel:
             self.areas.append({"name": name, "colour": colour, "t": t, **edges})
 
     def dot(self, t_min: npt.ArrayLike, values: npt.ArrayLike, colour: int, run: int) -> None:
-        """Draw dots."""
+        """Draw a dot at each time and value."""
         places = {"t": differences(np.asarray(t_min, float), _T_STEP), "y": self._whole(np.asarray(values, float))}
         self.dots.append({"colour": colour, "run": run, **places})
 
