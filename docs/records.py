@@ -58,7 +58,7 @@ def loops():
         trial,
         of_case.controller,
         virtual_people(trial.population, trial.seed, [0], setpoint_mg_dl=trial.target_mg_dl),
-        prepared.grid,
+        prepared.trial.grid,
         prepared.fold,
         meals=eaten(trial.plan.nominal()),
         controllers_of=own,

@@ -7,8 +7,7 @@ import pytest
 
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import ErrorSpace, Harm
-from glucoloop.studies.adversary.search import generations
+from glucoloop.studies.adversary.attack import ErrorSpace, Harm, generations
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
 

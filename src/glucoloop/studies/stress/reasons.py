@@ -8,13 +8,13 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cohorts.engine import PreparedTrial, announced_to
+from glucoloop.cohorts.engine import PreparedTrial, announced_to, people_of
 from glucoloop.control import Status
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
-from glucoloop.patients.population import of_people, virtual_people
+from glucoloop.patients.population import of_people
 from glucoloop.printable import glucose_text, how_many
 from glucoloop.simulation import Trace
 from glucoloop.simulation.people_plant import chosen, replaced, varying
@@ -36,14 +36,14 @@ _ACTS: Final = (
 def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
     """Description of the run of a person under a case of a trial, in a few sentences."""
     trace: Any = jax.tree.map(np.asarray, _repeated(prepared, label, person))
-    return " ".join(_sentences(trace, prepared.grid.sample_time_min))
+    return " ".join(_sentences(trace, prepared.trial.sample_time_min))
 
 
 def _repeated(prepared: PreparedTrial, label: str, person: int) -> Trace:
     """Repeated run of one person of a trial, as a full trace."""
     trial, of_case = prepared.trial, prepared.cases[label]
     number = np.array([person], np.int64)
-    drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
+    drawn = people_of(trial, number)
     meals = draw_meals(trial.plan, trial.seed, number)
     counted_g = announced_to(trial, meals, number)
     columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted_g is None else counted_g
