@@ -6,7 +6,6 @@ Errors are bounded in size, and in a few stretches the reading is stuck.
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -49,8 +48,7 @@ class ErrorSpace:
     """All sequences of errors that a sensor may make.
 
     A sequence is a point with coordinates from -1 to 1: the errors one after the other, each relative to the largest,
-    and then the moments at which the stuck stretches begin, from the first sample to the last. Refusal for a number out
-    of its bounds.
+    and then the moments at which the stuck stretches begin, from the first sample to the last.
     """
 
     samples: int
@@ -62,14 +60,6 @@ class ErrorSpace:
     """Number of stretches in which the reading is stuck."""
     stretch_samples: int = 6
     """Number of equal readings in each stretch."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
-            raise Refusal(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
-        for name, least in (("samples", 1), ("hold_samples", 1), ("stretches", 0), ("stretch_samples", 1)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise Refusal(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
 
     @property
     def pieces(self) -> int:

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import loop_of, people_of
+from glucoloop.cohorts.engine import fold_of, loop_of, people_of
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
@@ -32,7 +32,6 @@ from glucoloop.meals.plan import draw_meals
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.loop import Sampled
 from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
 from glucoloop.units import MIN_PER_DAY
@@ -52,28 +51,6 @@ QUANTILES: Final = (0.1, 0.5, 0.9)
 JUDGED_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
 LONGEST_AFTER_MIN: Final = 240.0
-
-
-@pytree
-class Recorder:
-    """Record of the sensor and the pump, sample by sample, in place of metrics."""
-
-    sample_time_min: float = static()
-    samples: int = static()
-
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
-        """State of an empty record."""
-        del glucose_mg_dl, insulin_mU_min
-        return {"reading": jnp.full(self.samples, jnp.nan), "reported": jnp.full(self.samples, jnp.nan)}
-
-    def step(self, record: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
-        """Record one more sample."""
-        index = jnp.round(t_min / self.sample_time_min).astype(int)
-        reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
-        values = {"reading": reading, "reported": happened.delivery.reported_mU_min}
-        return {
-            name: jax.lax.dynamic_update_index_in_dim(record[name], value, index, 0) for name, value in values.items()
-        }
 
 
 @pytree
@@ -102,10 +79,11 @@ def recorded_days(
     loop = loop_of(
         trial,
         controller_of(trial, case),
-        Recorder(sample_time_min=trial.sample_time_min, samples=trial.samples),
+        fold_of(trial),
         meals=None,
         surroundings=surroundings_of(trial, case.faults),
         engine=ENGINE["engine"],
+        record_decisions=True,
     )
 
     def block(fasting: bool, place: Numbers) -> Days:
@@ -120,9 +98,9 @@ def recorded_days(
             day=which,
             meals=meals,
             basal_insulin_mU_min=drawn.basal_insulin_mU_min,
-            reading_mg_dl=run.fold["reading"],
-            insulin_mU_min=run.fold["reported"],
-            glucose_mg_dl=np.asarray(run.glucose_mg_dl, np.float64)[:-1],
+            reading_mg_dl=np.asarray(run.reading_mg_dl),
+            insulin_mU_min=np.asarray(run.reported_mU_min),
+            glucose_mg_dl=run.glucose_mg_dl[:-1],
         )
 
     # without meals in the plan, days with meals would be fasting days too

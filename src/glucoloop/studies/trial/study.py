@@ -76,9 +76,7 @@ def trial_of(asked: Trial) -> Trial:
     return asked
 
 
-def notes(asked: Trial) -> tuple[str, ...]:
-    """Sentence on boluses into a vein."""
-    return boluses_into_a_vein(asked)
+notes = boluses_into_a_vein
 
 
 def found(asked: Trial, folder: TrialFolder) -> Findings:
