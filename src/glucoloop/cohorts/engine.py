@@ -16,17 +16,19 @@ from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.assemble import AtRest, PeopleLoop, own_controllers, with_basal_of_each
+from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_basal_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.meals import Eaten, eaten
+from glucoloop.meals import Eaten, Meal, Scenario, eaten
 from glucoloop.meals.plan import counted_g, draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
-from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.cohort import Fold, People
+from glucoloop.simulation import Trace
+from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.people_plant import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
 
@@ -171,14 +173,17 @@ def run_people(
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
-            people, drawn, first_meal_min = _drawn(prepared, of_case, block)
+            drawn, meals = people_of(trial, block), meals_of(trial, block)
+            alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
+            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, block, meals))
+            first_min = 0.0 if meals is None else np.min(meals.t_min, axis=0)
         finished = of_case.loop.cohort.run(people)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
                 finished.fold,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
-                meal_t_min=first_meal_min,
+                meal_t_min=np.floor(first_min / grid.sample_time_min) * grid.sample_time_min,
                 precision=of_case.loop.cohort.precision,
             )
         values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
@@ -206,27 +211,40 @@ def _of(values: Array, people: Array) -> Array:
     return values if people.all() else values[:, people]
 
 
-def _drawn(
-    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64]
-) -> tuple[People, VirtualPeople, Array | float]:
-    """People as the loop takes them, the drawn people, and the sample time of each person's first meal."""
-    trial, sample_time_min = prepared.trial, prepared.trial.sample_time_min
-    drawn = people_of(trial, person)
-    meals = None
-    first_meal_min: Array | float = 0.0
-    if trial.plan.meals:
-        meals = draw_meals(trial.plan, trial.seed, person)
-        first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
-    announced_g = None if meals is None else announced_to(trial, meals, person)
-    surroundings = of_case.surroundings.of_people(of_case.alike, person.size) if of_case.alike else None
-    people = of_case.loop.people(
-        drawn,
-        keys_of_people(trial.seed, person),
-        surroundings=surroundings,
-        meals=meals if trial.plan.varies else None,
-        announced_g=announced_g,
+def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
+    """The loop of one person of a trial under the controller of a label, as a full trace."""
+    trial, of_case, number = prepared.trial, prepared.cases[label], np.array([person], np.int64)
+    drawn, meals = people_of(trial, number), draw_meals(trial.plan, trial.seed, number)
+    counted = announced_to(trial, meals, number)
+    columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted is None else counted
+    controller = of_case.controller
+    if of_case.loop.controllers_of is not None:
+        individual = of_case.loop.controllers_of(drawn)
+        varies = varying(individual, controller)
+        controller = replaced(individual, varies, [leaf[..., 0] for leaf in chosen(individual, varies)])
+    return close_loop(
+        trial,
+        controller,
+        Scenario(
+            [Meal(*map(float, meal)) for meal in zip(*(values[:, 0] for values in columns), strict=True)],
+            trial.plan.horizon_min,
+            announced=trial.announce_meals,
+            meal_model=trial.gut,
+            start_min=trial.start_min,
+        ),
+        patient=of_people(drawn.patient, 0),
+        surroundings=of_case.surroundings,
+        key=keys_of_people(trial.seed, number)[0],
     )
-    return people, drawn, first_meal_min
+
+
+def brought(trial: Trial, person: npt.NDArray[np.int64], meals: Eaten | None) -> dict[str, Any]:
+    """Keys, meals and announcements of people of a trial, as `PeopleLoop.people` takes them."""
+    return {
+        "key": keys_of_people(trial.seed, person),
+        "meals": meals if trial.plan.varies else None,
+        "announced_g": None if meals is None else announced_to(trial, meals, person),
+    }
 
 
 def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
@@ -241,6 +259,11 @@ def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> A
         bias_pct=trial.carb_bias_pct,
         meals_a_day=len(trial.plan.meals),
     )
+
+
+def meals_of(trial: Trial, person: npt.NDArray[np.int64]) -> Eaten | None:
+    """Meals of people of a trial; None without any in its plan."""
+    return draw_meals(trial.plan, trial.seed, person) if trial.plan.meals else None
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

@@ -19,12 +19,10 @@ import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import announced_to, loop_of, people_of
+from glucoloop.cohorts.engine import brought, loop_of, meals_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
-from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.erring import erring
@@ -224,14 +222,8 @@ class Attack:
         trial = self._trial
         with one_at_a_time:
             people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            person = people.draw.person
-            key = keys_of_people(trial.seed, person)
-            announced_g = (
-                announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
-            )
-        return self._loop.run(
-            people, key, surroundings=surroundings, announced_g=announced_g, threads=os.cpu_count() or 1
-        )
+            drawn = brought(trial, people.draw.person, meals_of(trial, people.draw.person))
+        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **drawn)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         sensor: Any = self._surroundings.sensor
