@@ -264,10 +264,10 @@ def closed():
     made = {}
     real = campaign.WatchedLoops
 
-    def once(seed, controller, order, horizon, situation):
+    def once(trial, controller, order):
         guarded = isinstance(controller, Guard)
         if guarded not in made:
-            made[guarded] = real(seed, controller, order, horizon, situation)
+            made[guarded] = real(trial, controller, order)
         return made[guarded]
 
     with pytest.MonkeyPatch.context() as patch:

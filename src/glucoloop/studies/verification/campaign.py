@@ -25,11 +25,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.cohorts.engine import loop_of
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
 from glucoloop.episodes import Episodes
-from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
 from glucoloop.experiments.random_keys import keys_of_people
@@ -38,7 +39,7 @@ from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.parts.guard import guard_of
-from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
@@ -48,7 +49,7 @@ from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import Verification
 from glucoloop.studies.verification.promises import PROMISES, Caps, Promises
 from glucoloop.threefry import uniforms
@@ -296,6 +297,13 @@ def horizon_min(controller: str) -> float:
     return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
 
 
+def trial_of(asked: Verification, controller: str) -> Trial:
+    """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
+    patient = PATIENTS.find(asked.patient).partial({})
+    given = {"patient": patient, "seed": asked.seed, "duration_min": horizon_min(controller), "meals": ()}
+    return Trial.partial(given).completed()
+
+
 def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
     situation = usual_situation(patient)
@@ -343,37 +351,26 @@ class Closed(NamedTuple):
 class WatchedLoops:
     """The loops of one controller, with a guard or without."""
 
-    def __init__(self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation) -> None:
-        self._situation, self._seed, self._order = situation, seed, order
-        self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
-        guard = guard_settings_of(controller)
-        example = draw_people(seed, np.arange(2), situation.patient.called)
-        faults = random_faults(order, seed, np.arange(2), self._grid.samples)
-        self.loop = PeopleLoop(
-            situation,
+    def __init__(self, trial: Trial, controller: Controller, order: Order) -> None:
+        self._trial, self._order, self.samples = trial, order, trial.samples
+        guard, patient = guard_settings_of(controller), trial.patient.called
+        faults = random_faults(order, trial.seed, np.arange(2), trial.samples)
+        self.loop = loop_of(
+            trial,
             controller,
-            example,
-            self._grid,
             Promises(
-                limits=limits,
-                sound=patient_model(situation.patient.called).sound,
-                caps=None if guard is None else Caps(settings=guard, limits=limits),
+                limits=trial.limits,
+                sound=patient_model(patient).sound,
+                caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
+            draw_people(trial.seed, np.arange(2), patient),
             meals=None,
-            controllers_of=with_basal_of_each(controller),
             surroundings=self._surroundings(faults, 0),
             varied=self._surroundings(faults),
         )
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of each loop."""
-        return self._grid.samples
-
     def _surroundings(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
-        return Surroundings(
-            sensor=faults.sensor(person=person), pump=faults.pump(self._situation.limits, person=person)
-        )
+        return Surroundings(sensor=faults.sensor(person=person), pump=faults.pump(self._trial.limits, person=person))
 
     def close(self, person: Numbers, progress: Progress = lambda loops: None) -> Closed:
         """Simulate the loops of people."""
@@ -381,16 +378,17 @@ class WatchedLoops:
         return Closed(*(np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*parts, strict=True)))
 
     def _block(self, person: Numbers, n: int) -> Closed:
-        faults = random_faults(self._order, self._seed, person, self.samples)
+        trial, seed = self._trial, self._trial.seed
+        faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(self._seed, person, self._situation.patient.called)
+            drawn = draw_people(seed, person, trial.patient.called)
         run = self.loop.run(
             drawn,
-            keys_of_people(self._seed, person),
+            keys_of_people(seed, person),
             surroundings=self._surroundings(faults),
-            meals=draw_random_meals(self._seed, person, self._horizon),
+            meals=draw_random_meals(seed, person, trial.plan.horizon_min),
         )
-        points = self.samples * len(self._grid.inside_min)
+        points = self.samples * len(trial.grid.inside_min)
         return Closed(
             broken=run.fold.broken[:, :n],
             first_min=run.fold.first_min[:, :n],
@@ -413,7 +411,7 @@ def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, 
 
     Each is an ``arm``; with that of the guard comes ``guarding``, its effect on the time below 60 mg/dl.
     """
-    pairs, situation = asked.people(), usual_situation(asked.patient)
+    pairs = asked.people()
     if asked.person is None:
         people = feasible_people(asked.seed, max(pairs.values()), asked.patient)
     else:
@@ -423,13 +421,12 @@ def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, 
                 f"no basal rate holds person {asked.person} of seed {asked.seed} at the setpoint; give another person"
             )
     for name, number in pairs.items():
-        person, order = people[:number], _order(asked.seed, name)
+        person, order, trial = people[:number], _order(asked.seed, name), trial_of(asked, name)
         bare = catalogue_controller(name, asked.patient)
-        loops = WatchedLoops(asked.seed, bare, order, horizon_min(name), situation)
+        loops = WatchedLoops(trial, bare, order)
         without = loops.close(person, progress)
         yield {"arm": _arm(asked, name, loops, person, without, guarded=False)}
-        controller = with_guard(bare, guard_of(patient_entry(asked.patient)), situation.limits)
-        loops = WatchedLoops(asked.seed, controller, order, horizon_min(name), situation)
+        loops = WatchedLoops(trial, with_guard(bare, guard_of(trial.patient), trial.limits), order)
         closed = loops.close(person, progress)
         yield {
             "arm": _arm(asked, name, loops, person, closed, guarded=True),
