@@ -132,7 +132,7 @@ class Cohort:
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. For engine, precision and products see `make_engine`. By default the integrator makes twice as many substeps
-    as `substeps_for` gives one patient. With `record_decisions` a run returns readings, statuses and reports too.
+    as `substeps_for` gives one patient. With `record_decisions` a run returns readings and statuses too.
     """
 
     def __init__(
