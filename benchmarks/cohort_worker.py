@@ -154,7 +154,7 @@ def without_metrics(precision: str) -> cohort.Cohort:
     """The loop of linear MPC that keeps nothing."""
     prepared = trial("plain", precision)
     given = prepared.trial
-    example = engine.virtual_people(given.population, given.seed, [0], setpoint_mg_dl=prepared.setpoint_mg_dl)
+    example = engine.people_of(given, [0])
     around = surroundings_of(given)
     return cohort.Cohort(
         given.nominal,
@@ -162,9 +162,9 @@ def without_metrics(precision: str) -> cohort.Cohort:
         prepared.cases["mpc"].controller,
         around.sensor,
         around.pump,
-        prepared.grid,
+        prepared.trial.grid,
         Nothing(),
-        setpoint_mg_dl=prepared.setpoint_mg_dl,
+        setpoint_mg_dl=prepared.trial.target_mg_dl,
         meals=eaten(given.plan.meals),
         precision=precision,
     )
@@ -204,7 +204,7 @@ def accuracy(people: int, tolerance: float) -> dict[str, float]:
 
     @jax.jit
     def replay(patient: Any, x: jax.Array, insulin: jax.Array) -> jax.Array:
-        plant, times = Adaptive(tolerance).prepare(patient, day.absorbed_by(patient), prepared.grid)
+        plant, times = Adaptive(tolerance).prepare(patient, day.absorbed_by(patient), prepared.trial.grid)
 
         def sample(x: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
             x, _ = plant.advance(x, *entry)

@@ -22,7 +22,7 @@ from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.lab import pack
-from glucoloop.papers.parker1999.published import DEVIATIONS, ENTRIES, INTERPRETATIONS
+from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.parts.faults import FAULTS, TIMING
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.parts.patients import PATIENTS

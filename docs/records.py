@@ -20,10 +20,7 @@ from made import made
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.assemble import PeopleLoop
 from glucoloop.experiments.designs import controller_of, identified_model
-from glucoloop.meals import eaten
-from glucoloop.patients.population import virtual_people
 from glucoloop.situations.situation import configured
 from meal_aware.situations import SITUATIONS
 
@@ -54,17 +51,7 @@ def loops():
     found = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
     own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in found])
     of_case = prepared.cases["mpc"]
-    loop = PeopleLoop(
-        trial,
-        of_case.controller,
-        virtual_people(trial.population, trial.seed, [0], setpoint_mg_dl=trial.target_mg_dl),
-        prepared.grid,
-        prepared.fold,
-        meals=eaten(trial.plan.nominal()),
-        controllers_of=own,
-        precision=trial.precision,
-        products=trial.products,
-    )
+    loop = engine.loop_of(trial, of_case.controller, prepared.fold, controllers_of=own)
     cases = {"mpc": dataclasses.replace(of_case, loop=loop)}
     gains = [float(np.sum(identified.model.impulse_response)) for identified in found]
     return dataclasses.replace(prepared, cases=cases), own, gains

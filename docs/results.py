@@ -62,7 +62,7 @@ def page(report):
         for p, agrees in counts.items()
     )
     seeds = report["seeds"][points[0]]
-    lines = [f"With {seeds} seeds, glucoloop {report['glucoloop']}: {told}.\n"]
+    lines = [f"With {seeds} seeds, glucoloop {report['version']}: {told}.\n"]
     lines.append(
         "Entries in italics do not agree. "
         "Entries with a tilde agree only because the printed number lies within the spread of the seeds.\n"

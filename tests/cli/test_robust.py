@@ -13,8 +13,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.situations.toml import read_toml
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.loop import METRICS
-from glucoloop.studies.robust.search import NO_SCORES
+from glucoloop.studies.robust.search import METRICS, NO_SCORES
 
 SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "--batch", 4, "--rounds", 3)
 FILES = {

@@ -351,7 +351,7 @@ def test_people_below_the_validity_of_their_model_are_told():
     told = {"people": 9, "setpoint_mg_dl": 81.1, "unable": nobody, "basal_beyond_pump": nobody}
     of = {
         "mpc": {"not_finite": nobody, "below_validity": {"count": 2, "person": [3, 7]}},
-        "older": {"not_finite": nobody},
+        "imc": {"not_finite": nobody, "below_validity": nobody},
     }
     assert list(_notes({**told, "controllers": of})) == [
         "mpc: glucose of 2 people was lower than the model is valid for: person 3, 7. Read it as severe hypoglycemia; "

@@ -177,7 +177,7 @@ def test_without_feedback_everybody_gets_his_basal_rate(prepared, result):
 def test_what_was_prepared_last_is_kept(trial, prepared):
     assert prepare(dataclasses.replace(trial)) is prepared
     assert set(prepared.cases) == {"mpc-se", "basal"}
-    assert prepared.setpoint_mg_dl == 120.0
+    assert prepared.trial.target_mg_dl == 120.0
     assert {case.loop.engine for case in prepared.cases.values()} == {"native"}
 
 

@@ -20,7 +20,7 @@ _STOPS = (
     "glucoloop.studies.tuning.study.found",
     "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
-    "glucoloop.papers.parker1999.reproduce.carry_out",
+    "glucoloop.papers.parker1999.study.study",
 )
 """Where reading ends and computing begins."""
 

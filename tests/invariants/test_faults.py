@@ -24,8 +24,7 @@ from glucoloop.sensors.faults import Missing, Nonsense
 from glucoloop.simulation import Adaptive, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
-from glucoloop.studies.verification.campaign import catalogue_controller
-from glucoloop.studies.verification.drawn import KINDS, PUMP_KINDS, random_faults, random_order
+from glucoloop.studies.verification.campaign import KINDS, PUMP_KINDS, catalogue_controller, random_faults, random_order
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
 PID = design_pid(internal_model_tuning(-3.0, 80.0, 5.0, 30.0))

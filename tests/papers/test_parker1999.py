@@ -8,12 +8,20 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from glucoloop.papers.parker1999 import experiments
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced, compare, count, left_out
-from glucoloop.papers.parker1999.options import Reproduction
-from glucoloop.papers.parker1999.pages import html_report, markdown_report, tables
-from glucoloop.papers.parker1999.published import DEVIATIONS, ENTRIES, INTERPRETATIONS, PrintedEntry, reason_for
-from glucoloop.papers.parker1999.reproduce import FIGURES, WHOLE, carry_out, chosen, write
+from glucoloop.papers.parker1999 import Reproduction, experiments
+from glucoloop.papers.parker1999.comparison import (
+    DEVIATIONS,
+    ENTRIES,
+    INTERPRETATIONS,
+    ComparedEntry,
+    PrintedEntry,
+    Reproduced,
+    compare,
+    count,
+    left_out,
+    reason_for,
+)
+from glucoloop.papers.parker1999.study import FIGURES, WHOLE, chosen, drawn, entry_tables, findings, found, page
 from glucoloop.report.print_figure import KINDS
 
 POINT = "setpoint-81"
@@ -122,7 +130,7 @@ class TestVerdict:
         assert left_out(rows) == "1 printed entry not run and left out."
         assert left_out(rows[:1]) == ""
         rows = [replace(row, entry=replace(row.entry, id="table-1.x")) for row in rows]
-        (table,) = tables(rows, {POINT: None})
+        (table,) = entry_tables(rows, {POINT: None})
         assert [line[1:3] for line in table.rows] == [("1", "1; +0.00; yes")]
 
     def test_every_entry_of_the_tables_that_stands_out_has_its_reason(self):
@@ -191,7 +199,7 @@ class TestStudy:
     def test_an_unknown_operating_point_is_refused(self):
         asked = Reproduction(operating_point=("nominal-23",))
         with pytest.raises(ValueError, match="known ones are: setpoint-81, nominal-22, fasting-81"):
-            carry_out(asked, WHOLE, progress=lambda done: None)
+            found(asked, progress=lambda done: None)
 
 
 class _Tags(HTMLParser):
@@ -221,59 +229,60 @@ class _Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def files(study):
-    found = {}
-    write(found.__setitem__, {POINT: study}, compare({POINT: study}), 3, lambda done: None)
-    return found
+    return files_of(study, WHOLE)
+
+
+def files_of(study, part):
+    """The files of a part of the paper."""
+    result = findings({POINT: study}, part, 3)
+    return {**result.files("report.json"), **drawn(Reproduction(seed=3), result)}
 
 
 class TestReport:
     @pytest.mark.long
-    def test_writes_figures_and_three_reports(self, files):
+    def test_writes_figures_and_two_reports(self, files):
         figures = {f"{POINT}-figure-{number}.{kind}" for number in range(2, 7) for kind in KINDS}
-        assert set(files) == figures | {"report.html", "report.md", "report.json"}
+        assert set(files) == figures | {"report.html", "report.json"}
 
     @pytest.mark.long
     def test_the_page_is_whole_and_needs_nothing_else(self, files):
-        page = _Tags()
-        page.feed(files["report.html"])
-        assert page.open == []
-        assert len(set(page.ids)) == len(page.ids)
-        assert page.used <= set(page.ids)
-        assert not re.search(r'<script|<link|src="(?!data:)', files["report.html"])
+        tags = _Tags()
+        text = files["report.html"].decode()
+        tags.feed(text)
+        assert tags.open == []
+        assert len(set(tags.ids)) == len(tags.ids)
+        assert tags.used <= set(tags.ids)
+        assert not re.search(r'<script|<link|src="(?!data:)', text)
 
     @pytest.mark.long
-    def test_all_three_tell_the_same_number(self, files, study):
+    def test_both_tell_the_same_number(self, files, study):
         found = Reproduced.of(study.runs["mpc", "0"].metrics.undershoot_mg_dl)
         entry = next(
             entry for entry in json.loads(files["report.json"])["entries"] if entry["id"] == "table-2.mpc.0.undershoot"
         )
         assert entry["reproduced"][POINT]["median"] == found.median
-        assert found.text in files["report.md"]
-        assert found.text in files["report.html"]
+        assert found.text in files["report.html"].decode()
 
     @pytest.mark.long
     def test_a_part_of_the_paper_is_compared_drawn_and_told_alone(self, study):
         part = chosen(["1"], ["4"])
         rows = compare({POINT: study}, part.entries)
+        written = files_of(study, part)
         assert {row.entry.id.split(".")[0] for row in rows} == {"table-1", "figure-4"}
         assert all(row.reproduced for row in rows)
-        found = {}
-        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part.figures)
         figures = {f"{POINT}-figure-4.{kind}" for kind in KINDS}
-        assert set(found) == figures | {"report.html", "report.md", "report.json"}
-        assert "Table I:" in found["report.html"]
-        assert "Tunings" not in found["report.html"]
-        assert "binary-sequence" not in found["report.html"]  # an interpretation on which nothing here rests
+        assert set(written) == figures | {"report.html", "report.json"}
+        text = written["report.html"].decode()
+        assert "Table I:" in text
+        assert "Tunings" not in text
+        assert "binary-sequence" not in text  # an interpretation on which nothing here rests
 
     @pytest.mark.long
     def test_a_figure_without_numbers_is_told_without_tables(self, study):
-        part = chosen([], ["2"])
-        found = {}
-        rows = compare({POINT: study}, part.entries)
-        write(found.__setitem__, {POINT: study}, rows, 3, lambda done: None, part.figures)
-        assert rows == []
-        assert f"{POINT}-figure-2.pdf" in found
-        assert "<table" not in found["report.html"]
+        written = files_of(study, chosen([], ["2"]))
+        assert json.loads(written["report.json"])["entries"] == []
+        assert f"{POINT}-figure-2.pdf" in written
+        assert b"<table" not in written["report.html"]
 
     def test_parts_that_are_not_reproduced_are_refused(self):
         assert chosen([], []) is WHOLE
@@ -287,7 +296,6 @@ class TestReport:
     def test_what_does_not_reproduce_is_listed(self, study):
         wrong = replace(_entry(1.0), id="model.setpoint", what="A <number> that is far off")
         rows = [ComparedEntry(entry=wrong, reproduced={POINT: Reproduced(5.0)})]
-        studies = {POINT: study}
-        for report in (markdown_report(rows, studies, 3, {}), html_report(rows, studies, 3, {})):
-            assert "far off" in report.partition("What does not reproduce")[2]
-        assert "<number>" not in html_report(rows, studies, 3, {})
+        report = page({POINT: study}, rows, 3)
+        assert "far off" in report.partition("What does not reproduce")[2]
+        assert "<number>" not in report

@@ -17,7 +17,7 @@ from glucoloop.report.trial_report import (
     ranges_pct,
 )
 from glucoloop.storage.findings import Findings
-from glucoloop.studies.stress.cells import NO_FAULT
+from glucoloop.studies.stress.study import NO_FAULT
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
 

@@ -7,11 +7,10 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
-from glucoloop.papers.parker1999.comparison import ComparedEntry, Reproduced
+from glucoloop.papers.parker1999 import POINTS
+from glucoloop.papers.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
 from glucoloop.papers.parker1999.experiments import PointResults
-from glucoloop.papers.parker1999.options import POINTS
-from glucoloop.papers.parker1999.pages import html_report
-from glucoloop.papers.parker1999.published import ENTRIES
+from glucoloop.papers.parker1999.study import page
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
@@ -50,7 +49,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_p
         "surface": surface_page(
             Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
-        "reproduction": html_report(_as_wide_as_the_full_one(), dict.fromkeys(POINTS, _NO_RUNS), 1, {}),
+        "reproduction": page(dict.fromkeys(POINTS, _NO_RUNS), _as_wide_as_the_full_one(), 1),
     }
     folder = tmp_path_factory.mktemp("pages")
     for name, text in texts.items():

@@ -8,7 +8,7 @@ from glucoloop.parts.faults import FAULTS
 from glucoloop.report.columns import headings
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.studies.stress import STANDARD_FAULTS
-from glucoloop.studies.stress.cells import COLUMNS
+from glucoloop.studies.stress.study import COLUMNS
 
 STUCK, SPIKES = "stuck, start_min=60, duration_min=90", "spikes, per_day=12, size_mg_dl=60"
 

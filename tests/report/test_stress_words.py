@@ -10,8 +10,7 @@ from glucoloop.report.descriptions import settings_in_words, short_names, when_i
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.report.heat import UNKNOWN, shade_of
 from glucoloop.studies.stress import STANDARD_FAULTS
-from glucoloop.studies.stress.cells import COLUMNS
-from glucoloop.studies.stress.study import conclusions, sentences, worse_people_text
+from glucoloop.studies.stress.study import COLUMNS, conclusions, sentences, worse_people_text
 
 STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
 

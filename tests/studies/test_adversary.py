@@ -7,8 +7,7 @@ import pytest
 
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import ErrorSpace, Harm
-from glucoloop.studies.adversary.search import generations
+from glucoloop.studies.adversary.attack import ErrorSpace, Harm, generations
 
 SPACE = ErrorSpace(samples=24, error=0.2, hold_samples=5, stretches=2, stretch_samples=3)
 
@@ -106,18 +105,3 @@ def test_minutes_count_before_lowest_glucose():
         below_54_min=np.array([0.0, 0.0, 5.0]), lowest_mg_dl=np.array([80.0, 60.0, 50.0]), peak_mg_dl=np.ones(3)
     )
     assert (np.diff(harm.score) > 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("setting", "told"),
-    [
-        ({"error": 1.0}, "largest error of 100 %"),
-        ({"error": float("nan")}, "largest error"),
-        ({"hold_samples": 0}, "hold_samples of 0"),
-        ({"stretches": -1}, "stretches of -1"),
-        ({"stretch_samples": 1.5}, "stretch_samples of 1.5"),
-    ],
-)
-def test_a_space_that_cannot_be_is_refused(setting, told):
-    with pytest.raises(ValueError, match=told):
-        ErrorSpace(**{"samples": 10, "error": 0.1, **setting})

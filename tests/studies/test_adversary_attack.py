@@ -14,8 +14,7 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
-from glucoloop.studies.adversary.attack import Attack, ErrorSpace
-from glucoloop.studies.adversary.search import random_errors, worst_errors
+from glucoloop.studies.adversary.attack import Attack, ErrorSpace, random_errors, worst_errors
 from glucoloop.studies.adversary.study import searches_of
 
 ASKED = configured(

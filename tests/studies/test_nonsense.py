@@ -7,9 +7,7 @@ import numpy as np
 
 from glucoloop.control import GuardSettings
 from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, study
-from glucoloop.studies.verification import nonsense as module
-from glucoloop.studies.verification.caps import Caps
-from glucoloop.studies.verification.promises import CAPS, OF_CONTROLLER
+from glucoloop.studies.verification.promises import CAPS, OF_CONTROLLER, Caps
 
 SETTINGS = GuardSettings(max_hour=2.0, max_on_board=0.8, on_board_tau_min=90.0)
 BASAL = 20.0
@@ -68,7 +66,7 @@ def test_nothing_is_broken_by_nonsense():
 
 
 def test_a_guard_that_allows_more_than_it_should_is_found(monkeypatch):
-    monkeypatch.setattr(module, "Caps", lambda settings, **others: Caps(settings=GuardSettings(max_hour=1.2), **others))
+    monkeypatch.setattr(study, "Caps", lambda settings, **others: Caps(settings=GuardSettings(max_hour=1.2), **others))
     told = []
     result = found(told.append, nonsense=20_000, controllers=("basal",))
     [arm] = result["arms"]

@@ -10,9 +10,8 @@ from rich.console import Console
 from glucoloop.situations.situation import configured
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
-from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.search import NO_SCORES, Bound, SearchEngine, judged
-from glucoloop.studies.robust.study import tables
+from glucoloop.studies.robust.study import plot_robust, tables
 
 ASKED = configured(Search, at_most=["peak-median=95"], batch=40, rounds=1)
 SCORES = dict.fromkeys(NO_SCORES, 1.0)

@@ -18,8 +18,7 @@ from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
-from glucoloop.studies.robust.loop import METRICS, TuningLoop, draw_subjects
-from glucoloop.studies.robust.search import SearchEngine, tuning_of
+from glucoloop.studies.robust.search import METRICS, SearchEngine, TuningLoop, draw_subjects, tuning_of
 from glucoloop.studies.robust.study import notes
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
@@ -40,7 +39,7 @@ def _designed_at_once():
         return design
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("glucoloop.studies.robust.loop.design_of", design_of)
+        patch.setattr("glucoloop.studies.robust.search.design_of", design_of)
         yield
 
 

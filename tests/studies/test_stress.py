@@ -12,8 +12,8 @@ from glucoloop.cohorts.trial import fingerprint
 from glucoloop.situations.situation import configured
 from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.stress import STANDARD_FAULTS, StressTest
-from glucoloop.studies.stress.cells import StressCell, cell_table, cells_of, trial_of
 from glucoloop.studies.stress.reasons import reason_of
+from glucoloop.studies.stress.study import StressCell, cell_table, cells_of, trial_of
 
 FAULTS = [
     "calibration, gain=1.25, offset_mg_dl=0",

@@ -21,11 +21,11 @@ from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.simulation.loop import LoopState
-from glucoloop.studies.verification import Verification, campaign, drawn, promises, study
-from glucoloop.studies.verification.campaign import circumstances_of
-from glucoloop.studies.verification.drawn import (
+from glucoloop.studies.verification import Verification, campaign, promises, study
+from glucoloop.studies.verification.campaign import (
     KINDS,
     PUMP_KINDS,
+    circumstances_of,
     draw_people,
     draw_random_meals,
     feasible_people,
@@ -264,10 +264,10 @@ def closed():
     made = {}
     real = campaign.WatchedLoops
 
-    def once(seed, controller, order, horizon, situation):
+    def once(trial, controller, order):
         guarded = isinstance(controller, Guard)
         if guarded not in made:
-            made[guarded] = real(seed, controller, order, horizon, situation)
+            made[guarded] = real(trial, controller, order)
         return made[guarded]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -399,5 +399,5 @@ def test_people_without_a_basal_rate_are_passed_over(monkeypatch):
         drawn = draw_people(seed, person, patient)
         return dataclasses.replace(drawn, feasible=np.asarray(person) % 2 == 1)
 
-    monkeypatch.setattr(drawn, "draw_people", odd)
+    monkeypatch.setattr(campaign, "draw_people", odd)
     np.testing.assert_array_equal(feasible_people(1, 700), 1 + 2 * np.arange(700))

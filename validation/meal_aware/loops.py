@@ -160,10 +160,10 @@ def _of_people(situation: NamedSituation, name: str, extent: Extent) -> Runs:
     result = engine.run_people(prepared, name, np.arange(extent.people), traces=True)
     found = {key: np.asarray(values, float)[result.feasible] for key, values in result.metrics.items()}
     glucose = np.asarray(result.glucose_mg_dl, float)[:, result.feasible]
-    t_min = np.append(prepared.grid.t_min, trial.plan.horizon_min)
+    t_min = np.append(prepared.trial.grid.t_min, trial.plan.horizon_min)
     return Runs(
         run=result.person[result.feasible],
-        numbers=numbers_by_minute(found, t_min, glucose, prepared.setpoint_mg_dl),
+        numbers=numbers_by_minute(found, t_min, glucose, prepared.trial.target_mg_dl),
         infeasible=int((~result.feasible).sum()),
     )
 

@@ -20,7 +20,7 @@ from glucoloop.cli.screen import note, width_of_text
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
-from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, SAFETY, SIMULATE, STUDIES, CommandEntry
+from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, RESULTS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
 _ALLOW_CODE: Final = "--allow-code"
 _HELP: Final = ("-h", "--help")
@@ -28,17 +28,13 @@ _INTRO: Final = (
     "An open laboratory for automatic insulin dosing: identify a model of a virtual patient, close the loop, compare "
     "controllers, try them on a population. Research software, not a medical device."
 )
-_RESULTS: Final = "Results"
 COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
     "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
-    "query": CommandEntry("glucoloop.cli.query:QUERY", _RESULTS, "Query the folder of a trial in SQL."),
-    "reproduce": CommandEntry(
-        "glucoloop.cli.reproduce:REPRODUCE", _RESULTS, "Reproduce a published study, number by number."
-    ),
+    "query": CommandEntry("glucoloop.cli.query:QUERY", RESULTS, "Query the folder of a trial in SQL."),
 }
-_GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, _RESULTS)
+_GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, RESULTS)
 
 
 def _by_group() -> dict[str, dict[str, CommandEntry]]:

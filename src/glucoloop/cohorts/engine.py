@@ -16,19 +16,19 @@ from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.assemble import PeopleLoop, own_controllers
+from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_basal_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.meals import Eaten, eaten
+from glucoloop.meals import Eaten, Meal, Scenario, eaten
 from glucoloop.meals.plan import counted_g, draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
-from glucoloop.patients.population import VirtualPeople, virtual_people
+from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import People
+from glucoloop.simulation import Trace
+from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.people_plant import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
 
@@ -66,8 +66,6 @@ class PreparedTrial:
     """A trial whose controllers are designed."""
 
     trial: Trial
-    grid: SampleGrid
-    setpoint_mg_dl: float
     fold: RunningMetrics
     cases: Mapping[str, PreparedCase]
 
@@ -100,38 +98,58 @@ def prepare(trial: Trial) -> PreparedTrial:
 
 
 def _prepare(trial: Trial) -> PreparedTrial:
-    grid, setpoint = sample_grid(trial.plan.horizon_min, trial.sample_time_min), trial.target_mg_dl
-    fold = RunningMetrics(
-        setpoint_mg_dl=setpoint,
-        limits=trial.limits,
-        inside_min=tuple(grid.inside_min.tolist()),
-        further=trial.further_metrics,
-    )
-    example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=setpoint)
+    fold, example = fold_of(trial), people_of(trial, [trial.first_person])
     prepared: dict[str, PreparedCase] = {}
     for by_label in shared_surroundings(trial, trial.cases):
         # these cases differ only in their label, sensor and pump
         case = next(case for case in trial.cases if case.label in by_label)
         controller, alike = controller_of(trial, case), tuple(by_label.values())
-        loop = PeopleLoop(
+        loop = loop_of(
             trial,
             controller,
-            example,
-            grid,
             fold,
-            meals=None if trial.plan.varies else eaten(trial.plan.nominal()),
-            own_announcements=trial.miscounts,
+            example,
             controllers_of=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
             surroundings=by_label[case.label],
             varied=by_label[case.label].of_people(alike, 1),
-            precision=trial.precision,
-            products=trial.products,
         )
         shared = alike if len(alike) > 1 else ()
         prepared |= {
             label: PreparedCase(controller, loop, surroundings, shared) for label, surroundings in by_label.items()
         }
-    return PreparedTrial(trial=trial, grid=grid, setpoint_mg_dl=setpoint, fold=fold, cases=prepared)
+    return PreparedTrial(trial=trial, fold=fold, cases=prepared)
+
+
+def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
+    """People of a trial at rest at its target, by their numbers."""
+    return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+
+
+def fold_of(trial: Trial) -> RunningMetrics:
+    """Metrics of people of a trial, kept along their loops."""
+    inside_min = tuple(trial.grid.inside_min.tolist())
+    return RunningMetrics(
+        setpoint_mg_dl=trial.target_mg_dl, limits=trial.limits, inside_min=inside_min, further=trial.further_metrics
+    )
+
+
+def loop_of(
+    trial: Trial, controller: Controller, fold: Fold, example: AtRest | None = None, **others: Any
+) -> PeopleLoop:
+    """The loop of a controller in the situation of a trial: that of its cells, and of searches and tests of people.
+
+    Meals and arithmetic are those of the trial, and each person has an individual basal rate, unless `others` say
+    otherwise; `example` is the first person by default. See `PeopleLoop`.
+    """
+    usual = {
+        "meals": None if trial.plan.varies else eaten(trial.plan.nominal()),
+        "own_announcements": trial.miscounts,
+        "controllers_of": with_basal_of_each(controller),
+        "precision": trial.precision,
+        "products": trial.products,
+    }
+    example = people_of(trial, [trial.first_person]) if example is None else example
+    return PeopleLoop(trial, controller, example, trial.grid, fold, **{**usual, **others})
 
 
 def run_people(
@@ -151,18 +169,21 @@ def run_people(
     number = np.asarray(person, np.int64)
     if not number.size:
         raise Refusal("nobody was asked for; give the number of at least one person")
-    of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.grid
+    of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.trial.grid
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
-            people, drawn, first_meal_min = _drawn(prepared, of_case, block)
+            drawn, meals = people_of(trial, block), meals_of(trial, block)
+            alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
+            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, block, meals))
+            first_min = 0.0 if meals is None else np.min(meals.t_min, axis=0)
         finished = of_case.loop.cohort.run(people)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
                 finished.fold,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
-                meal_t_min=first_meal_min,
+                meal_t_min=np.floor(first_min / grid.sample_time_min) * grid.sample_time_min,
                 precision=of_case.loop.cohort.precision,
             )
         values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
@@ -190,27 +211,40 @@ def _of(values: Array, people: Array) -> Array:
     return values if people.all() else values[:, people]
 
 
-def _drawn(
-    prepared: PreparedTrial, of_case: PreparedCase, person: npt.NDArray[np.int64]
-) -> tuple[People, VirtualPeople, Array | float]:
-    """People as the loop takes them, the drawn people, and the sample time of each person's first meal."""
-    trial, sample_time_min = prepared.trial, prepared.grid.sample_time_min
-    drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=prepared.setpoint_mg_dl)
-    meals = None
-    first_meal_min: Array | float = 0.0
-    if trial.plan.meals:
-        meals = draw_meals(trial.plan, trial.seed, person)
-        first_meal_min = np.floor(np.min(meals.t_min, axis=0) / sample_time_min) * sample_time_min
-    announced_g = None if meals is None else announced_to(trial, meals, person)
-    surroundings = of_case.surroundings.of_people(of_case.alike, person.size) if of_case.alike else None
-    people = of_case.loop.people(
-        drawn,
-        keys_of_people(trial.seed, person),
-        surroundings=surroundings,
-        meals=meals if trial.plan.varies else None,
-        announced_g=announced_g,
+def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
+    """The loop of one person of a trial under the controller of a label, as a full trace."""
+    trial, of_case, number = prepared.trial, prepared.cases[label], np.array([person], np.int64)
+    drawn, meals = people_of(trial, number), draw_meals(trial.plan, trial.seed, number)
+    counted = announced_to(trial, meals, number)
+    columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted is None else counted
+    controller = of_case.controller
+    if of_case.loop.controllers_of is not None:
+        individual = of_case.loop.controllers_of(drawn)
+        varies = varying(individual, controller)
+        controller = replaced(individual, varies, [leaf[..., 0] for leaf in chosen(individual, varies)])
+    return close_loop(
+        trial,
+        controller,
+        Scenario(
+            [Meal(*map(float, meal)) for meal in zip(*(values[:, 0] for values in columns), strict=True)],
+            trial.plan.horizon_min,
+            announced=trial.announce_meals,
+            meal_model=trial.gut,
+            start_min=trial.start_min,
+        ),
+        patient=of_people(drawn.patient, 0),
+        surroundings=of_case.surroundings,
+        key=keys_of_people(trial.seed, number)[0],
     )
-    return people, drawn, first_meal_min
+
+
+def brought(trial: Trial, person: npt.NDArray[np.int64], meals: Eaten | None) -> dict[str, Any]:
+    """Keys, meals and announcements of people of a trial, as `PeopleLoop.people` takes them."""
+    return {
+        "key": keys_of_people(trial.seed, person),
+        "meals": meals if trial.plan.varies else None,
+        "announced_g": None if meals is None else announced_to(trial, meals, person),
+    }
 
 
 def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
@@ -225,6 +259,11 @@ def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> A
         bias_pct=trial.carb_bias_pct,
         meals_a_day=len(trial.plan.meals),
     )
+
+
+def meals_of(trial: Trial, person: npt.NDArray[np.int64]) -> Eaten | None:
+    """Meals of people of a trial; None without any in its plan."""
+    return draw_meals(trial.plan, trial.seed, person) if trial.plan.meals else None
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

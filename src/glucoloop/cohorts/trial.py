@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
+    from glucoloop.simulation.plant import SampleGrid
 
 FORMAT: Final = 5
 """Version of the file format of a trial; a folder with another one is not resumed."""
@@ -239,6 +240,13 @@ class Trial(ControlledSituation):
         from glucoloop.native.targets.products import FUSED, STRICT
 
         return STRICT if self.arithmetic == "portable" else FUSED
+
+    @property
+    def grid(self) -> SampleGrid:
+        """Samples of the run."""
+        from glucoloop.simulation.closed_loop import sample_grid
+
+        return sample_grid(self.plan.horizon_min, self.sample_time_min)
 
     @property
     def samples(self) -> int:

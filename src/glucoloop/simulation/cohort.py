@@ -97,9 +97,11 @@ class CohortRun:
     insulin_mU_min: Array
     """(samples, people) all insulin delivered from each sample to the next, as a rate: a bolus counts evenly."""
     reading_mg_dl: Array | None = None
-    """(samples, people) readings of the sensor, if the cohort returns them."""
+    """(samples, people) readings of the sensor, NaN where there was none, if the cohort returns them."""
     status: Array | None = None
     """(samples, people) `control.protocol.Status` of each decision, if the cohort returns it."""
+    reported_mU_min: Array | None = None
+    """(samples, people) rates as the pump reported them, from each sample to the next, if the cohort returns them."""
 
 
 @pytree
@@ -218,7 +220,7 @@ class Cohort:
                 computed.block_until_ready()
         last, outputs = self._engine.run(person, carry, reaching, self._shared, keys, threads=threads)
         glucose, delivered, *decisions = outputs
-        reading, status = decisions or (None, None)
+        reading, status, reported = decisions or (None, None, None)
         with one_at_a_time:
             end, lowest = map(np.asarray, self._end_people(person, last.loop.x))
         whole = np.concatenate([glucose, end[None]])
@@ -229,6 +231,7 @@ class Cohort:
             insulin_mU_min=delivered,
             reading_mg_dl=reading,
             status=None if status is None else status.astype(int),
+            reported_mU_min=reported,
         )
 
     # one person
@@ -255,7 +258,7 @@ class Cohort:
         return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
-        """One sample: it outputs glucose and the delivered rate, and reading and status if they are asked for."""
+        """One sample: it outputs glucose and the delivered rate, and what is decided if it is asked for."""
         digestion, moments = carry.digestion, shared["moments"]
         if digestion is not None:
             matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, person.digestion), []
@@ -274,7 +277,8 @@ class Cohort:
             fold = self._fold.step(carry.fold, inside, shared["t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._records_decisions:
-            outputs += happened.reading.glucose_mg_dl, happened.decision.status
+            reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
+            outputs += reading, happened.decision.status, happened.delivery.reported_mU_min
         return _Carry(loop=state, digestion=digestion, fold=fold), outputs
 
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:

@@ -1,4 +1,4 @@
-"""Every declared study by the name of its command; a study is one entry here, and its declaration is loaded by name."""
+"""Every declared study by the name of its command; a study is one line here, and its declaration is loaded by name."""
 
 from __future__ import annotations
 
@@ -20,33 +20,23 @@ SAFETY: Final = "Safety"
 LIMITS: Final = "Limits of what is possible"
 CARRY_ON: Final = "Carry on"
 MODELS: Final = "People and models"
+RESULTS: Final = "Results"
+_ENTRIES: Final = (
+    ("studies.run:RUN", SIMULATE, "Close the loop: controller, virtual patient, meals."),
+    ("studies.run:COMPARE", SIMULATE, "Close it with several controllers."),
+    ("studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."),
+    ("studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."),
+    ("studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."),
+    ("studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."),
+    ("studies.verification:VERIFY", SAFETY, "Close random loops, and check every promise at every sample."),
+    ("studies.adversary:ADVERSARY", SAFETY, "Search for the sensor errors that do the most harm."),
+    ("studies.detection:DETECT", SAFETY, "Say how soon and how well unannounced meals are detected."),
+    ("studies.hil:HIL", CARRY_ON, "Close the loop with the controller on a chip."),
+    ("studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
+    ("studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."),
+    ("papers.parker1999:REPRODUCE", RESULTS, "Reproduce a published study, number by number."),
+)
 STUDIES: Final = {
-    "run": CommandEntry("glucoloop.studies.run:RUN", SIMULATE, "Close the loop: controller, virtual patient, meals."),
-    "compare": CommandEntry("glucoloop.studies.run:COMPARE", SIMULATE, "Close it with several controllers."),
-    "trial": CommandEntry(
-        "glucoloop.studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."
-    ),
-    "tune": CommandEntry(
-        "glucoloop.studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."
-    ),
-    "identify": CommandEntry(
-        "glucoloop.studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."
-    ),
-    "stress": CommandEntry(
-        "glucoloop.studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."
-    ),
-    "verify": CommandEntry(
-        "glucoloop.studies.verification:VERIFY", SAFETY, "Close random loops, and check every promise at every sample."
-    ),
-    "adversary": CommandEntry(
-        "glucoloop.studies.adversary:ADVERSARY", SAFETY, "Search for the sensor errors that do the most harm."
-    ),
-    "detect": CommandEntry(
-        "glucoloop.studies.detection:DETECT", SAFETY, "Say how soon and how well unannounced meals are detected."
-    ),
-    "hil": CommandEntry("glucoloop.studies.hil:HIL", CARRY_ON, "Close the loop with the controller on a chip."),
-    "bound": CommandEntry("glucoloop.studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
-    "robust": CommandEntry(
-        "glucoloop.studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."
-    ),
+    place.partition(":")[2].lower(): CommandEntry(f"glucoloop.{place}", group, summary)
+    for place, group, summary in _ENTRIES
 }

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller, design_imc, design_linear_mpc, design_mpc_se, design_nlqdmc_se
-from glucoloop.control.tuning import IMC_DELAY_MIN, IMC_FILTER_MIN, IMC_STEP_MU_MIN, PARKER_1999
+from glucoloop.control import Controller
 from glucoloop.experiments.assemble import close_loop
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import sensor_of, surroundings_of
 from glucoloop.identification import Identification, Record, Validation, best_pole, laguerre_functions
 from glucoloop.meals import Scenario
@@ -23,10 +23,10 @@ from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import SemilinearPatient
-from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
-from glucoloop.simulation import Trace, fit_step, identify, linear_model, nonlinear_model, validate_on
+from glucoloop.simulation import Trace, fit_step, identify, validate_on
+from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 from glucoloop.tuning.search import paper_tuning_surface, stack
 from glucoloop.tuning.surface import TuningSurface
@@ -159,20 +159,13 @@ def _study_model(
     )
 
 
-def _noise_free_runs(situation: Situation, operating_point: str, noise_free: Identification) -> dict[str, SeededRuns]:
-    person, tuning = situation.nominal, PARKER_1999[operating_point, False]
-    first_order = fit_step(person, step_mU_min=IMC_STEP_MU_MIN, delay_min=IMC_DELAY_MIN)
-    controllers: dict[str, Controller] = {
-        "mpc": design_linear_mpc(noise_free.model, tuning.mpc),
-        "mpc-se": design_mpc_se(linear_model(person), process_noise(person, *tuning.noise), tuning.mpc_se),
-        "nlqdmc-se": design_nlqdmc_se(nonlinear_model(person), process_noise(person, *tuning.noise), tuning.nlqdmc_se),
-        "imc": design_imc(first_order.gain, first_order.tau_min, first_order.delay_min, filter_min=IMC_FILTER_MIN),
-    }
-    traces = {name: close_loop(situation, controller, Scenario()) for name, controller in controllers.items()}
-    return {
-        name: SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
-        for name, trace in traces.items()
-    }
+def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, SeededRuns]:
+    found = {}
+    for name in ("mpc", "mpc-se", "nlqdmc-se", "imc"):
+        controller = controller_of(situation, usual_case(name, situation), model=noise_free.model)
+        trace = close_loop(situation, controller, Scenario())
+        found[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
+    return found
 
 
 def study(
@@ -204,28 +197,24 @@ def study(
         progress(f"{operating_point}: models validated")
     runs: dict[LoopRuns, SeededRuns] = {}
     if NOISE_FREE in experiments:
-        for name, one in _noise_free_runs(situation, operating_point, noise_free()).items():
+        for name, one in _noise_free_runs(situation, noise_free()).items():
             runs[name, NOISE_FREE] = one
         progress(f"{operating_point}: Table I")
 
-    tuning = PARKER_1999[operating_point, True]
-    linear, Q = linear_model(person), process_noise(person, *tuning.noise)
     identified_anew: dict[str, SeededRuns] = {}
     for minutes in sorted({_dead_time_min(run) for run in noisy}):
-        late, samples = _noisy(situation, minutes), minutes // SAMPLE_TIME_MIN
-        longer = dataclasses.replace(tuning.mpc, prediction_horizon=tuning.mpc.prediction_horizon + samples)
+        late = _noisy(situation, minutes)
         for name, time in sorted(run for run in noisy if _dead_time_min(run) == minutes):
             known = time.endswith("M")
-            controllers: Controller | list[Controller]
+            case = dataclasses.replace(usual_case(name, late), known_dead_time=known)
             if name == "mpc-se":
-                controllers = design_mpc_se(linear, Q, tuning.mpc_se, dead_time_samples=samples if known else 0)
-            elif known:
-                controllers = [design_linear_mpc(one.model.delayed(samples), longer) for one in identified]
-                anew = [design_linear_mpc(one.model, longer) for one in records(minutes)]
-                identified_anew[time] = _noisy_loops(late, anew, loop_keys)
-            else:
-                controllers = [design_linear_mpc(one.model, tuning.mpc) for one in identified]
+                runs[name, time] = _noisy_loops(late, controller_of(late, case), loop_keys)
+                continue
+            controllers = [controller_of(late, case, model=one.model) for one in identified]
             runs[name, time] = _noisy_loops(late, controllers, loop_keys)
+            if known:
+                anew = [controller_of(late, case, model=one.model, model_is_late=True) for one in records(minutes)]
+                identified_anew[time] = _noisy_loops(late, anew, loop_keys)
         progress(f"{operating_point}: runs with noise, dead time {minutes} min")
     searched: dict[str, TuningSurface] = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se") if "tunings" in experiments else ():

@@ -6,8 +6,8 @@ Errors are bounded in size, and in a few stretches the reading is stuck.
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,22 +19,19 @@ import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import announced_to
+from glucoloop.cohorts.engine import brought, loop_of, meals_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
-from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
-from glucoloop.meals import eaten
-from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.erring import erring
-from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
+from glucoloop.studies.adversary import GENERATIONS, Adversary
 from glucoloop.threefry import uniforms
+from glucoloop.tuning.evolution import Evolution
 
 Array = npt.NDArray[Any]
 
@@ -49,8 +46,7 @@ class ErrorSpace:
     """All sequences of errors that a sensor may make.
 
     A sequence is a point with coordinates from -1 to 1: the errors one after the other, each relative to the largest,
-    and then the moments at which the stuck stretches begin, from the first sample to the last. Refusal for a number out
-    of its bounds.
+    and then the moments at which the stuck stretches begin, from the first sample to the last.
     """
 
     samples: int
@@ -62,14 +58,6 @@ class ErrorSpace:
     """Number of stretches in which the reading is stuck."""
     stretch_samples: int = 6
     """Number of equal readings in each stretch."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.error) and 0.0 <= self.error < 1.0):
-            raise Refusal(f"a largest error of {100.0 * self.error:g} % is not possible; give 0 or more, below 100")
-        for name, least in (("samples", 1), ("hold_samples", 1), ("stretches", 0), ("stretch_samples", 1)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise Refusal(f"{name} of {value!r} is not possible; give a whole number of {least} or more")
 
     @property
     def pieces(self) -> int:
@@ -165,25 +153,16 @@ class Attack:
         if space.samples != trial.samples:
             raise Refusal(f"errors of {space.samples} samples do not fit a run of {trial.samples}; give as many")
         self.lanes, self._trial = lanes, trial
-        self._grid = sample_grid(trial.plan.horizon_min, trial.sample_time_min)
         surroundings = surroundings_of(trial, trial.cases[0].faults)
-        example = virtual_people(trial.population, trial.seed, [trial.first_person], setpoint_mg_dl=trial.target_mg_dl)
         none, nowhere = np.zeros(space.samples), np.full(space.stretches, float(space.samples))
         sensor = erring(none, nowhere, space.stretch_samples, surroundings.sensor)
         self._surroundings = Surroundings(sensor=sensor, pump=surroundings.pump)
-        self._loop = PeopleLoop(
+        self._loop = loop_of(
             trial,
             controller,
-            example,
-            self._grid,
-            _Fold(point_min=trial.sample_time_min / len(self._grid.inside_min)),
-            meals=eaten(trial.plan.nominal()),
-            own_announcements=trial.miscounts,
-            controllers_of=with_basal_of_each(controller),
+            _Fold(point_min=trial.sample_time_min / len(trial.grid.inside_min)),
             surroundings=self._surroundings,
             varied=self._erring(none[:, None], nowhere[:, None]),
-            precision=trial.precision,
-            products=trial.products,
             record_decisions=True,
         )
 
@@ -206,8 +185,7 @@ class Attack:
         """People with a basal rate among the first of the trial."""
         trial = self._trial
         with one_at_a_time:
-            person = trial.first_person + np.arange(number)
-            drawn = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+            drawn = people_of(trial, trial.first_person + np.arange(number))
             return drawn.at(np.flatnonzero(drawn.feasible))
 
     def harm(self, who: VirtualPeople, errors: Array, stuck_from: Array) -> Harm:
@@ -230,7 +208,7 @@ class Attack:
         lanes = np.zeros(self.lanes, int)
         run: Any = self._run(who, lanes, errors[:, None], stuck_from[:, None], lanes)
         columns = {
-            "t_min": self._grid.t_min,
+            "t_min": self._trial.grid.t_min,
             "glucose_mg_dl": run.glucose_mg_dl[:-1, 0],
             "reading_mg_dl": run.reading_mg_dl[:, 0],
             "error_of_reading_pct": 100.0 * errors,
@@ -244,14 +222,8 @@ class Attack:
         trial = self._trial
         with one_at_a_time:
             people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            person = people.draw.person
-            key = keys_of_people(trial.seed, person)
-            announced_g = (
-                announced_to(trial, draw_meals(trial.plan, trial.seed, person), person) if trial.plan.meals else None
-            )
-        return self._loop.run(
-            people, key, surroundings=surroundings, announced_g=announced_g, threads=os.cpu_count() or 1
-        )
+            drawn = brought(trial, people.draw.person, meals_of(trial, people.draw.person))
+        return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **drawn)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:
         sensor: Any = self._surroundings.sensor
@@ -263,3 +235,85 @@ def _first(run: CohortRun, n: int) -> Harm:
     """Harm of the first n loops of a run."""
     harm: Harm = jax.tree.map(lambda part: part[:n], run.fold)
     return harm
+
+
+Judge = Callable[[Array, Array], Array]
+"""Harm ``(n,)`` of sequences of errors ``(samples, n)`` with stuck stretches from the samples ``(stretches, n)`` on."""
+
+
+@dataclass(frozen=True)
+class Generation:
+    """One generation of all starts: the harm of each sequence, and the most harmful sequence so far."""
+
+    number: int
+    score: Array
+    best_score: float
+    best: Array
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst of the sequences that were tried: errors relative to the true glucose, and their effect."""
+
+    errors: Array
+    stuck_from: Array
+    """(stretches,) number of the sample at which each stretch begins, in order."""
+    harm: Harm
+    loop: pl.DataFrame
+    """Course of the loop, see `Attack.trace`."""
+    sequences: int
+    """Number of sequences that were tried."""
+
+
+def generations(
+    judge: Judge, space: ErrorSpace, effort: Adversary, before: Sequence[Array] = (), known: Array | None = None
+) -> Iterator[Generation]:
+    """Yield the generations of a search, each as soon as it is known; Refusal without the library of the search.
+
+    Those whose scores are `before` are not simulated again. The sequence `known` is tried first, and one of the starts
+    continues from it: the worst of smaller errors, so that the harm found for larger ones is never less.
+    """
+    sampler = Evolution(
+        space.centre, starts=effort.starts, population=effort.sequences, seed=effort.search_seed, known=known
+    )
+    best_score, best = -np.inf, np.zeros(space.dimension)
+    for number in range(effort.generations or GENERATIONS):
+        points = sampler.ask()
+        if number < len(before):
+            score = np.asarray(before[number], float)
+        else:
+            score = judge(space.errors(points), space.stuck_from(points))
+        most = int(np.argmax(score))
+        if score[most] > best_score:
+            best_score, best = float(score[most]), points[most]
+        sampler.tell(score)
+        yield Generation(number=number, score=score, best_score=best_score, best=best)
+
+
+def worst_errors(attack: Attack, who: VirtualPeople, space: ErrorSpace, effort: Adversary) -> Worst:
+    """Search for the worst errors of a space for one person, see `Attack.person` and `generations`."""
+    *_, last = generations(judge_of(attack, who), space, effort)
+    return worst_of(attack, who, space, last)
+
+
+def judge_of(attack: Attack, who: VirtualPeople) -> Judge:
+    """Function that gives the harm done to one person."""
+    return lambda errors, stuck_from: attack.harm(who, errors, stuck_from).score
+
+
+def worst_of(attack: Attack, who: VirtualPeople, space: ErrorSpace, last: Generation) -> Worst:
+    """The worst sequence of a search whose last generation is given, with its effect."""
+    point = last.best[None]
+    errors, stuck_from = space.errors(point)[:, 0], np.sort(space.stuck_from(point)[:, 0])
+    loop, harm = attack.trace(who, errors, stuck_from)
+    return Worst(errors, stuck_from, harm, loop, (last.number + 1) * last.score.size)
+
+
+def random_errors(attack: Attack, space: ErrorSpace, people: int, seed: int) -> Harm:
+    """Harm of random errors to the people of a population with a basal rate, as a comparison for that of a search.
+
+    Each person's errors are drawn uniformly from the space.
+    """
+    who = attack.people(people)
+    points = space.random_points(seed, who.draw.person)
+    return attack.harm(who, space.errors(points), space.stuck_from(points))

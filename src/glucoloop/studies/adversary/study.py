@@ -25,8 +25,17 @@ from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary
-from glucoloop.studies.adversary.attack import VERY_LOW_MG_DL, Array, Attack, ErrorSpace
-from glucoloop.studies.adversary.search import Worst, generations, judge_of, random_errors, worst_of
+from glucoloop.studies.adversary.attack import (
+    VERY_LOW_MG_DL,
+    Array,
+    Attack,
+    ErrorSpace,
+    Worst,
+    generations,
+    judge_of,
+    random_errors,
+    worst_of,
+)
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.tuning.evolution import library
 

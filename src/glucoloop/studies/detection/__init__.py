@@ -19,7 +19,6 @@ from glucoloop.studies.study import PlainStudy
 
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan
-    from glucoloop.simulation.plant import SampleGrid
 
 ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
 USUAL_DAYS: Final = 100
@@ -132,13 +131,6 @@ class Detection(Trial):
         return MealPlan(
             day.meals, self.number_of_days, size_spread_pct=day.size_spread_pct, time_spread_min=day.time_spread_min
         )
-
-    @property
-    def grid(self) -> SampleGrid:
-        """Samples of a day."""
-        from glucoloop.simulation.closed_loop import sample_grid
-
-        return sample_grid(self.trial.plan.horizon_min, self.sample_time_min)
 
 
 DETECT: Final = PlainStudy(

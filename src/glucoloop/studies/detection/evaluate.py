@@ -20,21 +20,18 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop._pytree import pytree, static
+from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.trial import Trial
+from glucoloop.cohorts.engine import fold_of, loop_of, people_of
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
-from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
 from glucoloop.meals.plan import draw_meals
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
-from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.loop import Sampled
 from glucoloop.situations.case import Case
 from glucoloop.studies.detection import Detection
 from glucoloop.units import MIN_PER_DAY
@@ -54,33 +51,6 @@ QUANTILES: Final = (0.1, 0.5, 0.9)
 JUDGED_AFTER_MIN: Final = (30, 60, 90, 120)
 """Times after a meal's beginning at which its expected size is judged."""
 LONGEST_AFTER_MIN: Final = 240.0
-
-
-def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
-    """People of a trial at rest at its target, by their numbers."""
-    return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
-
-
-@pytree
-class Recorder:
-    """Record of the sensor and the pump, sample by sample, in place of metrics."""
-
-    sample_time_min: float = static()
-    samples: int = static()
-
-    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
-        """State of an empty record."""
-        del glucose_mg_dl, insulin_mU_min
-        return {"reading": jnp.full(self.samples, jnp.nan), "reported": jnp.full(self.samples, jnp.nan)}
-
-    def step(self, record: dict[str, jax.Array], happened: Sampled, t_min: jax.Array) -> dict[str, jax.Array]:
-        """Record one more sample."""
-        index = jnp.round(t_min / self.sample_time_min).astype(int)
-        reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
-        values = {"reading": reading, "reported": happened.delivery.reported_mU_min}
-        return {
-            name: jax.lax.dynamic_update_index_in_dim(record[name], value, index, 0) for name, value in values.items()
-        }
 
 
 @pytree
@@ -105,18 +75,15 @@ def recorded_days(
     detection: Detection, case: Case, person: Numbers, day: Numbers, progress: Callable[[str], None]
 ) -> dict[bool, Days]:
     """Days of people under a controller, by whether they are fasting days, which have noise of their own."""
-    trial, grid = detection.trial, detection.grid
-    controller = controller_of(trial, case)
-    loop = PeopleLoop(
+    trial = detection.trial
+    loop = loop_of(
         trial,
-        controller,
-        people_of(trial, [trial.first_person]),
-        grid,
-        Recorder(sample_time_min=grid.sample_time_min, samples=grid.samples),
+        controller_of(trial, case),
+        fold_of(trial),
         meals=None,
-        controllers_of=with_basal_of_each(controller),
         surroundings=surroundings_of(trial, case.faults),
         engine=ENGINE["engine"],
+        record_decisions=True,
     )
 
     def block(fasting: bool, place: Numbers) -> Days:
@@ -131,9 +98,9 @@ def recorded_days(
             day=which,
             meals=meals,
             basal_insulin_mU_min=drawn.basal_insulin_mU_min,
-            reading_mg_dl=run.fold["reading"],
-            insulin_mU_min=run.fold["reported"],
-            glucose_mg_dl=np.asarray(run.glucose_mg_dl, np.float64)[:-1],
+            reading_mg_dl=np.asarray(run.reading_mg_dl),
+            insulin_mU_min=np.asarray(run.reported_mU_min),
+            glucose_mg_dl=run.glucose_mg_dl[:-1],
         )
 
     # without meals in the plan, days with meals would be fasting days too
@@ -191,7 +158,7 @@ def with_estimates(
     detection: Detection, name: str, recorded: Mapping[bool, Days], progress: Callable[[str], None]
 ) -> dict[bool, Days]:
     """Days with the estimates of an estimator, with the settings of the controller that uses it."""
-    trial, t_min = detection.trial, jnp.asarray(detection.grid.t_min)
+    trial, t_min = detection.trial, jnp.asarray(detection.trial.grid.t_min)
     known, estimating = trial.cases[0].known_dead_time, detection.estimating
     controller = dataclasses.replace(typing.cast(Any, estimating), estimator=name)
     case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
@@ -286,7 +253,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     """Score of an estimator on days with meals, if there are any, and on as many without."""
     day = _day(detection, fasted if fed is None else fed)
     fed = jax.tree.map(lambda part: part[..., :0], fasted) if fed is None else fed
-    grid, meals, eating = detection.grid, fed.meals, fed.estimates.eating
+    grid, meals, eating = detection.trial.grid, fed.meals, fed.estimates.eating
     quiet, always = ~under_way(meals, grid.t_min), np.ones(fasted.estimates.eating.shape, bool)
     fasting_days, between_days = (days_of(counted, grid.sample_time_min) for counted in (always, quiet))
     rows = {}
@@ -319,7 +286,7 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
 
 def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
     """Each meal, and the error of the size over time."""
-    grid, estimates, horizon_min = detection.grid, fed.estimates, detection.trial.plan.horizon_min
+    grid, estimates, horizon_min = detection.trial.grid, fed.estimates, detection.trial.plan.horizon_min
     begin_min: Any = fed.meals.t_min
     carbs_g: Any = fed.meals.carbs_g
     delay, already = delays_min(estimates.eating, grid.t_min, fed.meals, detection.threshold, horizon_min)
@@ -356,7 +323,7 @@ def _of_meals(detection: Detection, fed: Days) -> dict[str, pl.DataFrame]:
 
 def _day(detection: Detection, days: Days) -> pl.DataFrame:
     """The first day of the first person."""
-    trial, t_min = detection.trial, detection.grid.t_min
+    trial, t_min = detection.trial, detection.trial.grid.t_min
     eats = meal_model_of(people_of(trial, days.person[:1]).patient, trial.gut)
     meals = absorb(eats, jax.tree.map(lambda part: part[:, :1], days.meals))
     first: Days = jax.tree.map(lambda part: part[..., 0], days)

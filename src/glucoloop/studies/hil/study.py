@@ -33,11 +33,6 @@ class OnHardware(run_study.ClosedLoops):
     firmware: Mapping[str, str] = field(default_factory=dict)
 
 
-def notes(asked: Hil) -> tuple[str, ...]:
-    """Return no sentence; what is to be noted follows from the loop."""
-    return ()
-
-
 def amount(asked: Hil) -> int:
     """Number of samples."""
     return asked.samples

@@ -8,16 +8,9 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.cohorts.engine import PreparedTrial, announced_to
+from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.meals import Meal, Scenario
-from glucoloop.meals.plan import draw_meals
-from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.printable import glucose_text, how_many
-from glucoloop.simulation import Trace
-from glucoloop.simulation.people_plant import chosen, replaced, varying
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
@@ -35,37 +28,8 @@ _ACTS: Final = (
 
 def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
     """Description of the run of a person under a case of a trial, in a few sentences."""
-    trace: Any = jax.tree.map(np.asarray, _repeated(prepared, label, person))
-    return " ".join(_sentences(trace, prepared.grid.sample_time_min))
-
-
-def _repeated(prepared: PreparedTrial, label: str, person: int) -> Trace:
-    """Repeated run of one person of a trial, as a full trace."""
-    trial, of_case = prepared.trial, prepared.cases[label]
-    number = np.array([person], np.int64)
-    drawn = virtual_people(trial.population, trial.seed, number, setpoint_mg_dl=prepared.setpoint_mg_dl)
-    meals = draw_meals(trial.plan, trial.seed, number)
-    counted_g = announced_to(trial, meals, number)
-    columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted_g is None else counted_g
-    controller = of_case.controller
-    if of_case.loop.controllers_of is not None:
-        individual = of_case.loop.controllers_of(drawn)
-        varies = varying(individual, controller)
-        controller = replaced(individual, varies, [leaf[..., 0] for leaf in chosen(individual, varies)])
-    return close_loop(
-        trial,
-        controller,
-        Scenario(
-            [Meal(*map(float, meal)) for meal in zip(*(values[:, 0] for values in columns), strict=True)],
-            trial.plan.horizon_min,
-            announced=trial.announce_meals,
-            meal_model=trial.gut,
-            start_min=trial.start_min,
-        ),
-        patient=of_people(drawn.patient, 0),
-        surroundings=of_case.surroundings,
-        key=keys_of_people(trial.seed, number)[0],
-    )
+    trace: Any = jax.tree.map(np.asarray, alone(prepared, label, person))
+    return " ".join(_sentences(trace, prepared.trial.sample_time_min))
 
 
 def _sentences(trace: Any, sample_time_min: float) -> Iterator[str]:

@@ -76,9 +76,7 @@ def trial_of(asked: Trial) -> Trial:
     return asked
 
 
-def notes(asked: Trial) -> tuple[str, ...]:
-    """Sentence on boluses into a vein."""
-    return boluses_into_a_vein(asked)
+notes = boluses_into_a_vein
 
 
 def found(asked: Trial, folder: TrialFolder) -> Findings:
@@ -231,8 +229,7 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
                 for count in counts
             )
             yield MetricRow("", f"People ever below {limit} mg/dl", "", list(cells), statistic="number")
-    if all("engine" in controller for controller in controllers):  # earlier versions did not tell it
-        yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
+    yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
 
 
 def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -252,10 +249,9 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from engine_notes(summary["controllers"])
     for label, plain in summary["controllers"].items():
         for name, happened in _LOST.items():
-            named = plain.get(name, {"count": 0})  # earlier versions did not measure validity
-            if named["count"]:
-                who = how_many(named["count"], "person", "people")
-                yield f"{label}: glucose of {who} {happened.format(_persons(named))}"
+            if plain[name]["count"]:
+                who = how_many(plain[name]["count"], "person", "people")
+                yield f"{label}: glucose of {who} {happened.format(_persons(plain[name]))}"
 
 
 def _persons(named: Mapping[str, Any]) -> str:

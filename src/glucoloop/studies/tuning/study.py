@@ -133,15 +133,22 @@ def _no_picture(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 _COLUMNS: Final = (
-    Column(name="m", head="m", short="m", text=str),
-    Column(name="p", head="p", short="p", text=str),
+    Column(name="move_horizon", head="m", short="m", text=str),
+    Column(name="prediction_horizon", head="p", short="p", text=str),
     Column(name="output_weight", head="Γ_y", short="Γ_y", text="{:g}".format),
     Column(name="move_weight", head="Γ_u", short="Γ_u", text="{:g}".format),
-    Column(name="filter", head="φ_r", short="φ_r", text="{:g}".format, only=lambda row: row["filter"] is not None),
+    Column(
+        name="reference_filter", head="φ_r", short="φ_r", text="{:g}".format, only=lambda row: "reference_filter" in row
+    ),
     Column(name="sse", head="Sum of squared errors (mg/dl)²", short="SSE\n(mg/dl)²", text="{:.1f}".format),
-    Column(name="undershoot", head="Undershoot (mg/dl)", short="Undershoot\nmg/dl", text="{:.1f}".format),
+    Column(name="undershoot_mg_dl", head="Undershoot (mg/dl)", short="Undershoot\nmg/dl", text="{:.1f}".format),
     Column(name="settling", head="Settling to 2 % (min)", short="Settling, 2 %\nmin", text=str),
-    Column(name="travel", head="Travel (mU/min)", short="Travel\nmU/min", text="{:.0f}".format),
+    Column(
+        name="insulin_total_variation_mU_min",
+        head="Travel (mU/min)",
+        short="Travel\nmU/min",
+        text="{:.0f}".format,
+    ),
     Column(name="remarks", head="Remarks", short="", text=str, left=True),
 )
 
@@ -149,30 +156,17 @@ _COLUMNS: Final = (
 def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
     """The best tunings in order with their ranks, and the printed one if it is not among them."""
     surface, printed = searched.surface, searched.printed
-    order = surface.order().tolist()
+    order, rows = surface.order().tolist(), pl.DataFrame(surface.columns()).to_dicts()
     position = order.index(surface.index(printed.tuning))
-    best = [_line(surface, point, printed) for point in order[:top]]
-    return best, [_line(surface, order[position], printed)] if position >= top else []
 
+    def line(point: int) -> Line:
+        tuning = surface.tunings[point]
+        rank, is_printed = surface.rank_of(tuning).rank, tuning == printed.tuning
+        remarks = ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)])
+        texts = {"settling": _settling(surface, point), "remarks": remarks, "printed": is_printed}
+        return "-" if rank is None else str(rank), [{**rows[point], **texts}]
 
-def _line(surface: TuningSurface, point: int, printed: TuningRank) -> Line:
-    tuning = surface.tunings[point]
-    rank = surface.rank_of(tuning).rank
-    is_printed = tuning == printed.tuning
-    row = {
-        "m": tuning.move_horizon,
-        "p": tuning.prediction_horizon,
-        "output_weight": tuning.output_weight,
-        "move_weight": tuning.move_weight,
-        "filter": getattr(tuning, "reference_filter", None),
-        "sse": float(surface.sse[point]),
-        "undershoot": float(surface.undershoot_mg_dl[point]),
-        "settling": _settling(surface, point),
-        "travel": float(surface.insulin_total_variation_mU_min[point]),
-        "remarks": ", ".join([*([printed.called] if is_printed else []), *_faults(surface, point)]),
-        "printed": is_printed,
-    }
-    return "-" if rank is None else str(rank), [row]
+    return [line(point) for point in order[:top]], [line(order[position])] if position >= top else []
 
 
 def _faults(surface: TuningSurface, point: int) -> Iterator[str]:
@@ -258,7 +252,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         "beside": printed.tuning not in shown.tunings,
         "points": len(searched.surface.tunings),
         "most_rows": MOST_ROWS,
-        "columns": [column for column in _COLUMNS if column.name != "filter" or "reference_filter" in shown.columns()],
+        "columns": [column for column in _COLUMNS if column.only(best[0][1][0])],
         "lines": [*best, *beyond],
         "why_not": "",
         "impossible": CELL_WORDS["impossible"],

@@ -2,51 +2,279 @@
 
 Person i of a seed is drawn from one of the patient's populations in turn. Under a controller that person has the same
 meals, noise and faults with a guard and without; the order in which faults wrap each other differs from controller to
-controller. So a loop has a name, by which it can be repeated to the bit.
+controller. All are functions of the seed and the person's number alone, so a loop has a name, by which it can be
+repeated to the bit.
+
+A person has up to three faults at once of every kind, absurd ones among them. All faults wrap one sensor and one pump,
+and each person has individual numbers, by which only the person's own faults ever begin: so a loop is compiled once for
+all people.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.cohorts.engine import loop_of
+from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
-from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
+from glucoloop.episodes import Episodes
 from glucoloop.experiments.designs import controller_of, with_guard
+from glucoloop.experiments.faulty import put_around
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
+from glucoloop.limits import LARGEST_COUNTER
+from glucoloop.meals import Eaten
+from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.parts.guard import guard_of
-from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
+from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
+from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
+from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import Situation, usual_situation
+from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import Verification
-from glucoloop.studies.verification.caps import Caps
-from glucoloop.studies.verification.drawn import (
-    SAMPLE_MIN,
-    Floats,
-    Numbers,
-    Order,
-    RandomFaults,
-    draw_people,
-    draw_random_meals,
-    feasible_people,
-    populations_in_turn,
-    random_faults,
-    random_order,
+from glucoloop.studies.verification.promises import PROMISES, Caps, Promises
+from glucoloop.threefry import uniforms
+from glucoloop.units import MIN_PER_DAY
+
+Floats = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.int64]
+
+MOST_MEALS: Final = 4
+MOST_AT_ONCE: Final = 3
+SAMPLE_MIN: Final = 5.0
+LONGEST_SAMPLES: Final = 48
+_TO_THE_END: Final = 0.15
+"""Share of the planned faults that last to the end."""
+_RECURS: Final = 0.3
+_CHUNK: Final = 1024
+
+SENSOR_KINDS: Final = tuple(entry.name for entry in FAULTS.values() if entry.part == "sensor")
+PUMP_KINDS: Final = tuple(
+    kind
+    for entry in FAULTS.values()
+    if entry.part == "pump"
+    for kind in ((entry.name,) if entry.both is None else (entry.name, f"{entry.name}, {entry.both}"))
 )
-from glucoloop.studies.verification.promises import PROMISES, Promises
+"""Kinds of pump faults, from the inside out."""
+KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
+
+
+def populations_in_turn(patient: str = USUAL_PATIENT.name) -> list[Population]:
+    """Populations from which people are drawn in turn; the nominal one where the patient has no other."""
+    nominal, *others = populations_of(patient).values()
+    return others or [nominal]
+
+
+def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
+    """People drawn from a patient's populations in turn, by their numbers; drawn values are those of the last one."""
+    number = np.asarray(person, np.int64)
+    each = [virtual_people(population, seed, number) for population in populations_in_turn(patient)]
+    turn = number % len(each)
+
+    def in_turn(*of_each: Any) -> Any:
+        return np.choose(turn, of_each) if any(map(np.ndim, of_each)) else of_each[0]
+
+    return dataclasses.replace(
+        each[-1],
+        patient=jax.tree.map(in_turn, *(one.patient for one in each)),
+        **{
+            name: in_turn(*(getattr(one, name) for one in each))
+            for name in ("basal_insulin_mU_min", "rest", "feasible")
+        },
+    )
+
+
+def feasible_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> Numbers:
+    """Numbers of the first people who have a basal rate; Refusal if there are not as many."""
+    found: list[Numbers] = []
+    for start in range(0, LARGEST_COUNTER, _CHUNK):
+        if sum(map(len, found)) >= wanted:
+            return np.concatenate(found)[:wanted]
+        with one_at_a_time:
+            feasible = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
+        found.append(start + np.flatnonzero(feasible))
+    raise Refusal(f"seed {seed} has fewer than {wanted} people; give fewer loops")
+
+
+def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
+    """Meals, at most four ``(4, n)`` of 5 to 120 g at any time, eaten at once; a meal of 0 g counts as none."""
+    many = np.floor((MOST_MEALS + 1) * uniforms(seed, "meals", person))
+    t_min = np.stack([horizon_min * uniforms(seed, "when", person, i) for i in range(MOST_MEALS)])
+    carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, i) for i in range(MOST_MEALS)])
+    carbs_g = np.where(np.arange(MOST_MEALS)[:, None] < many, carbs_g, 0.0)
+    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=np.zeros_like(carbs_g))
+
+
+@dataclass(frozen=True)
+class Order:
+    """Common part of the faults of a controller's people: their order, and the length of buffers."""
+
+    sensor: tuple[str, ...]
+    """Kinds of sensor faults from the inside out."""
+    shared: Mapping[str, Mapping[str, Value]]
+    """Values of settings that all people share, by kind."""
+
+
+def random_order(seed: int, number: int) -> Order:
+    """Order of faults with the given number."""
+    score = [float(uniforms(seed, f"order of {kind}", [number])[0]) for kind in SENSOR_KINDS]
+
+    def whole(name: str, least: int, most: int) -> int:
+        return least + int((most - least + 1) * uniforms(seed, name, [number])[0])
+
+    def shared(kind: str) -> dict[str, Value]:
+        both = kind.partition(", ")[2]
+        return {**({both: True} if both else {}), **{name: draw(whole) for name, draw in _entry(kind).shared.items()}}
+
+    return Order(
+        sensor=tuple(kind for _, kind in sorted(zip(score, SENSOR_KINDS, strict=True))),
+        shared={kind: shared(kind) for kind in KINDS},
+    )
+
+
+@dataclass(frozen=True)
+class RandomFaults:
+    """Faults of people and their sizes; ``(n,)`` each."""
+
+    order: Order
+    there: Mapping[str, npt.NDArray[np.bool_]]
+    """Whether each person has a fault, by kind."""
+    settings: Mapping[str, Mapping[str, Floats]]
+    """Values of the settings of each kind, in the unit of the setting."""
+    episodes: Mapping[str, Episodes]
+    """Times of each kind, in samples; that of a planned fault is infinite for one that is not there."""
+    noise_variance: Floats
+    noise_bound_mg_dl: Floats
+
+    def sensor(self, *, person: int | None = None) -> Sensor:
+        """Sensors of all people, or of one."""
+        variance, bound_mg_dl = _at((self.noise_variance, self.noise_bound_mg_dl), person)
+        sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)
+        for kind in self.order.sensor:
+            sensor = self._around(kind, sensor, person)
+        return sensor
+
+    def pump(self, limits: DoseLimits, *, person: int | None = None) -> Pump:
+        """Pumps of all people, or of one."""
+        pump: Pump = LimitedPump(limits=limits)
+        for kind in PUMP_KINDS:
+            pump = self._around(kind, pump, person, limits)
+        return pump
+
+    def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
+        """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
+        entry = _entry(kind)
+        usual = put_around(inner, entry(**self.order.shared[kind]), SAMPLE_MIN, limits)
+        values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
+        if entry.idle:
+            values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
+        numbers = usual.numbers(values, SAMPLE_MIN) if hasattr(usual, "numbers") else values
+        if hasattr(usual, "episodes"):
+            numbers = {**numbers, "episodes": episodes}
+        return dataclasses.replace(usual, **numbers)
+
+    def texts(self, person: int) -> list[str]:
+        """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""
+        return [self._text(kind, person) for kind in (*self.order.sensor, *PUMP_KINDS) if self.there[kind][person]]
+
+    def _text(self, kind: str, person: int) -> str:
+        entry, episodes = _entry(kind), _at(self.episodes[kind], person)
+        given = {KEY: episodes.key, **self.order.shared[kind]}
+        for setting, values in self.settings[kind].items():
+            value = float(values[person])
+            given[setting] = int(value) if entry.settings()[setting].kind is int else value
+        often, lasts = float(episodes.probability), float(episodes.length)
+        if entry.each_sample is not None:
+            given[entry.each_sample] = often
+        elif entry.timed:
+            if often > 0.0:
+                given[PER_DAY] = often * (MIN_PER_DAY / SAMPLE_MIN)
+            else:
+                given[START] = float(episodes.earliest) * SAMPLE_MIN
+            if math.isfinite(lasts):
+                given[DURATION] = lasts * SAMPLE_MIN
+        return entry(**given).text
+
+
+def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) -> RandomFaults:
+    """Faults of some persons in a run of so many samples."""
+    people = np.asarray(person, np.int64)
+
+    def drawn(name: str, index: int = 0) -> Floats:
+        return uniforms(seed, f"fault {name}", people, index)
+
+    def settings(kind: str) -> dict[str, Floats]:
+        def even(low: float, high: float, index: int = 0) -> Floats:
+            return low + (high - low) * drawn(f"size {kind}", index)
+
+        return {name: np.asarray(draw(even)) for name, draw in _entry(kind).drawn.items()}
+
+    many = np.floor((MOST_AT_ONCE + 1) * drawn("how many"))
+    rank = np.argsort(np.argsort([drawn(f"which {kind}") for kind in KINDS], axis=0), axis=0)
+    there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
+    return RandomFaults(
+        order=order,
+        there=there,
+        settings={kind: settings(kind) for kind in KINDS},
+        episodes={kind: _episodes(kind, there[kind], samples, drawn) for kind in KINDS},
+        noise_variance=np.where(drawn("noise") < 0.3, 0.0, 25.0 * drawn("noise variance") ** 2),
+        noise_bound_mg_dl=3.0 + 27.0 * drawn("noise bound"),
+    )
+
+
+def _episodes(kind: str, there: npt.NDArray[np.bool_], samples: int, drawn: Callable[..., Floats]) -> Episodes:
+    """Times of a kind of fault for each person, planned or random."""
+    first: Any
+    length: Any
+    often: Any
+    if _entry(kind).each_sample is not None:
+        often = np.where(there, drawn("share"), 0.0)
+        first, length = np.full(there.shape, np.inf), np.where(there, 1.0, np.inf)
+    else:
+        recurs = there & (drawn(f"by chance {kind}") < _RECURS)
+        often = np.where(recurs, 2.0 ** -np.floor(2.0 + 6.0 * drawn(f"often {kind}")), 0.0)
+        lasts = 1.0 + np.floor(LONGEST_SAMPLES * drawn(f"length {kind}"))
+        # half of those that come again and again last one sample
+        lasts = np.where(recurs & (drawn(f"single {kind}") < 0.5), 1.0, lasts)
+        length = np.where(~recurs & (drawn(f"endless {kind}") < _TO_THE_END), np.inf, lasts)
+        first = np.where(there & ~recurs, np.floor(samples * drawn(f"onset {kind}")), np.inf)
+    return Episodes(
+        earliest=first,
+        latest=first,
+        length=length,
+        probability=often,
+        random=True,
+        key=KINDS.index(kind) + 1,  # so that the random draws of each kind differ
+    )
+
+
+def _entry(kind: str) -> type[FaultPart]:
+    return FAULTS[kind.partition(", ")[0]]
+
+
+def _at(many: Any, person: int | None) -> Any:
+    """Numbers of people, or those of one of them."""
+    return many if person is None else jax.tree.map(lambda values: values[person], many)
+
 
 HORIZON_MIN: Final = 1440.0
 SLOW_HORIZON_MIN: Final = 300.0
@@ -67,6 +295,13 @@ Progress = Callable[[int], None]
 def horizon_min(controller: str) -> float:
     """Length of a controller's loops."""
     return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
+
+
+def trial_of(asked: Verification, controller: str) -> Trial:
+    """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
+    patient = PATIENTS.find(asked.patient).partial({})
+    given = {"patient": patient, "seed": asked.seed, "duration_min": horizon_min(controller), "meals": ()}
+    return Trial.partial(given).completed()
 
 
 def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
@@ -116,37 +351,26 @@ class Closed(NamedTuple):
 class WatchedLoops:
     """The loops of one controller, with a guard or without."""
 
-    def __init__(self, seed: int, controller: Controller, order: Order, horizon: float, situation: Situation) -> None:
-        self._situation, self._seed, self._order = situation, seed, order
-        self._horizon, self._grid, limits = horizon, sample_grid(horizon, SAMPLE_MIN), situation.limits
-        guard = guard_settings_of(controller)
-        example = draw_people(seed, np.arange(2), situation.patient.called)
-        faults = random_faults(order, seed, np.arange(2), self._grid.samples)
-        self.loop = PeopleLoop(
-            situation,
+    def __init__(self, trial: Trial, controller: Controller, order: Order) -> None:
+        self._trial, self._order, self.samples = trial, order, trial.samples
+        guard, patient = guard_settings_of(controller), trial.patient.called
+        faults = random_faults(order, trial.seed, np.arange(2), trial.samples)
+        self.loop = loop_of(
+            trial,
             controller,
-            example,
-            self._grid,
             Promises(
-                limits=limits,
-                sound=patient_model(situation.patient.called).sound,
-                caps=None if guard is None else Caps(settings=guard, limits=limits),
+                limits=trial.limits,
+                sound=patient_model(patient).sound,
+                caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
+            draw_people(trial.seed, np.arange(2), patient),
             meals=None,
-            controllers_of=with_basal_of_each(controller),
             surroundings=self._surroundings(faults, 0),
             varied=self._surroundings(faults),
         )
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of each loop."""
-        return self._grid.samples
-
     def _surroundings(self, faults: RandomFaults, person: int | None = None) -> Surroundings:
-        return Surroundings(
-            sensor=faults.sensor(person=person), pump=faults.pump(self._situation.limits, person=person)
-        )
+        return Surroundings(sensor=faults.sensor(person=person), pump=faults.pump(self._trial.limits, person=person))
 
     def close(self, person: Numbers, progress: Progress = lambda loops: None) -> Closed:
         """Simulate the loops of people."""
@@ -154,16 +378,17 @@ class WatchedLoops:
         return Closed(*(np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*parts, strict=True)))
 
     def _block(self, person: Numbers, n: int) -> Closed:
-        faults = random_faults(self._order, self._seed, person, self.samples)
+        trial, seed = self._trial, self._trial.seed
+        faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(self._seed, person, self._situation.patient.called)
+            drawn = draw_people(seed, person, trial.patient.called)
         run = self.loop.run(
             drawn,
-            keys_of_people(self._seed, person),
+            keys_of_people(seed, person),
             surroundings=self._surroundings(faults),
-            meals=draw_random_meals(self._seed, person, self._horizon),
+            meals=draw_random_meals(seed, person, trial.plan.horizon_min),
         )
-        points = self.samples * len(self._grid.inside_min)
+        points = self.samples * len(trial.grid.inside_min)
         return Closed(
             broken=run.fold.broken[:, :n],
             first_min=run.fold.first_min[:, :n],
@@ -186,7 +411,7 @@ def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, 
 
     Each is an ``arm``; with that of the guard comes ``guarding``, its effect on the time below 60 mg/dl.
     """
-    pairs, situation = asked.people(), usual_situation(asked.patient)
+    pairs = asked.people()
     if asked.person is None:
         people = feasible_people(asked.seed, max(pairs.values()), asked.patient)
     else:
@@ -196,13 +421,12 @@ def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, 
                 f"no basal rate holds person {asked.person} of seed {asked.seed} at the setpoint; give another person"
             )
     for name, number in pairs.items():
-        person, order = people[:number], _order(asked.seed, name)
+        person, order, trial = people[:number], _order(asked.seed, name), trial_of(asked, name)
         bare = catalogue_controller(name, asked.patient)
-        loops = WatchedLoops(asked.seed, bare, order, horizon_min(name), situation)
+        loops = WatchedLoops(trial, bare, order)
         without = loops.close(person, progress)
         yield {"arm": _arm(asked, name, loops, person, without, guarded=False)}
-        controller = with_guard(bare, guard_of(patient_entry(asked.patient)), situation.limits)
-        loops = WatchedLoops(asked.seed, controller, order, horizon_min(name), situation)
+        loops = WatchedLoops(trial, with_guard(bare, guard_of(trial.patient), trial.limits), order)
         closed = loops.close(person, progress)
         yield {
             "arm": _arm(asked, name, loops, person, closed, guarded=True),
