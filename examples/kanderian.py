@@ -74,49 +74,23 @@ class Kanderian:
     # what the loop needs
 
     def derivative(self, t_min, x, inputs: Inputs):
-        y, z = self.split(x)
-        slow = self.transport(y) + self.kinetics(y, self.effects(z), inputs.meal_mg_min)
-        return self.join(slow, self.driven_derivative(z, inputs.insulin_mU_min))
+        c, (under_skin, plasma, effect, glucose, tissue) = self.constants, x
+        infused = 1000.0 * inputs.insulin_mU_min / c["clearance_ml_min"]
+        return jnp.stack(
+            [
+                (infused - under_skin) / c["tau_1_min"],
+                (under_skin - plasma) / c["tau_2_min"],
+                c["p_2"] * (c["sensitivity"] * plasma - effect),
+                c["EGP"] - (c["GEZI"] + effect) * glucose + inputs.meal_mg_min / c["volume_dl"],
+                (glucose - tissue) / c["tau_sensor_min"],
+            ]
+        )
 
     def glucose_mg_dl(self, x):
         return x[3]
 
     def seen_mg_dl(self, x, site):
         return x[{"plasma": 3, "interstitial": 4}[site]]
-
-    # the exponential integrator and native code: insulin is linear, and acts on glucose by its effect alone
-
-    def split(self, x):
-        return x[3:], x[:3]
-
-    def join(self, y, z):
-        return jnp.concatenate([z, y])
-
-    def driven_derivative(self, z, insulin_mU_min):
-        c, (under_skin, plasma, effect) = self.constants, z
-        return jnp.stack(
-            [
-                (1000.0 * insulin_mU_min / c["clearance_ml_min"] - under_skin) / c["tau_1_min"],
-                (under_skin - plasma) / c["tau_2_min"],
-                c["p_2"] * (c["sensitivity"] * plasma - effect),
-            ]
-        )
-
-    def effects(self, z):
-        return z[2:]
-
-    def transport(self, y):
-        return jnp.stack([-self.constants["GEZI"] * y[0], (y[0] - y[1]) / self.constants["tau_sensor_min"]])
-
-    def kinetics(self, y, effects, meal_mg_min):
-        made = self.constants["EGP"] - effects[0] * y[0] + meal_mg_min / self.constants["volume_dl"]
-        return jnp.stack([made, jnp.zeros_like(made)])
-
-    def working_state(self):
-        return self.steady_state(self.basal_insulin_mU_min)
-
-    def stiff_couplings(self):
-        return np.eye(2, dtype=bool)
 
     # for controllers that estimate the state: how far each state walks in a sample
 

@@ -25,8 +25,9 @@ from glucoloop.patients import Population, SemilinearPatient, population, virtua
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
-from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
+from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.situations.situation import Situation, configured
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]

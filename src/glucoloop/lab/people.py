@@ -27,7 +27,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.simulation import driven_block
-from glucoloop.simulation.people_plant import chosen
+from glucoloop.simulation.varying import chosen
 from glucoloop.threefry import name_word
 
 PEOPLE: Final = 10_000

@@ -32,7 +32,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.people_plant import varying
+from glucoloop.simulation.varying import varying
 from glucoloop.situations.case import Case
 
 Array = npt.NDArray[Any]

@@ -17,7 +17,7 @@ from glucoloop.meals.plan import draw_meals
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.printable import glucose_text, how_many
 from glucoloop.simulation import Trace
-from glucoloop.simulation.people_plant import chosen, replaced, varying
+from glucoloop.simulation.varying import chosen, replaced, varying
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
