@@ -28,7 +28,7 @@ from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.parts.ranges import Tuned
-from glucoloop.patients import SemilinearPatient
+from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
@@ -49,7 +49,7 @@ _PROBES: Final = (0.0, 0.37, 1.0)
 class Subjects:
     """Subjects at the start of a run, who trail: people first, then the nominal patient."""
 
-    patient: SemilinearPatient
+    patient: Patient
     rest: npt.NDArray[np.float64]
     """(states, subjects) states at rest."""
     basal_insulin_mU_min: npt.NDArray[np.float64]
