@@ -6,6 +6,8 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
+from glucoloop.studies.stress import STANDARD_FAULTS
+
 FAULTS = ("--fault", "calibration, gain=1.3", "--fault", "missing, start_min=60, duration_min=60")
 SMALL = ("--people", 3, "--controller", "imc", "--duration", 200, *FAULTS, "--seed", 5)
 FILES = {
@@ -54,6 +56,16 @@ def test_folder_holds_every_cell_and_repeats_itself(glucoloop, tmp_path):
     assert summary == json.loads((tmp_path / "a/summary.json").read_text())
     assert glucoloop("stress", "--config", "a/stress.toml", "--out", "b").code == 0
     assert (tmp_path / "a/SHA256SUMS").read_text() == (tmp_path / "b/SHA256SUMS").read_text()
+
+
+@pytest.mark.usefixtures("_plain")
+def test_all_usual_faults_are_tried_and_the_folder_goes_on(glucoloop, tmp_path):
+    asked = ("stress", "--people", 2, "--controller", "imc", "--duration", 300, "--guards", "without", "--out", "a")
+    first = glucoloop(*asked)
+    assert first.code == 0, first.err
+    assert pl.read_parquet(tmp_path / "a/stress.parquet").height == 1 + len(STANDARD_FAULTS)
+    assert any("value=nan" in fault for fault in STANDARD_FAULTS)  # what is no number is a setting, too
+    assert "nothing is computed again" in glucoloop("stress", "--config", "a/stress.toml", "--out", "a").err
 
 
 @pytest.mark.usefixtures("_plain")

@@ -312,5 +312,5 @@ def plain(trial: Trial) -> dict[str, Any]:
 
 def fingerprint(trial: Trial) -> str:
     """SHA-256 of everything on which the results depend, in hexadecimal."""
-    text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), allow_nan=False, default=repr)
+    text = json.dumps(plain(trial), sort_keys=True, separators=(",", ":"), default=repr)
     return hashlib.sha256(text.encode()).hexdigest()
