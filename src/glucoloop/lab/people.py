@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
@@ -96,7 +96,7 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, shared, rng
-        patient: SemilinearPatient = build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl)
+        patient = cast(SemilinearPatient, build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl))
         found = {
             "numbers": jnp.stack(chosen(patient, patients_vary(family))),
             "gut": gut_numbers(patient, family),
