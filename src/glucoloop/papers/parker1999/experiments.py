@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
-from glucoloop.patients import Patient
+from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
@@ -89,7 +89,7 @@ class PointResults:
     """All results at one operating point; experiments that were not carried out are empty."""
 
     operating_point: str
-    patient: Patient
+    patient: SemilinearPatient
     seeds: int
     model: ModelResults | None
     runs: dict[LoopRuns, SeededRuns]
@@ -121,7 +121,9 @@ def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Contro
     return SeededRuns(metrics=metrics, example=jax.tree.map(lambda leaf: leaf[0], traces))
 
 
-def _study_model(person: Patient, noise_free: Identification, records: Sequence[Identification]) -> ModelResults:
+def _study_model(
+    person: SemilinearPatient, noise_free: Identification, records: Sequence[Identification]
+) -> ModelResults:
     smooth = noise_free.laguerre_coefficients @ laguerre_functions(noise_free.laguerre_pole, 2, 1000)
     memory = noise_free.model.memory
     slow = fit_step(person, step_mU_min=_SMALL_STEP_MU_MIN, horizon_min=memory * SAMPLE_TIME_MIN, delay_min=None)
@@ -182,7 +184,7 @@ def study(
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
     situation = usual_situation(operating_point=operating_point)
-    person = situation.nominal
+    person = cast(SemilinearPatient, situation.nominal)
     # Records and loops draw from different keys.
     record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
 
