@@ -21,7 +21,7 @@ for (const address of addresses) {
     requests, errors, said,
     command: await page.locator("#same").innerText(),
     cells: await page.locator("#numbers td").allInnerTexts(),
-    canvases: await page.locator("canvas").count(),
+    pictures: await page.locator("figure > div > svg:has(path.line)").count(),
     hash: await page.evaluate(() => location.hash),
     table: readFileSync(await download.path(), "utf8"),
   });

@@ -12,7 +12,7 @@ from browser import in_browser, needs_browser
 from glucoloop import __version__
 from glucoloop.lab.pack import page
 from glucoloop.report import Repeat
-from glucoloop.report.charts import GLUCOSE, Panel, Plot, TimeAxis
+from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.template import render
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -25,16 +25,16 @@ COLUMNS = {"t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin
 def trial_page(folder):
     """A page with the percentiles of people, as that of a trial has them."""
     t = np.arange(0.0, 300.0, 5.0)
-    panel = Panel(GLUCOSE, TimeAxis(300.0), 60.0, 200.0, 10.0, "Glucose")
+    panel = Panel(GLUCOSE, (60.0, 200.0), 100)
     for low, high, name in ((-20.0, 30.0, "90 % of the people"), (-10.0, 12.0, "50 % of the people")):
-        panel.band(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, "band", name)
-    panel.line(t, 100.0 + t / 20.0, "", name="median")
+        panel.area(t, 100.0 + low + 0.0 * t, 100.0 + high + t / 10.0, 0, name)
+    panel.line(t, 100.0 + t / 20.0, 0, name="median")
     keys = {"population": "parker2000", "people": 9, "days": 1, "meals": ["40g@60min"], "controller": [{"name": "imc"}]}
     template = folder / "page.html"
     body = "{% block body %}{{ charts.plot(plot) }}{% endblock %}"
     template.write_text('{% extends "base.html" %}{% import "charts.html" as charts %}' + body)
     repeat = Repeat("trial --config trial.toml", keys)
-    return render(template, "Trial", repeat=repeat, plot=Plot("imc", [panel]))
+    return render(template, "Trial", repeat=repeat, plot=Plot("imc", 300.0, [panel]))
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +174,7 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
     assert len(links) >= 15
     shown = in_browser(Path(__file__).with_name("open.mjs"), *(f"file://{place}{link}" for link in links))
     for link, there, answer in zip(links, shown, answers, strict=True):
-        assert (there["errors"], there["requests"], there["canvases"]) == ([], [f"file://{place}"], 4)
+        assert (there["errors"], there["requests"], there["pictures"]) == ([], [f"file://{place}"], 2)
         summary = answer["summary"]
         expected = [f"{summary[name]:.1f}" for name in ("mean_mg_dl", "minimum_mg_dl", "peak_mg_dl")]
         assert there["cells"][:3] == expected

@@ -8,13 +8,13 @@ import math
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from browser import MODULES, NODE, needs_modules
-from glucoloop.lab.pack import DATA, MODULE, PAGE, _as_function, page
+from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.native.targets.wasm.module import HOST
+from glucoloop.pages.script import PAGES
 from glucoloop.parts.patients import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -57,22 +57,11 @@ def test_the_file_holds_everything_and_is_the_same_again(text):
 def test_every_module_is_in_the_file(text):
     program = packed(text, "code").decode()
     there = re.findall(r'^"([\w-]+)": \(\) => \{$', program, re.M)
-    assert sorted(there) == sorted(path.stem for path in (HOST, *PAGE.rglob("*.mjs")))
+    assert sorted(there) == sorted(
+        path.stem
+        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "data")))
+    )
     assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        'import "./other.mjs";',
-        "export default 3;",
-        'import * as all from "./a.mjs";',
-        'import { a as b } from "./a.mjs";',
-    ],
-)
-def test_an_import_or_export_of_another_form_is_refused(line):
-    with pytest.raises(ValueError, match=r"^own\.mjs has .*; name what is imported or exported$"):
-        _as_function(f"const a = 1;\n{line}\n", Path("own.mjs"))
 
 
 def test_the_page_has_every_patient_of_the_catalogue(data):
@@ -270,7 +259,8 @@ def test_what_gives_numbers_calls_no_function_that_differs_between_browsers():
 
 @pytest.mark.long
 @needs_modules
-def test_the_types_of_the_code_hold():
-    command = [NODE, f"{MODULES}/typescript/bin/tsc", "--project", PAGE / "tsconfig.json"]
+@pytest.mark.parametrize("folder", [PAGE, PAGES], ids=["lab", "pages"])
+def test_the_types_of_the_code_hold(folder):
+    command = [NODE, f"{MODULES}/typescript/bin/tsc", "--project", folder / "tsconfig.json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stdout) == (0, "")

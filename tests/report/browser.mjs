@@ -25,6 +25,7 @@ for (const file of pages)
         violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html.slice(0, 120)).join("; ")}`),
         wide: await page.evaluate(() => document.documentElement.scrollWidth),
       };
+      record.pictures = await page.locator("[role=img]").evaluateAll((all) => all.map((of) => of.getAttribute("aria-label")));
       const slider = page.locator(".controls input").first();
       if (await slider.count()) {
         await slider.focus();
@@ -33,7 +34,8 @@ for (const file of pages)
         record.readout = await page.locator(".readout").first().innerText();
         await page.keyboard.press("Tab");
         await page.keyboard.press("Enter");
-        record.zoomed = await page.locator(".field > svg").first().getAttribute("viewBox");
+        const times = page.locator(".plot").first().locator("text[text-anchor=middle][fill='var(--ink)']");
+        record.zoomed = await times.evaluateAll((texts) => texts.map((of) => of.textContent));
         const [download] = await Promise.all([
           page.waitForEvent("download"), page.getByRole("button", { name: "Save drawn data" }).first().click(),
         ]);
@@ -47,17 +49,23 @@ for (const file of pages)
         record.chosen = await person.getAttribute("data-person");
         record.pressed = await person.getAttribute("aria-pressed");
         record.told = await page.locator(".worst .readout").first().innerText();
-        record.clear = await page.locator("path[data-person]:not(.faded)").evaluateAll((paths) =>
-          paths.map((path) => path.getAttribute("data-name")));
+        const worst = page.locator(".worst .plot");
+        const names = (opacity) => worst.locator(`path.line[stroke-opacity="${opacity}"] > title`).evaluateAll((titles) => titles.map((of) => of.textContent));
+        record.clear = await names("1");
         await person.press("Enter");
-        record.fadedAfter = await page.locator("path.faded").count();
+        record.fadedAfter = (await names("0.08")).length;
       }
       const box = page.locator("input[data-run]").first();
       if (await box.count()) {
         await box.press("Space");
-        record.hidden = await page.locator("path[data-name]").evaluateAll((paths) =>
-          paths.filter((path) => getComputedStyle(path).display === "none").map((path) => path.dataset.name));
+        record.left = await page.locator("path.line > title").evaluateAll((titles) => titles.map((of) => of.textContent));
       }
+      // what a reader sees for whom no script runs
+      const plain = await browser.newPage({ viewport: { width, height: 800 }, javaScriptEnabled: false });
+      await plain.goto(pathToFileURL(file).href);
+      record.plain = await plain.locator("noscript").allInnerTexts();
+      record.plainLooks = await plain.locator(".controls:visible, .plot:visible, .legend:visible, .cvga:visible").count();
+      await plain.close();
       found.push(record);
       await page.close();
     }

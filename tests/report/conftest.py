@@ -1,6 +1,6 @@
 """Runs and trials written down by hand, without a patient, and a reader of pages."""
 
-import html
+import json
 import re
 from html.parser import HTMLParser
 
@@ -59,35 +59,42 @@ class Reader(HTMLParser):
         ]
 
 
+def _values(differences, step):
+    there = [difference is not None for difference in differences]
+    values = np.full(len(there), np.nan)
+    values[there] = np.cumsum([difference for difference in differences if difference is not None]) * step
+    return values
+
+
 class Drawn:
-    """What a path of a page draws: ``t_min`` and ``values``, NaN between parts, and its attributes."""
+    """A curve or a band of a page: ``t_min`` and ``values``, or its ``edges``, NaN where there is a gap."""
 
-    def __init__(self, panel, attributes, path):
-        self.unit = panel["unit"]
-        self.attributes = dict(re.findall(r'([\w-]+)="([^"]*)"', attributes))
-        self.name = html.unescape(self.attributes.get("data-name", ""))
-        parts = []
-        for part in path.split("M")[1:]:
-            steps = np.array(re.findall(r"-?\d+", part), float).reshape(-1, 2)
-            parts += [np.cumsum(steps, axis=0), np.full((1, 2), np.nan)]
-        self.t_min, self.values = np.concatenate(parts)[:-1].T * [[0.1], [float(panel["step"])]]
+    def __init__(self, panel, drawn):
+        self.unit, self.name, self.about = panel["unit"], drawn["name"], drawn
+        self.t_min = _values(drawn["t"], 0.1)
+        self.edges = [_values(drawn[key], panel["step"]) for key in ("y", "low", "high") if key in drawn]
+        self.values = self.edges[0]
+        self.held = len(self.t_min) > len(self.values)
 
-    def edges(self):
-        """Lower and upper edge of a band."""
-        middle = len(self.values) // 2
-        return self.values[middle:][::-1], self.values[:middle]
+
+def plots_on(page):
+    """Data of the figures of a page."""
+    found = re.findall(r'<figure class="plot"[^>]*><script type="application/json">(.*?)</script>', page)
+    return [json.loads(text) for text in found]
 
 
 def drawn_on(page):
-    """Figures of a page, each a list of what is drawn in it."""
-    figures = []
-    for figure in page.split('<figure class="plot"')[1:]:
-        found = []
-        for panel in figure.partition("</figure>")[0].split('<div class="panel" ')[1:]:
-            data = dict(re.findall(r'data-(\w+)="([^"]*)"', panel.partition(">")[0]))
-            found += [Drawn(data, *of) for of in re.findall(r'<path (?!class="grid")([^>]*?)d="([^"]*)"/>', panel)]
-        figures.append(found)
-    return figures
+    """Figures of a page, each a list of what is drawn in it and told."""
+    return [
+        [Drawn(panel, drawn) for panel in plot["panels"] for kind in ("areas", "lines") for drawn in panel[kind]]
+        for plot in plots_on(page)
+    ]
+
+
+@pytest.fixture(scope="session")
+def plots():
+    """Data of the figures of a page."""
+    return plots_on
 
 
 @pytest.fixture(scope="session")
@@ -169,7 +176,11 @@ def _case(undershoot, seed=0, people=400):
                 "time_above_250_pct": 0.0,
             }.get
         ),
-        table={"Undershoot, median (mg/dl)": float(np.median(81.1 - minimum)), "Settled": "all", "Unknown": np.nan},
+        table={
+            ("Undershoot, median", "mg/dl"): float(np.median(81.1 - minimum)),
+            ("Settled", ""): "all",
+            ("Unknown", ""): np.nan,
+        },
         worst=[
             WorstPerson(
                 person=1000 + int(p),

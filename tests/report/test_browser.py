@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from browser import in_browser, needs_browser
@@ -78,8 +79,8 @@ def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
             assert told.startswith("5 min")
             assert f"calm, glucose {glucose:.1f} mg/dl" in told
             assert f"calm, delivered {insulin:.2f} mU/min ({0.06 * insulin:.2f} U/h)" in told
-        start, _, span, _ = map(float, of["zoomed"].split())
-        assert (start, span) == (0.0, 3000.0)  # half of 600 min, in tenths of a minute, about minute 5
+        times = [float(text.removesuffix(" min")) for text in of["zoomed"]]
+        assert (times[0], times[-1]) == (0.0, 300.0)  # half of 600 min, about minute 5
         assert of["saved"][0] == '"plot","curve","t_min","value","unit"'
         assert of["saved"][1].startswith('"Glucose and insulin","calm, glucose","0","80"')
 
@@ -102,7 +103,23 @@ def test_one_person_can_be_singled_out(seen, make_report):
 
 
 def test_a_run_can_be_hidden(seen):
-    assert seen["runs", 1280, "light"]["hidden"] == ["calm, glucose", "calm, delivered"]
+    assert sorted(seen["runs", 1280, "light"]["left"]) == ["wild, delivered", "wild, glucose"]
+
+
+def test_pictures_are_told_in_words(seen, quiet, noisy):
+    glucose, insulin = seen["runs", 390, "dark"]["pictures"]
+    least = float(np.min(quiet.fine_glucose_mg_dl))
+    assert glucose.startswith(f"Glucose. calm, glucose: least {least:.1f} mg/dl at ")
+    most = float(np.max(noisy.insulin_mU_min))
+    assert f"wild, delivered: least 25.00 mU/min at 0 min, greatest {most:.2f} mU/min at 100 min" in insulin
+    told = seen["trial", 1280, "light"]["pictures"]
+    assert any("90 % of the people: least" in text for text in told)
+
+
+def test_who_has_no_script_is_told_where_the_numbers_are(seen):
+    for (page, _, _), of in seen.items():
+        assert len(of["plain"]) == {"runs": 1, "trial": 2}.get(page, 0)
+        assert of["plainLooks"] == 0
 
 
 def test_the_choice_of_unit_reaches_the_tables(seen):

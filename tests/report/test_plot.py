@@ -1,4 +1,4 @@
-"""Parts of the plots of pages: ticks, thinned curves, paths and periods."""
+"""Parts of the plots of pages: thinned curves, bands and periods."""
 
 import itertools
 
@@ -10,22 +10,10 @@ from hypothesis import strategies as st
 from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import population
 from glucoloop.report._runs import periods
-from glucoloop.report.charts import GLUCOSE, Panel, TimeAxis, nice_ticks, thinned
+from glucoloop.report.charts import GLUCOSE, Panel, thinned
 from glucoloop.report.descriptions import person_in_words, window_of
 
 finite = st.floats(-1e4, 1e4)
-
-
-@given(low=finite, span=st.floats(1e-3, 1e4), most=st.integers(2, 12))
-def test_ticks_are_few_round_and_inside(low, span, most):
-    ticks = nice_ticks(low, low + span, most)
-    assert 1 <= len(ticks) + 1 <= most + 2
-    assert all(low - 1e-6 * span <= tick <= low + span * (1.0 + 1e-6) for tick in ticks)
-    if len(ticks) > 1:
-        steps = np.diff(ticks)
-        np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
-        mantissa = steps[0] / 10.0 ** np.floor(np.log10(steps[0]) + 1e-9)
-        assert min(abs(mantissa - round_one) for round_one in (1.0, 2.0, 2.5, 5.0, 10.0)) < 1e-6
 
 
 @given(values=st.lists(finite | st.just(float("nan")), min_size=1, max_size=400), most=st.integers(4, 100))
@@ -50,12 +38,21 @@ def test_periods_cover_the_samples_and_no_others(there):
 
 
 def test_a_band_is_drawn_only_where_there_is_something_between():
-    panel = Panel(GLUCOSE, TimeAxis(5.0), 0.0, 200.0, 5.0, "")
-    panel.band([0.0, 5.0], [0.0, 0.0], [0.0, 0.0], "band", "nothing")
-    panel.band([0.0, 5.0], [np.nan, np.nan], [np.nan, np.nan], "band", "nothing")
-    assert panel.curves == []
-    panel.band([0.0, 5.0], [80.0, 81.0], [90.0, 91.5], "band", "something")
-    assert [(curve.name, curve.path) for curve in panel.curves] == [("something", "M0 900l50 15 0-105-50-10")]
+    panel = Panel(GLUCOSE, (0.0, 200.0), 100)
+    panel.area([0.0, 5.0], [0.0, 0.0], [0.0, 0.0], 0, "nothing")
+    panel.area([0.0, 5.0], [np.nan, np.nan], [np.nan, np.nan], 0, "nothing")
+    assert panel.areas == []
+    panel.area([0.0, 5.0, 7.5], [80.0, np.nan, 81.0], [90.0, 99.0, 91.5], 2, "something")
+    assert panel.areas == [
+        {"name": "something", "colour": 2, "t": [0, 50, 25], "low": [800, None, 10], "high": [900, 90, -75]}
+    ]
+
+
+def test_a_value_that_is_held_is_written_once():
+    panel = Panel(GLUCOSE, (0.0, 200.0), 100)
+    panel.line([0.0, 5.0, 10.0, 15.0, 20.0], [80.0, 80.0, np.nan, 80.0], 0)
+    (line,) = panel.lines
+    assert (line["t"], line["y"]) == ([0, 100, 50, 50], [800, None, 0])
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
 """Packing of the page: one HTML file with its modules, styles, numbers and WebAssembly, which asks the network nothing.
 
-The modules of the page import one another by relative paths, so that node runs them as they are. In the file they are
-one program, compressed: each module is a function that returns what it exports. Workers begin with the same program,
-since they cannot load modules from a file on a disk. The policy of the page forbids every connection.
+The modules are one program, compressed. Workers begin with the same program, since they cannot load modules from a file
+on a disk. The policy of the page forbids every connection.
 """
 
 from __future__ import annotations
@@ -16,24 +15,22 @@ from pathlib import Path
 from typing import Final
 
 import glucoloop
+from glucoloop.pages.script import colours, program
 
 PAGE: Final = Path(str(files("glucoloop.lab"))) / "page"
 MODULE: Final = PAGE / "lab.wasm"
 DATA: Final = PAGE / "lab.json"
 _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
-_IMPORT: Final = re.compile(r'^import (?P<names>\{(?:(?! as )[^}])*\}) from "(?P<path>\.\.?/[^"]+)";$', re.MULTILINE)
-_EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
-_LEFT: Final = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 
 
 def page() -> str:
     """The whole page as the text of an HTML file."""
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
-        "STYLE": _read("lab.css"),
+        "STYLE": colours() + _read("lab.css"),
         "START": _read("start.js"),
-        "CODE": _packed(program().encode()),
+        "CODE": _packed(program(_FIRST).encode()),
         "MODULE": _packed(MODULE.read_bytes()),
         "DATA": _packed(DATA.read_bytes()),
     }
@@ -43,37 +40,6 @@ def page() -> str:
 
 def _read(name: str) -> str:
     return (PAGE / name).read_text(encoding="utf-8")
-
-
-def program() -> str:
-    """The modules as one script, in which ``need(name)`` gives what a module exports."""
-    waiting, known = list(_FIRST), set(_FIRST)
-    functions = []
-    while waiting:
-        path = waiting.pop(0)
-        code = path.read_text(encoding="utf-8")
-        for found in _IMPORT.finditer(code):
-            other = (path.parent / found["path"]).resolve()
-            if other not in known:
-                known.add(other)
-                waiting.append(other)
-        functions.append(f'"{path.stem}": () => {{\n{_as_function(code, path)}\n}}')
-    head = '"use strict";\nconst made = {};\nconst need = (name) => (made[name] ??= modules[name]());\n'
-    return head + "const modules = {\n" + ",\n".join(functions) + "\n};\n"
-
-
-def _as_function(code: str, path: Path) -> str:
-    """Body of a function that does what a module does and returns what it exports."""
-    exported = ", ".join(_EXPORT.findall(code))
-    body = _EXPORT.sub(
-        "", _IMPORT.sub(lambda match: f'const {match["names"]} = need("{Path(match["path"]).stem}");', code)
-    )
-    left = _LEFT.search(body)
-    if left is not None:
-        raise ValueError(
-            f"{path.name} has {left[0]!r}, which the packer does not know; name what is imported or exported"
-        )
-    return f"{body}return {{ {exported} }};"
 
 
 def _packed(content: bytes) -> str:

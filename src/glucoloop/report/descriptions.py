@@ -46,10 +46,7 @@ def run_facts(run: Run, case: Case, designed: Mapping[str, float] | None = None)
 
 def comparison_facts(asked: Run, designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Settings of a comparison, and those that followed from the designs of its controllers, by label."""
-    facts: dict[str, str] = {}
-    for case in asked.cases:
-        facts |= _case_facts(f"Case {case.label}", f"As designed, {case.label}", case, designed.get(case.label))
-    return {**facts, **_run_facts(asked)}
+    return {**controllers_facts(asked.cases, designed), **_run_facts(asked)}
 
 
 def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:

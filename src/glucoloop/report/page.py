@@ -14,7 +14,7 @@ from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
-from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Lane, Panel, Plot, TimeAxis, colour, extent, looks, thinned
+from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
 from glucoloop.report.columns import metric_rows
 from glucoloop.report.descriptions import fault_in_words, windows
 from glucoloop.report.template import Repeat, render
@@ -90,12 +90,12 @@ def interactive_page(
             f"there are traces of {labels} but metrics of {list(by_label)}; give both under the same labels, in the "
             "same order"
         )
-    time = TimeAxis(max(float(run.t_min[-1]) for run in runs))
-    panels = [_glucose_panel(runs, lowest_glucose_mg_dl, time), _insulin_panel(runs, limits, time)]
+    end_min = max(float(run.t_min[-1]) for run in runs)
+    panels = [_glucose_panel(runs, lowest_glucose_mg_dl), _insulin_panel(runs, limits)]
     if any(run.boluses or run.command_boluses for run in runs):
-        panels.append(_bolus_panel(runs, time))
+        panels.append(_bolus_panel(runs))
     chosen = [FAULTS.choose(fault) for fault in faults]
-    mark_faults(panels, chosen)
+    mark_faults(panels, chosen, end_min)
     named = dict.fromkeys(by_label, traces) if isinstance(traces, Trace) else traces
     return render(
         Path(__file__).with_name("templates") / "run.html",
@@ -105,12 +105,12 @@ def interactive_page(
         script=True,
         mmol=mmol,
         summaries={label: clinical_summary(named[label], run).sentences() for label, run in by_label.items()},
-        runs=[(looks(index), label) for index, label in enumerate(labels)],
-        levels=[entry for panel in panels for entry in panel.legend],
+        labels=labels,
+        rules=[rule for panel in panels for rule in panel.rules],
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
-        commanded=len(panels[1].curves) > len(runs),
-        plot=Plot("Glucose and insulin", panels, list(_lanes(runs, chosen, time.end_min))),
+        commanded=len(panels[1].lines) > len(runs),
+        plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min))),
         events=list(_events(runs, chosen)),
         metrics=["Value"] if single else labels,
         rows=metric_rows(by_label),
@@ -123,116 +123,84 @@ def _name(runs: Sequence[PlottedRun], run: PlottedRun, what: str, apart: str = "
     return f"{run.label}{apart}{what}" if len(runs) > 1 else what
 
 
-def glucose_panel(
-    time: TimeAxis, setpoints: Sequence[float], lowest_mg_dl: float, shown: Sequence[Floats], **about: Any
-) -> Panel:
+def glucose_panel(setpoints: Sequence[float], lowest_mg_dl: float, shown: Sequence[Floats], **about: Any) -> Panel:
     """Panel with room for the curves shown, on which the range of the target, setpoints and the bound are drawn."""
     low, high = extent([*setpoints, lowest_mg_dl], *shown)
     margin = 0.05 * (high - low)
-    panel = Panel(GLUCOSE, time, low - margin, high + margin, **about)
-    panel.area("target", (0.0, time.end_min), TARGET_MG_DL)
-    panel.level(setpoints, "level", f"setpoint {values_in_words(setpoints, 'mg/dl')}")
-    panel.level([lowest_mg_dl], "level dash-1", f"lowest allowed {lowest_mg_dl:g} mg/dl")
+    panel = Panel(GLUCOSE, (low - margin, high + margin), band=TARGET_MG_DL, **about)
+    panel.rule(setpoints, 0, f"setpoint {values_in_words(setpoints, 'mg/dl')}")
+    panel.rule([lowest_mg_dl], 1, f"lowest allowed {lowest_mg_dl:g} mg/dl")
     return panel
 
 
-def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float, time: TimeAxis) -> Panel:
-    alt = "; ".join(_name(runs, run, _course(run), ": ") for run in runs)
+def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float) -> Panel:
     panel = glucose_panel(
-        time,
         [run.setpoint_mg_dl for run in runs],
         lowest_mg_dl,
         [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)],
-        rem=18.0,
-        alt=f"Glucose over {time.end_min:g} min. {alt}",
+        height=310,
         marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
     )
     if passed := limits_passed(runs):
-        panel.level(passed, "level dash-4", f"model not valid below {values_in_words(passed, 'mg/dl')}")
+        panel.rule(passed, 4, f"model not valid below {values_in_words(passed, 'mg/dl')}")
     most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
     for index, run in enumerate(runs):
         if run.reading_t_min.size:
-            gaps = np.arange(run.reading_t_min.size) + 1  # after each point, which leaves dots
-            dots = np.insert(run.reading_t_min, gaps, np.nan), np.insert(run.reading_mg_dl, gaps, np.nan)
-            panel.line(*dots, f"run-{index} dots {colour(index)}")
+            panel.dot(run.reading_t_min, run.reading_mg_dl, index, run=index)
         drawn = thinned(run.fine_t_min, run.shown_glucose_mg_dl, most)
-        panel.line(*drawn, f"run-{index} {looks(index)}", name=_name(runs, run, "glucose"))
+        panel.line(*drawn, index, dash=index, run=index, name=_name(runs, run, "glucose"))
     return panel
 
 
-def _course(run: PlottedRun) -> str:
-    glucose = run.shown_glucose_mg_dl
-    if not np.isfinite(glucose).any():
-        return "no finite glucose"
-    least, most = int(np.nanargmin(glucose)), int(np.nanargmax(glucose))
-    return (
-        f"from {glucose[0]:.1f} mg/dl at the start to {glucose_text(run.fine_glucose_mg_dl[-1])} at the end, "
-        f"least {glucose_text(np.min(run.fine_glucose_mg_dl))} at {run.fine_t_min[least]:g} min, "
-        f"greatest {glucose[most]:.1f} at {run.fine_t_min[most]:g} min"
-    )
-
-
-def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits, time: TimeAxis) -> Panel:
+def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits) -> Panel:
     bounds = float(limits.min_mU_min), float(limits.max_mU_min)
     basal = [run.basal_insulin_mU_min for run in runs]
     # within the limits of the pump, so that a command beyond them does not squeeze the other rates
     commanded = [np.clip(run.command_mU_min, *bounds) for run in runs]
     high = 1.08 * extent([0.0, *basal], *(run.insulin_mU_min for run in runs), *commanded)[1]
-    rates = "; ".join(
-        f"{run.label}: from {np.nanmin(run.insulin_mU_min):.2f} to {np.nanmax(run.insulin_mU_min):.2f} mU/min, "
-        f"basal rate {run.basal_insulin_mU_min:.2f}"
-        for run in runs
-        if np.isfinite(run.insulin_mU_min).any()
-    )
-    panel = Panel(INSULIN, time, 0.0, high, rem=10.0, alt=f"Rate of insulin. {rates}")
-    panel.level(basal, "level dash-2", f"basal {values_in_words(basal, 'mU/min')}")
+    panel = Panel(INSULIN, (0.0, high), height=185)
+    panel.rule(basal, 2, f"basal {values_in_words(basal, 'mU/min')}")
     seen = [bound for bound in bounds if 0.0 < bound <= high]
-    panel.level(seen, "level dash-3", f"pump limits {values_in_words(bounds, 'mU/min')}")
+    panel.rule(seen, 3, f"pump limits {values_in_words(bounds, 'mU/min')}")
     for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
         # a command is drawn where it differs from the delivered rate by more than the picture shows
         if not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
-            kind = f"run-{index} asked dash-2 {colour(index)}"
-            panel.steps(run.t_min, asked, kind, name=_name(runs, run, "commanded"))
-        kind = f"run-{index} {looks(index)}"
-        panel.steps(run.t_min, run.insulin_mU_min, kind, name=_name(runs, run, "delivered"))
+            look = {"kind": "asked", "dash": 2, "run": index}
+            panel.line(run.t_min, asked[:-1], index, **look, name=_name(runs, run, "commanded"))
+        delivered = run.insulin_mU_min[:-1]
+        panel.line(run.t_min, delivered, index, dash=index, run=index, name=_name(runs, run, "delivered"))
     return panel
 
 
-def _bolus_panel(runs: Sequence[PlottedRun], time: TimeAxis) -> Panel:
-    delivered = "; ".join(f"{run.label}: {_boluses_text(run.boluses)}" for run in runs)
+def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
     few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
     panel = Panel(
         BOLUS,
-        time,
-        0.0,
-        1.1 * max(size for run in runs for _, size in (*run.boluses, *run.command_boluses)),
-        rem=5.0,
-        alt=f"Boluses delivered. {delivered}",
+        (0.0, 1.1 * max(size for run in runs for _, size in (*run.boluses, *run.command_boluses))),
+        height=100,
         marks=[(t_min, f"{size:.3g} U") for t_min, size in runs[0].boluses] if few else (),
     )
     for index, run in enumerate(runs):
         for stems, kind in ((run.command_boluses, "asked"), (run.boluses, "stems")):
             t = np.repeat([t_min for t_min, _ in stems], 3)
-            y = np.ravel([(0.0, size, np.nan) for _, size in stems])
-            panel.line(t, y, f"run-{index} {kind} {colour(index)}")
+            panel.line(t, np.ravel([(0.0, size, np.nan) for _, size in stems]), index, kind=kind, run=index)
     return panel
 
 
-def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultPart]) -> None:
+def mark_faults(panels: Sequence[Panel], faults: Iterable[FaultPart], end_min: float) -> None:
     """Shade the times of faults below the curves: those of the sensor in the first panel, of the pump in the second."""
-    for fault, window in windows(faults, panels[0].time.end_min):
-        panel = panels[0] if fault.part == "sensor" else panels[1]
-        panel.area("fault", window, (panel.low, panel.high))
+    for fault, window in windows(faults, end_min):
+        panels[0 if fault.part == "sensor" else 1].spans.append(window)
 
 
-def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: float) -> Iterator[Lane]:
+def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: float) -> Iterator[dict[str, Any]]:
     """Times of faults, and what the guard, the pump and the sensor did, one line of time for each."""
     for fault, window in windows(faults, end_min):
-        yield f"Fault: {fault_in_words(fault)}", [([window], colour(1))]
+        yield {"name": f"Fault: {fault_in_words(fault)}", "rows": [{"periods": [window], "colour": 1}]}
     for name in STATUS_WORDS.values():
-        rows = [(run.periods.get(name, ()), colour(index)) for index, run in enumerate(runs)]
-        if any(periods for periods, _ in rows):
-            yield name, rows if len(runs) <= _MOST_LANES else [row for row in rows if row[0]]
+        rows = [{"periods": run.periods.get(name, []), "colour": index} for index, run in enumerate(runs)]
+        if any(row["periods"] for row in rows):
+            yield {"name": name, "rows": rows if len(runs) <= _MOST_LANES else [row for row in rows if row["periods"]]}
 
 
 def _boluses_text(boluses: Sequence[tuple[float, float]]) -> str:

@@ -43,20 +43,28 @@ _AROUND_MM: Final = 40.0
 _MOST_TICKS: Final = 8
 _DARK: Final = 0.45  # a ground of less luminance than this has white letters
 _LEAST: Final = 1e-12  # a logarithm is taken
-# Words, hatching, and a ground where the cell has no number.
-_KINDS: Final[dict[str, tuple[str, str, str | None]]] = {
-    "breaks": ("breaks a constraint", "xxxxx", None),
-    "oscillates": ("oscillates", "/////", None),
-    "not finite": ("glucose left the finite numbers", "+++++", "0.75"),
-    "refused": ("no controller can be designed", ".....", "0.75"),
-    "impossible": ("p < m, no such tuning", "", "0.88"),
-    "not tried": ("not tried", "", "0.97"),
+CELL_WORDS: Final = {
+    "breaks": "breaks a constraint",
+    "oscillates": "oscillates",
+    "not finite": "glucose left the finite numbers",
+    "refused": "no controller can be designed",
+    "impossible": "p < m, no such tuning",
+    "not tried": "not tried",
 }
-"""Kinds of cells of which there is more to say than a number."""
+"""Kinds of cells of which there is more to say than a number, in words."""
+# Hatching, and a ground where the cell has no number.
+_LOOKS: Final[dict[str, tuple[str, str | None]]] = {
+    "breaks": ("xxxxx", None),
+    "oscillates": ("/////", None),
+    "not finite": ("+++++", "0.75"),
+    "refused": (".....", "0.75"),
+    "impossible": ("", "0.88"),
+    "not tried": ("", "0.97"),
+}
 
 
 class Cell(NamedTuple):
-    """One place of the grid: a kind of `_KINDS` or ``"kept"``, its point on the surface, or why it was refused."""
+    """One place of the grid: a kind of `CELL_WORDS` or ``"kept"``, its point on the surface, or why it was refused."""
 
     kind: str
     point: int | None = None
@@ -74,14 +82,6 @@ class SurfaceLayout:
     """The values of each parameter, in rising order."""
     cells: dict[tuple[float, ...], list[list[Cell]]]
     """Cells ``[row][column]`` of each panel, by its values of the parameters in `panels`; every place holds a cell."""
-
-    def combinations(self) -> list[tuple[float, ...]]:
-        """Parameter values that distinguish the panels; one empty combination for a single panel."""
-        return list(self.cells)
-
-    def rows(self, combination: tuple[float, ...]) -> list[list[Cell]]:
-        """Cells of a panel, ``[row][column]``."""
-        return self.cells[combination]
 
 
 def layout(surface: TuningSurface) -> SurfaceLayout:
@@ -217,7 +217,7 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
     low, high = max(float(finite.min()), _LEAST), max(float(finite.max()), _LEAST)
     cells = np.ma.masked_invalid(np.maximum(np.array(sums, float), _LEAST))
     image = axes.pcolormesh(cells, cmap="viridis_r", norm=LogNorm(low, max(high, 1.01 * low)), rasterized=False)
-    for kind, (label, hatch, face) in _KINDS.items():
+    for kind, (hatch, face) in _LOOKS.items():
         chosen = [
             Path.unit_rectangle().transformed(Affine2D().translate(x, y))
             for y, row in enumerate(rows)
@@ -229,7 +229,7 @@ def _draw_cells(axes: Axes, surface: TuningSurface, rows: Sequence[Sequence[Cell
             # one shape, so that the hatching of neighbours is one
             shape = Path.make_compound_path(*chosen)
             axes.add_patch(PathPatch(shape, facecolor=face or "none", **look, zorder=3))
-            entries.setdefault(label, Patch(facecolor=face or "0.75", **look))
+            entries.setdefault(CELL_WORDS[kind], Patch(facecolor=face or "0.75", **look))
     return image
 
 

@@ -21,8 +21,8 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
+from glucoloop.pages.script import colours, page_script
 from glucoloop.printable import glucose_text, percent
-from glucoloop.report.charts import colour
 from glucoloop.report.columns import headings
 from glucoloop.report.descriptions import settings_in_words, when_in_words
 from glucoloop.situations.toml import toml_text, with_code
@@ -30,6 +30,8 @@ from glucoloop.units import MG_DL_PER_MMOL_L
 
 FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
+_COLOURS: Final = 6
+"""Number of colours of runs in ``pages/colours.css``."""
 _GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
 
 
@@ -67,12 +69,12 @@ def render(
     `sentences` are the results in words, `facts` everything that they depend on, by name, and `repeat` what repeats
     them; a page with plots needs the `script`.
     """
-    code = _asset("page.js") if script else Markup("")
+    code = Markup(page_script() if script else "")
     digest = base64.b64encode(hashlib.sha256(f"\n{code}".encode()).digest()).decode()
     values |= {"title": title, "sentences": list(sentences), "facts": facts or {}, "repeat": repeat, "script": code}
     source = Markup(f"'sha256-{digest}'" if script else "'none'")
     page = _environment(template.parent).get_template(template.name)
-    return page.render(style=_asset("page.css"), script_source=source, **values)
+    return page.render(style=_style(), script_source=source, **values)
 
 
 @functools.cache
@@ -86,8 +88,9 @@ def _environment(folder: Path) -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER}
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     environment.filters |= {
-        "colour": colour,
+        "colour": lambda index: f"colour-{index % _COLOURS}",
         "glucose_parts": _glucose_parts,
         "glucose_text": glucose_text,
         "headings": headings,
@@ -104,8 +107,8 @@ def _environment(folder: Path) -> jinja2.Environment:
 
 
 @functools.cache
-def _asset(name: str) -> Markup:
-    return Markup(importlib.resources.files("glucoloop.report").joinpath(name).read_text(encoding="utf-8"))
+def _style() -> Markup:
+    return Markup(colours() + _SHARED.with_name("page.css").read_text(encoding="utf-8"))
 
 
 def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:

@@ -81,8 +81,8 @@ class CaseReport:
     """(60, 60) numbers of people, as `glucoloop.metrics.control_variability.grid_counts` gives them."""
     time_in_range_pct: Mapping[str, float]
     """Mean time over the people in each of `RANGES`; see `ranges_pct`."""
-    table: Mapping[str, float | str]
-    """Headline numbers in the order shown; a name may end in its unit in parentheses, as in "Worst (mg/dl)"."""
+    table: Mapping[tuple[str, str], float | str]
+    """Headline numbers by name and unit, in the order shown."""
     worst: Sequence[WorstPerson]
     """People with the worst outcomes, the worst first."""
     ever_below: Mapping[int, tuple[int, float]] = field(default_factory=dict)

@@ -1,6 +1,7 @@
 // @ts-check
 /** Files that `glucoloop` writes: root keys of a situation, runs, and people of a trial. */
 
+import { plotsOf } from "../../pages/data.mjs";
 import { VERSION } from "./keys.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
@@ -84,9 +85,6 @@ export function fromTrace(text, data) {
  * @property {number[][]} levels glucose in mg/dl, or insulin in mU/min, that 5, 25, 50, 75, 95 % of the people are below
  */
 
-/** Tenths of a minute, in which pages tell times. */
-const PER_MIN = 10;
-
 /**
  * Percentiles and the configuration that a trial's page tells.
  * @param {Document} page
@@ -97,40 +95,11 @@ export function fromPage(page) {
   const configuration = [...page.querySelectorAll("details pre code")].map((code) => code.textContent ?? "").find((text) => text.includes(`${VERSION} = `));
   if (configuration === undefined) throw new RangeError("the page tells no configuration; give a page that glucoloop wrote");
   const glucose = [];
-  for (const panel of page.querySelectorAll('.panel[data-unit="mg/dl"]')) {
-    const step = Number(panel.getAttribute("data-step"));
-    const paths = [...panel.querySelectorAll("path[data-name]")];
-    const [wide, half] = paths.filter((path) => path.getAttribute("data-kind") === "band").map((path) => pointsOf(path, step));
-    const median = paths.find((path) => path.getAttribute("data-name") === "median");
-    if (wide === undefined || half === undefined || median === undefined) continue;
-    const middle = pointsOf(median, step);
-    const name = panel.closest("figure")?.getAttribute("aria-label") ?? "";
-    const t_min = middle.map(({ t }) => t);
-    const edge = (/** @type {{t: number, value: number}[]} */ points) => t_min.map((t) => at(points, t));
-    const low = (/** @type {typeof wide} */ band) => band.slice(band.length / 2).reverse();
-    const high = (/** @type {typeof wide} */ band) => band.slice(0, band.length / 2);
-    glucose.push({ name, t_min, levels: [edge(low(wide)), edge(low(half)), middle.map(({ value }) => value), edge(high(half)), edge(high(wide))] });
+  for (const { name, panels } of plotsOf(page)) {
+    const [{ unit, areas, lines }] = panels;
+    const [wide, half] = areas;
+    if (unit !== "mg/dl" || half === undefined || lines.length !== 1) continue;
+    glucose.push({ name, t_min: lines[0].x, levels: [wide.low, half.low, lines[0].y, half.high, wide.high] });
   }
   return { glucose, keys: fromToml(configuration) };
-}
-
-/** Points of a path of a page, each from the one before. @param {Element} path @param {number} step */
-function pointsOf(path, step) {
-  let [x, y] = [0, 0];
-  const numbers = (path.getAttribute("d") ?? "").match(/-?\d+/g) ?? [];
-  const points = [];
-  for (let i = 0; i + 1 < numbers.length; i += 2) {
-    x += Number(numbers[i]);
-    y += Number(numbers[i + 1]);
-    points.push({ t: x / PER_MIN, value: y * step });
-  }
-  return points;
-}
-
-/** Value at a time, on the line between two points. @param {{t: number, value: number}[]} points @param {number} t */
-function at(points, t) {
-  const after = points.findIndex((point) => point.t >= t);
-  if (after <= 0) return points[after === 0 ? 0 : points.length - 1].value;
-  const [a, b] = [points[after - 1], points[after]];
-  return a.value + ((b.value - a.value) * (t - a.t)) / (b.t - a.t);
 }

@@ -112,7 +112,6 @@ export async function start() {
   session.onChange(showSoon);
   window.addEventListener("hashchange", open);
   window.addEventListener("resize", showSoon);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showSoon);
   // The picture comes first, the controls at the next opportunity.
   requestAnimationFrame(() => {
     performance.mark("first picture"); // as benchmarks/lab.mjs measures it

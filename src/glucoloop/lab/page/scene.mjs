@@ -1,31 +1,15 @@
 // @ts-check
-/** What the picture shows, in the units of the screen: two panels over one axis of time. The chart and the file draw it. */
+/** What the picture shows, in the units of the screen: two panels over one axis of time, on the screen and in a file. */
 
+import { colourOf } from "../../pages/chart.mjs";
 import { summary } from "./summary.mjs";
 import { limitsOf } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { shown } from "./units.mjs";
 
 /** @typedef {import("./session.mjs").Session} Session */
-/**
- * A curve; one of steps holds each value until the next, and the last until `end`.
- * @typedef {{name: string, x: number[], y: number[], colour: string, width: number, dash: number[], end?: number}} Line
- */
-/** @typedef {{x: number[], low: number[], high: number[], opacity: number}} Area */
-/** @typedef {{from: number, to: number, kind: "guard" | "fault", text: string}} Span */
-
-/**
- * @typedef {object} Panel
- * @property {string} title
- * @property {string} legend
- * @property {[number, number]} range
- * @property {[number, number] | null} band
- * @property {number[]} rules levels of thin lines
- * @property {Line[]} lines
- * @property {{x: number[], y: number[]}} dots
- * @property {Area[]} areas
- * @property {Span[]} spans
- */
+/** @typedef {import("../../pages/chart.mjs").Span} Span */
+/** @typedef {import("../../pages/chart.mjs").Panel & {title: string, legend: string}} Panel */
 
 /**
  * @typedef {object} Scene
@@ -42,17 +26,6 @@ const SHOWN = [60, 130];
 const MARGIN = 5;
 /** Statuses by which a guard says that it acted. */
 const GUARD = [5, 6, 7, 8, 9, 10];
-/** Colours that colour-blind people tell apart (Okabe and Ito), darker or lighter by the page. */
-const COLOURS = {
-  light: ["#0b5cad", "#b34700", "#00704f", "#8a3d75", "#5c5200"],
-  dark: ["#7ab8ff", "#ffa05c", "#4fd1a5", "#e59bd0", "#e6d96a"],
-};
-
-/** Colours of the present run and of the pinned ones. @param {boolean} dark */
-export function colours(dark) {
-  return dark ? COLOURS.dark : COLOURS.light;
-}
-
 /** Dashes of a run: the present one is solid. @param {number} place */
 export function dashes(place) {
   return place === 0 ? [] : [3 + 3 * place, 4];
@@ -81,16 +54,11 @@ export function guardActs(trace, every) {
   return found;
 }
 
-/**
- * @param {Session} session
- * @param {boolean} dark
- * @returns {Scene}
- */
-export function scene(session, dark) {
+/** @param {Session} session @returns {Scene} */
+export function scene(session) {
   const { data, runs, units } = session;
   const every = data.sample_time_min;
   const [{ trace }] = runs;
-  const colour = colours(dark);
   const end = session.end_min;
   const glucose = (/** @type {number} */ value) => value * units.glucose.factor;
   const insulin = (/** @type {number} */ value) => value * units.insulin.factor;
@@ -98,14 +66,17 @@ export function scene(session, dark) {
   const { max_mU_min } = limitsOf(session.situation, data);
   const line = (/** @type {number} */ place) => ({
     name: runs[place].name,
-    colour: colour[place],
+    colour: colourOf(place),
     width: place === 0 ? 2.2 : 1.6,
     dash: dashes(place),
   });
 
-  // Readings without noise and dead time are the curve itself, which they would hide.
+  // Readings without noise and dead time are the curve itself, which they would hide; some are missing.
   const own = [];
-  for (let k = 0; k < trace.t_min.length; k++) if (trace.reading_mg_dl[k] !== trace.glucose_mg_dl[k]) own.push(k);
+  for (let k = 0; k < trace.t_min.length; k++) {
+    const reading = trace.reading_mg_dl[k];
+    if (Number.isFinite(reading) && reading !== trace.glucose_mg_dl[k]) own.push(k);
+  }
   let [least, most] = SHOWN;
   const reaches = (/** @type {number} */ value) => {
     least = Math.min(least, value);
@@ -120,30 +91,32 @@ export function scene(session, dark) {
   const prediction = session.prediction;
   const expected = (/** @type {string} */ name, /** @type {number[]} */ values, /** @type {number[]} */ dash) => ({
     name,
-    colour: colour[0],
+    colour: colourOf(0),
     width: 1.4,
     dash,
     x: prediction?.t_min ?? [],
     y: values.map(glucose),
   });
   const rates = (/** @type {import("./lab.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
-    ({ x: trace.t_min, y: scaled(values, units.insulin.factor), end: trace.t_min.length * every });
+    ({ x: trace.t_min, y: scaled(values, units.insulin.factor), until: trace.t_min.length * every });
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
-  const commanded = { name: texts.commanded, colour: colour[0], width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
+  const commanded = { name: texts.commanded, colour: colourOf(0), width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
   const { people } = session;
   if (people !== null) {
     least = Math.min(least, ...people.levels[0]);
     most = Math.max(most, ...people.levels[4]);
   }
   const between = (/** @type {import("./configuration.mjs").Percentiles} */ of, /** @type {number} */ low, /** @type {number} */ high, /** @type {number} */ opacity) => ({
+    name: of.name,
     x: of.t_min,
     low: of.levels[low].map(glucose),
     high: of.levels[high].map(glucose),
+    colour: "var(--link)",
     opacity,
   });
   const median = (/** @type {import("./configuration.mjs").Percentiles} */ of) => ({
     name: texts.median(of.name),
-    colour: colour[2],
+    colour: colourOf(2),
     width: 1.6,
     dash: [],
     x: of.t_min,
@@ -181,12 +154,12 @@ export function scene(session, dark) {
           ? []
           : [expected(texts.ifKept, prediction.free_mg_dl, [2, 3]), expected(texts.ifDosed, prediction.dosed_mg_dl, [7, 3])]),
       ],
-      dots: { x: own.map((k) => trace.t_min[k]), y: own.map((k) => glucose(trace.reading_mg_dl[k])) },
+      dots: [{ x: own.map((k) => trace.t_min[k]), y: own.map((k) => glucose(trace.reading_mg_dl[k])), colour: "var(--faint)", opacity: 1 }],
       areas: [
         ...(people === null ? [] : [between(people, 0, 4, 0.14), between(people, 1, 3, 0.18)]),
         ...(prediction === null
           ? []
-          : [{ x: prediction.t_min, low: prediction.dosed_mg_dl.map(glucose), high: prediction.free_mg_dl.map(glucose), opacity: 0.14 }]),
+          : [{ name: texts.ifDosed, x: prediction.t_min, low: prediction.dosed_mg_dl.map(glucose), high: prediction.free_mg_dl.map(glucose), colour: "var(--link)", opacity: 0.14 }]),
       ],
       spans: faulty("sensor"),
     },
@@ -200,12 +173,12 @@ export function scene(session, dark) {
       ]),
       range: [0, insulin(max_mU_min * 1.05)],
       band: null,
-      rules: [insulin(max_mU_min)],
+      rules: [{ value: insulin(max_mU_min), dash: [2, 4] }],
       lines: [
         ...runs.map(({ trace }, i) => ({ ...line(i), ...rates(trace, trace.insulin_mU_min) })),
         ...(differs ? [commanded] : []),
       ],
-      dots: { x: [], y: [] },
+      dots: [],
       areas: [],
       spans: [
         ...faulty("pump"),

@@ -270,8 +270,10 @@ export const texts = {
     /** @type {string} */ insulin_unit,
   ) => `${t} min: glucose ${glucose} ${glucose_unit}, insulin ${rate} ${insulin_unit}`,
   noMoment: "Point at the picture, or move the slider below it, to learn why a dose was given.",
+  reading: (/** @type {string} */ value, /** @type {string} */ unit) => `reading ${value} ${unit}`,
+  noReading: "no reading",
   at: (/** @type {Record<string, string>} */ of) =>
-    `At ${of.t} min: glucose ${of.glucose}, reading ${of.reading} ${of.glucose_unit}; ` +
+    `At ${of.t} min: glucose ${of.glucose} ${of.glucose_unit}, ${of.reading}; ` +
     `insulin commanded ${of.commanded}, delivered ${of.delivered} ${of.insulin_unit}.`,
   acts: (/** @type {string} */ status, /** @type {number} */ total, /** @type {{from: number, to: number}[]} */ when) =>
     `${status} ${total} min: ${when.slice(0, MOST_TIMES).map(({ from, to }) => `${from} to ${to}`).join(", ")}` +

@@ -177,18 +177,19 @@ def _headlines(trial: Trial) -> Iterator[tuple[str, tuple[str, ...]]]:
     )
 
 
-def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[str, float | str]]:
-    """Headline numbers of one controller by their names on the page, from its plain values."""
+def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], float | str]]:
+    """Headline numbers of one controller by their names and units on the page, from its plain values."""
     for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for statistic in statistics:
             value = plain["metrics"][metric][statistic]
             valid = how.text(value, trial.target_mg_dl) != NOT_VALID
-            yield f"{how.title}{_ON_THE_PAGE[statistic]} ({how.unit})", value / how.divisor if valid else NOT_VALID
+            name = how.title + _ON_THE_PAGE[statistic]
+            yield (name, how.unit), value / how.divisor if valid else NOT_VALID
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
-            yield f"People ever below {limit} mg/dl (%)", plain["ever_below"][f"{limit}_mg_dl"]["share_pct"]
-    yield "People ever below the valid range of the model", str(plain["below_validity"]["count"])
+            yield (f"People ever below {limit} mg/dl", "%"), plain["ever_below"][f"{limit}_mg_dl"]["share_pct"]
+    yield ("People ever below the valid range of the model", ""), str(plain["below_validity"]["count"])
 
 
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:

@@ -20,7 +20,7 @@ from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.report.surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
@@ -243,13 +243,6 @@ _SYMBOLS: Final = {
     "move_weight": "Γ_u",
     "output_weight": "Γ_y",
 }
-_WITHOUT_NUMBER: Final = {
-    "impossible": "p < m, no such tuning",
-    "refused": "no controller can be designed",
-    "not tried": "not tried",
-}
-
-
 _EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
 """A cell of the surface without a number."""
 
@@ -268,7 +261,7 @@ def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **co
         "columns": [column for column in _COLUMNS if column.name != "filter" or "reference_filter" in shown.columns()],
         "lines": [*best, *beyond],
         "why_not": "",
-        "impossible": _WITHOUT_NUMBER["impossible"],
+        "impossible": CELL_WORDS["impossible"],
     }
     try:
         places = layout(shown)
@@ -296,10 +289,10 @@ def _panels(
     """Caption of each panel, and its rows of cells from the top down."""
     colours = cell_colours(surface)
     best = surface.best() if surface.acceptable.any() else None
-    for combination in places.combinations():
+    for combination, panel in places.cells.items():
         rows = [
             (f"{value:g}", [_EMPTY | _cell(surface, best, printed.tuning, colours, cell) for cell in row])
-            for value, row in zip(places.levels[places.y], places.rows(combination), strict=True)
+            for value, row in zip(places.levels[places.y], panel, strict=True)
         ]
         yield texts(places.panels, _SYMBOLS, combination), rows[::-1]
 
@@ -315,10 +308,10 @@ def _cell(
     point = cell.point
     if point is None:
         reason = f": {cell.reason}" if cell.reason else ""
-        return {"kind": cell.kind.replace(" ", "-"), "hover": _WITHOUT_NUMBER[cell.kind] + reason}
+        return {"kind": cell.kind.replace(" ", "-"), "hover": CELL_WORDS[cell.kind] + reason}
     tuning = surface.tunings[point]
-    if not np.isfinite(surface.sse[point]):
-        return {"kind": "refused", "hover": f"{tuning_text(tuning)}: glucose left the finite numbers"}
+    if cell.kind == "not finite":
+        return {"kind": "refused", "hover": f"{tuning_text(tuning)}: {CELL_WORDS[cell.kind]}"}
     numbers = (
         f"{tuning_text(tuning)}: SSE {surface.sse[point]:.4g} (mg/dl)²",
         f"undershoot {surface.undershoot_mg_dl[point]:.1f} mg/dl",
@@ -326,7 +319,7 @@ def _cell(
     )
     ground, ink = colours[point]
     return {
-        "kind": "breaks" if not surface.feasible[point] else "oscillates" if surface.oscillates[point] else "kept",
+        "kind": cell.kind,
         "hover": ", ".join([*numbers, *_faults(surface, point)]),
         "text": _short(float(surface.sse[point])),
         "marks": ("★" if tuning == best else "") + ("◆" if tuning == printed else ""),

@@ -1,10 +1,10 @@
 // @ts-check
 /** Numbers of the present run and of the pinned ones, and what the guard did. */
 
-import { isDark } from "../chart.mjs";
+import { colourOf } from "../../../pages/chart.mjs";
 import { button, byId, element, tell } from "../dom.mjs";
 import { summary } from "../summary.mjs";
-import { colours, dashes, guardActs } from "../scene.mjs";
+import { dashes, guardActs } from "../scene.mjs";
 import { MOST_PINNED } from "../session.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
@@ -16,14 +16,14 @@ import { shown } from "../units.mjs";
 export function numbersView(session) {
   button("pin").addEventListener("click", () => session.pin());
   button("undo").addEventListener("click", () => session.undo());
-  /** Unit, colours and other runs for which the rows were made. @type {unknown[]} */
+  /** Unit and other runs for which the rows were made. @type {unknown[]} */
   let shownOf = [];
   return () => {
     button("undo").disabled = session.before.length === 0;
     button("pin").disabled = session.pinned.length >= MOST_PINNED;
     const glucose = session.units.glucose.name;
     const { runs } = session;
-    const now = [glucose, isDark(), ...runs.slice(1)];
+    const now = [glucose, ...runs.slice(1)];
     // The rows stay as they are, but for the numbers of the present run, until a run comes or goes.
     if (now.length !== shownOf.length || now.some((of, i) => of !== shownOf[i])) {
       shownOf = now;
@@ -64,7 +64,7 @@ function valuesOf(session, run) {
 /** @param {Session} session @param {Run} run @param {number} place */
 function row(session, run, place) {
   const swatch = element("span", { class: "swatch" });
-  swatch.style.borderColor = colours(isDark())[place];
+  swatch.style.borderColor = colourOf(place);
   swatch.style.borderTopStyle = dashes(place).length ? "dashed" : "solid";
   const last = element("td");
   if (place > 0) {

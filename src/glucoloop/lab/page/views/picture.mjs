@@ -1,7 +1,7 @@
 // @ts-check
 /** The picture with the meals above it, which are dragged, and the moment that is explained. */
 
-import { isDark, Picture } from "../chart.mjs";
+import { Chart } from "../../../pages/chart.mjs";
 import { attribute, byId, element, input, say, tell } from "../dom.mjs";
 import { summary } from "../summary.mjs";
 import { scene } from "../scene.mjs";
@@ -15,10 +15,14 @@ const MEAL_STEP_MIN = 5;
 const MEAL_STEP_G = 5;
 /** Pixels upward that add a gram to a dragged meal. */
 const PX_PER_G = 2;
+const NARROW_PX = 600;
 
 /** @param {Session} session */
 export function pictureView(session) {
-  const picture = new Picture({ glucose: byId("glucose"), insulin: byId("insulin") });
+  const charts = {
+    glucose: new Chart(byId("glucose"), (width) => (width < NARROW_PX ? 180 : 320)),
+    insulin: new Chart(byId("insulin"), (width) => (width < NARROW_PX ? 100 : 170)),
+  };
   const moment = input("moment");
   const every = session.data.sample_time_min;
   /** The meals and the axis for which their marks are there. */
@@ -26,25 +30,20 @@ export function pictureView(session) {
   moment.step = `${every}`;
   moment.addEventListener("input", () => session.explain(Number(moment.value) / every));
 
-  /** @param {PointerEvent} event */
-  const point = (event) => {
-    const { left, width } = picture.inside;
-    const t_min = ((event.offsetX - left) / width) * session.end_min;
-    if (t_min >= 0 && t_min <= session.end_min) session.explain(Math.floor(t_min / every));
-  };
-  for (const canvas of picture.canvases) {
-    canvas.addEventListener("pointermove", point);
-    canvas.addEventListener("pointerdown", point);
+  for (const chart of Object.values(charts)) {
+    const point = (/** @type {PointerEvent} */ event) => session.explain(Math.floor(chart.timeAt(event) / every));
+    chart.svg.addEventListener("pointermove", point);
+    chart.svg.addEventListener("pointerdown", point);
   }
 
   /** The picture with its axes and meals. */
   function draw() {
-    const of = scene(session, isDark());
+    const of = scene(session);
     for (const panel of /** @type {const} */ (["glucose", "insulin"])) {
+      charts[panel].draw(of[panel], { from: 0, to: of.end, unit: "min" }, of.moment);
       tell(byId(`${panel}-title`), of[panel].title);
       tell(byId(`${panel}-legend`), of[panel].legend);
     }
-    picture.draw(of);
     const last = (session.run.trace.t_min.length - 1) * every;
     attribute(moment, "max", `${last}`);
     if (Number(moment.value) !== (of.moment ?? 0)) moment.value = `${of.moment ?? 0}`;
@@ -56,12 +55,12 @@ export function pictureView(session) {
       "aria-valuetext",
       texts.moment(trace.t_min[k], shown(trace.glucose_mg_dl[k], glucose), glucose.name, shown(trace.insulin_mU_min[k], insulin), insulin.name),
     );
-    const { left, width } = picture.inside;
+    const { left, width } = charts.glucose.inside;
     const { meals } = session.situation;
     const now = JSON.stringify([meals, session.end_min, left, width]);
     if (now === marked) return;
     marked = now;
-    lane(session, picture.inside);
+    lane(session, charts.glucose.inside);
   }
   return { draw, tell: () => tell(byId("told"), told(session)) };
 }

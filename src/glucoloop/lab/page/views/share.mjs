@@ -22,7 +22,7 @@ export function shareView(session, address) {
     python: () => python(session.situation, session.data),
   };
   const form = () => /** @type {keyof typeof texts_of} */ (select("form").value);
-  const picture = () => svg(scene(session, false), texts_of.command());
+  const picture = () => svg(scene(session), texts_of.command());
   const show = () => {
     tell(byId("same"), texts_of[form()]());
   };

@@ -15,10 +15,11 @@ export function whyView(session) {
     }
     const { trace } = session.run;
     const { glucose, insulin } = session.units;
+    const reading = trace.reading_mg_dl[k];
     const told = texts.at({
       t: `${trace.t_min[k]}`,
       glucose: shown(trace.glucose_mg_dl[k], glucose),
-      reading: shown(trace.reading_mg_dl[k], glucose),
+      reading: Number.isFinite(reading) ? texts.reading(shown(reading, glucose), glucose.name) : texts.noReading,
       glucose_unit: glucose.name,
       commanded: shown(trace.command_mU_min[k], insulin),
       delivered: shown(trace.insulin_mU_min[k], insulin),
