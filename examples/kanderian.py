@@ -11,17 +11,14 @@ and the constants of person 1.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
 from glucoloop.parts.patients import OperatingPoint, PatientPart
-from glucoloop.patients import Inputs, PatientModel, Population, Variation
+from glucoloop.patients import Inputs, OdePatient, Population, Variation
 
 # Constants of person 1; they may vary from person to person.
 CONSTANTS = {
@@ -37,102 +34,37 @@ CONSTANTS = {
 }
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Kanderian:
+class Kanderian(OdePatient):
     """State: insulin under the skin and in plasma (mU/l), its effect (1/min), glucose in plasma and in tissue (mg/dl).
 
     Every function works for one person and for many, who are on the last axis.
     """
 
-    constants: dict[str, object]
-    basal_insulin_mU_min: object
-    setpoint_mg_dl: object
-
+    nominal = CONSTANTS
+    near_rest = (11.0, 11.0, 0.009, 120.0, 120.0)
+    near_basal_mU_min = 22.0
     insulin_route = "subcutaneous"  # from which the usual pump, identification and tunings follow
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
     meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
 
-    # at rest, from the balances
-
-    def insulin_for(self, glucose_mg_dl):
-        c = self.constants
-        return (c["EGP"] / glucose_mg_dl - c["GEZI"]) / c["sensitivity"] * c["clearance_ml_min"] / 1000.0
-
-    def steady_state(self, insulin_mU_min):
-        c = self.constants
-        insulin = 1000.0 * insulin_mU_min / c["clearance_ml_min"]
-        effect = c["sensitivity"] * insulin
-        glucose = c["EGP"] / (c["GEZI"] + effect)
-        return jnp.stack(jnp.broadcast_arrays(insulin, insulin, effect, glucose, glucose))
-
-    def rest_at(self, glucose_mg_dl):
-        insulin = self.insulin_for(glucose_mg_dl)
-        insulin = jnp.where(insulin >= 0.0, insulin, jnp.nan)  # somebody whom no rate holds there
-        return insulin, self.steady_state(insulin)
-
-    # what the loop needs
-
     def derivative(self, t_min, x, inputs: Inputs):
-        y, z = self.split(x)
-        slow = self.transport(y) + self.kinetics(y, self.effects(z), inputs.meal_mg_min)
-        return self.join(slow, self.driven_derivative(z, inputs.insulin_mU_min))
+        c, (under_skin, plasma, effect, glucose, tissue) = self.parameters, x
+        infused = 1000.0 * inputs.insulin_mU_min / c["clearance_ml_min"]
+        return jnp.stack(
+            [
+                (infused - under_skin) / c["tau_1_min"],
+                (under_skin - plasma) / c["tau_2_min"],
+                c["p_2"] * (c["sensitivity"] * plasma - effect),
+                c["EGP"] - (c["GEZI"] + effect) * glucose + inputs.meal_mg_min / c["volume_dl"],
+                (glucose - tissue) / c["tau_sensor_min"],
+            ]
+        )
 
     def glucose_mg_dl(self, x):
         return x[3]
 
     def seen_mg_dl(self, x, site):
         return x[{"plasma": 3, "interstitial": 4}[site]]
-
-    # the exponential integrator and native code: insulin is linear, and acts on glucose by its effect alone
-
-    def split(self, x):
-        return x[3:], x[:3]
-
-    def join(self, y, z):
-        return jnp.concatenate([z, y])
-
-    def driven_derivative(self, z, insulin_mU_min):
-        c, (under_skin, plasma, effect) = self.constants, z
-        return jnp.stack(
-            [
-                (1000.0 * insulin_mU_min / c["clearance_ml_min"] - under_skin) / c["tau_1_min"],
-                (under_skin - plasma) / c["tau_2_min"],
-                c["p_2"] * (c["sensitivity"] * plasma - effect),
-            ]
-        )
-
-    def effects(self, z):
-        return z[2:]
-
-    def transport(self, y):
-        return jnp.stack([-self.constants["GEZI"] * y[0], (y[0] - y[1]) / self.constants["tau_sensor_min"]])
-
-    def kinetics(self, y, effects, meal_mg_min):
-        made = self.constants["EGP"] - effects[0] * y[0] + meal_mg_min / self.constants["volume_dl"]
-        return jnp.stack([made, jnp.zeros_like(made)])
-
-    def working_state(self):
-        return self.steady_state(self.basal_insulin_mU_min)
-
-    def stiff_couplings(self):
-        return np.eye(2, dtype=bool)
-
-    # for controllers that estimate the state: how far each state walks in a sample
-
-    def process_noise(self, glucose, other, glucagon):
-        return np.array([other, other, other * self.constants["sensitivity"] ** 2, glucose, glucose])
-
-
-def build(values, basal_insulin_mU_min, setpoint_mg_dl):
-    return Kanderian(
-        constants={**CONSTANTS, **values}, basal_insulin_mU_min=basal_insulin_mU_min, setpoint_mg_dl=setpoint_mg_dl
-    )
-
-
-def resting_at(glucose_mg_dl):
-    person = build({}, jnp.nan, jnp.asarray(glucose_mg_dl))
-    return dataclasses.replace(person, basal_insulin_mU_min=jnp.asarray(person.insulin_for(glucose_mg_dl)))
 
 
 def populations():
@@ -143,12 +75,7 @@ def populations():
     return {"varied": Population("varied", tuple(varied), patient="kanderian:Person1")}
 
 
-MODEL = PatientModel(
-    build=build,
-    operating_points={"at-120": lambda: resting_at(120.0)},
-    nominal=CONSTANTS,
-    populations=populations,
-)
+MODEL = Kanderian.model({"at-120": 120.0}, populations)
 
 
 class Person1(PatientPart, name="kanderian:Person1"):  # a name that is found wherever the module is
@@ -167,7 +94,7 @@ class Person1(PatientPart, name="kanderian:Person1"):  # a name that is found wh
 
 
 if __name__ == "__main__":
-    person = resting_at(120.0)
+    person = Kanderian.resting_at(120.0)
     limits = gl.dose_limits(max_mU_min=150.0, max_change_mU_min=100.0)
     controller = gl.design_pid(gl.PIDTuning(0.15, 400.0, 20.0), limits)
     trace = gl.simulate(person, controller, pump=gl.pumps.LimitedPump(limits=limits))

@@ -90,6 +90,7 @@ _HOME = {
         "sensors": ("dead_time", "white_noise"),
         "simulation": (
             "Adaptive",
+            "Explicit",
             "Exponential",
             "Stepper",
             "excite",
@@ -106,6 +107,7 @@ _HOME = {
 
 __all__ = [
     "Adaptive",
+    "Explicit",
     "Exponential",
     "GuardSettings",
     "LimitedPump",

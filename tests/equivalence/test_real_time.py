@@ -40,7 +40,7 @@ def test_stepping_in_real_time_is_the_simulation(patient_81, identified_81):
         delivered = delivery.reported_mU_min
         glucose.append(observation.glucose_mg_dl)
         insulin.append(delivered)
-        x, inside = advance(x, delivered, exogenous[k])
+        x, inside = advance(x, delivered, jax.tree.map(lambda part, k=k: part[k], exogenous))
         fine.append(inside)
     np.testing.assert_allclose(glucose, trace.glucose_mg_dl, rtol=1e-12)
     np.testing.assert_allclose(insulin, trace.insulin_mU_min, rtol=1e-11, atol=1e-11)

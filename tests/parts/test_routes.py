@@ -86,7 +86,7 @@ def test_person_of_an_example_in_python():
     sys.modules["kanderian"] = module
     try:
         spec.loader.exec_module(module)
-        person = module.resting_at(120.0)
+        person = module.Kanderian.resting_at(120.0)
     finally:
         del sys.modules["kanderian"]
     found = gl.identify(person)

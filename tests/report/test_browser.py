@@ -116,8 +116,8 @@ def test_pictures_are_told_in_words(seen, quiet, noisy):
 
 
 def test_who_has_no_script_is_told_where_the_numbers_are(seen):
-    for (page, _, _), of in seen.items():
-        assert len(of["plain"]) == {"runs": 1, "trial": 2}.get(page, 0)
+    for (kind, _, _), of in seen.items():
+        assert len(of["plain"]) == {"runs": 1, "trial": 2}.get(kind, 0)
         assert of["plainLooks"] == 0
 
 

@@ -11,6 +11,7 @@ from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
+from glucoloop.meals.absorption import meal_moments
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.models.state_space import step_response
@@ -21,10 +22,12 @@ from glucoloop.pumps import LimitedPump, with_resolution
 from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.simulation import Adaptive, linear_model, simulate
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.cohort import PER_NOMINAL, Cohort, People
+from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.exponential import ExponentialPlant, design, meal_moments, substeps_of
+from glucoloop.simulation.exponential import ExponentialPlant, design, substeps_of
 from glucoloop.simulation.loop import Loop, begin, sample
+from glucoloop.simulation.people_plant import PER_NOMINAL
+from glucoloop.simulation.plant import Exogenous
 
 PEOPLE = 20
 DAY, SHORT = sample_grid(1440.0, 5.0), sample_grid(400.0, 5.0)
@@ -141,7 +144,9 @@ def plain_scan(loop, x, insulin, key, moments, told):
     state, reading_key = begin(loop, x, insulin, told[0], key)
 
     def on(state, entry):
-        state, happened = sample(loop, state, *entry[:2], reading_key, entry[2])
+        moments, announced, index = entry
+        outside = Exogenous(t_min=5.0 * index, moments=moments)
+        state, happened = sample(loop, state, outside, announced, reading_key, index)
         return state, (happened.glucose_mg_dl, happened.delivery.insulin_mU_min, happened.inside_mg_dl)
 
     last, (glucose, insulin, inside) = jax.lax.scan(on, state, (moments, told, jnp.arange(told.shape[0])))

@@ -33,7 +33,7 @@ from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.people_plant import varying
+from glucoloop.simulation.varying import varying
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.search import move_slots

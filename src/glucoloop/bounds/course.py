@@ -18,10 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.meals import Eaten, Meal, Scenario, absorb, eaten, meal_model_of
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.exponential import Exponential, ExponentialPlant
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.integrators import default_integrator
+from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
 
 Values = npt.NDArray[np.float64]
 
@@ -33,8 +34,8 @@ _MEALS_TOGETHER: Final = 3  # numbers of meals are multiples of it, since each n
 class RunModel:
     """A patient at the start of a run with the meals to come, in one circumstance or several."""
 
-    plant: ExponentialPlant
-    exogenous: Values
+    plant: Plant
+    moments: Values
     """(samples, substeps, 3, members) moments of the meals."""
     state: Values
     """(states, 1) state at the start, at rest."""
@@ -57,13 +58,13 @@ class RunModel:
     @property
     def members(self) -> int:
         """Number of circumstances that are followed at once."""
-        return int(self.exogenous.shape[-1])
+        return int(self.moments.shape[-1])
 
     def of_members(self, *members: int, samples: int | None = None) -> RunModel:
         """The course restricted to some of the circumstances and to the first samples."""
         samples = self.samples if samples is None else samples
-        grid = sample_grid(samples * self.grid.sample_time_min, self.grid.sample_time_min)
-        return replace(self, exogenous=self.exogenous[:samples, ..., list(members)], grid=grid)
+        grid = replace(self.grid, samples=samples)
+        return replace(self, moments=self.moments[:samples, ..., list(members)], grid=grid)
 
     def glucose_mg_dl(self, insulin_mU_min: Values) -> Values:
         """Glucose on the fine grid, ``(points, members)``, under doses ``(samples, members)``."""
@@ -76,21 +77,24 @@ class RunModel:
     def _of_each(self, function: Callable[..., jax.Array], insulin_mU_min: Values) -> Values:
         """Values of a function of the run for one member after the other, side by side."""
         one = (
-            function(self.plant, self.exogenous[..., [member]], self.state, insulin_mU_min[:, [member]])
+            function(self.plant, self._exogenous(member), self.state, insulin_mU_min[:, [member]])
             for member in range(self.members)
         )
         return np.concatenate(list(one), axis=1)
 
+    def _exogenous(self, member: int) -> Exogenous:
+        return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=jnp.asarray(self.moments[..., [member]]))
+
 
 def course_of(
-    patient: SemilinearPatient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
+    patient: Patient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
 ) -> RunModel:
     """Model of a scenario with other meals, one list of them for each member."""
-    grid = sample_grid(scenario.horizon_min, sample_time_min)
+    grid = sample_grid(scenario.horizon_min, sample_time_min, scenario.start_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
-    gut = meal_model_of(patient, scenario.meal_model)
+    gut, integrator = meal_model_of(patient, scenario.meal_model), default_integrator(patient)
     prepared = {
-        eaten_meals: Exponential().prepare(patient, absorb(gut, _padded(eaten(eaten_meals), most)), grid)
+        eaten_meals: integrator.prepare(patient, absorb(gut, _padded(eaten(eaten_meals), most)), grid)
         for eaten_meals in {tuple(eaten_meals) for eaten_meals in meals}
     }
     resting = patient.basal_insulin_mU_min
@@ -99,7 +103,7 @@ def course_of(
     setpoint = patient.setpoint_mg_dl if scenario.setpoint_mg_dl is None else scenario.setpoint_mg_dl
     return RunModel(
         plant=prepared[tuple(meals[0])][0],
-        exogenous=np.concatenate([prepared[tuple(eaten_meals)][1] for eaten_meals in meals], axis=-1),
+        moments=np.concatenate([np.asarray(prepared[tuple(eaten_meals)][1].moments) for eaten_meals in meals], axis=-1),
         state=np.asarray(patient.steady_state(resting))[:, None],
         grid=grid,
         setpoint_mg_dl=float(setpoint),
@@ -113,8 +117,8 @@ def _padded(meals: Eaten, most: int) -> Eaten:
     return padded
 
 
-@jax.jit
-def _glucose(plant: ExponentialPlant, exogenous: jax.Array, state: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+@compiled_by_class
+def _glucose(plant: Plant, exogenous: Exogenous, state: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
     def one(x: jax.Array, entry: Any) -> tuple[jax.Array, jax.Array]:
         insulin, outside = entry
         return plant.advance(x, insulin, outside)
@@ -123,10 +127,8 @@ def _glucose(plant: ExponentialPlant, exogenous: jax.Array, state: jax.Array, in
     return jnp.concatenate([plant.patient.glucose_mg_dl(state)[None], inside.reshape(-1, state.shape[1])])
 
 
-@jax.jit
-def _sensitivity(
-    plant: ExponentialPlant, exogenous: jax.Array, state: jax.Array, insulin_mU_min: jax.Array
-) -> jax.Array:
+@compiled_by_class
+def _sensitivity(plant: Plant, exogenous: Exogenous, state: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
     def along(direction: jax.Array) -> jax.Array:
         of_doses = functools.partial(_glucose, plant, exogenous, state)
         tangent = jnp.broadcast_to(direction[:, None], insulin_mU_min.shape)

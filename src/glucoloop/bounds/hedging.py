@@ -34,7 +34,7 @@ from glucoloop.bounds.course import RunModel, course_of
 from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, collected, first_free_sample
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -76,7 +76,7 @@ class HedgedDoses:
 
 
 def hedged_doses(
-    patient: SemilinearPatient,
+    patient: Patient,
     scenario: Scenario,
     noise_variance: float,
     pump_limits: DoseLimits = PARKER_1999_LIMITS,
@@ -92,7 +92,7 @@ def hedged_doses(
 
     Parameters
     ----------
-    patient : SemilinearPatient
+    patient : Patient
         One person, who rests at the setpoint until the meal.
     scenario : Scenario
         A scenario with exactly one meal.

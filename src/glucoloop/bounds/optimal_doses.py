@@ -29,7 +29,7 @@ from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
 from glucoloop.metrics.regulation import Settling
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -102,7 +102,7 @@ class OptimalDoses:
 @checked
 @on_host("a search that ends by its own progress cannot be traced")
 def optimal_doses(
-    patient: SemilinearPatient,
+    patient: Patient,
     scenario: Scenario | None = None,
     pump_limits: DoseLimits = PARKER_1999_LIMITS,
     *,
@@ -123,7 +123,7 @@ def optimal_doses(
 
     Parameters
     ----------
-    patient : SemilinearPatient
+    patient : Patient
         One person.
     scenario : Scenario, optional
         The 50 g oral glucose test by default. The patient starts at rest. Whether meals are announced does not matter.
@@ -406,7 +406,7 @@ def distance_to_bound(glucose_mg_dl: ArrayLike, bound: OptimalDoses) -> Distance
 
 
 def bound_of_situation(
-    patient: SemilinearPatient,
+    patient: Patient,
     scenario: Scenario,
     pump_limits: DoseLimits,
     *,

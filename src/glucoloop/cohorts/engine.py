@@ -28,7 +28,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.people_plant import chosen, replaced, varying
+from glucoloop.simulation.varying import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
 

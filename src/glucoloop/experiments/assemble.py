@@ -19,9 +19,9 @@ from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten, MealModel, Scenario
 from glucoloop.native.targets.products import FUSED
-from glucoloop.patients import SemilinearPatient
+from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.simulation import Exponential, Trace, simulate
+from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.plant import Integrator, SampleGrid
@@ -35,7 +35,7 @@ class AtRest(Protocol):
     """People at the start of a run, such as `patients.population.VirtualPeople`; people trail."""
 
     @property
-    def patient(self) -> SemilinearPatient:
+    def patient(self) -> Patient:
         """Constants of the people."""
 
     @property
@@ -56,15 +56,14 @@ def close_loop(
     controller: Controller,
     scenario: Scenario,
     *,
-    patient: SemilinearPatient | None = None,
+    patient: Patient | None = None,
     surroundings: Surroundings | None = None,
     key: jax.Array | int | None = None,
     integrator: Integrator | None = None,
 ) -> Trace:
     """Simulate one person in a situation under a controller.
 
-    By default the person is the nominal patient, sensor, pump and key are those of the situation, and the integrator is
-    the exponential one.
+    By default the person is the nominal patient, sensor, pump and key are those of the situation.
     """
     surroundings = surroundings_of(situation) if surroundings is None else surroundings
     return simulate(
@@ -74,7 +73,7 @@ def close_loop(
         surroundings.pump,
         scenario,
         situation.seed if key is None else key,
-        integrator=Exponential() if integrator is None else integrator,
+        integrator=integrator,
     )
 
 

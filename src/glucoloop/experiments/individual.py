@@ -44,8 +44,8 @@ from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.internal_model import linear_model, linear_model_at
-from glucoloop.simulation.people_plant import chosen, replaced, varying
 from glucoloop.simulation.pulse_experiment import PulseExperiment
+from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 

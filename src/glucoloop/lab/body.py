@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +25,9 @@ from glucoloop.patients import Population, SemilinearPatient, population, virtua
 from glucoloop.patients.population import of_people
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
-from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
+from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.situations.situation import Situation, configured
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
@@ -58,7 +59,8 @@ def patient_id(family: str, operating_point: str) -> str:
 @functools.cache
 def patients(family: str) -> dict[str, SemilinearPatient]:
     """Patients of a family by operating point."""
-    return {point.name: situation(family, point.name).nominal for point in PATIENTS[family].operating_points}
+    points = [point.name for point in PATIENTS[family].operating_points]
+    return {point: cast(SemilinearPatient, situation(family, point).nominal) for point in points}
 
 
 @functools.cache

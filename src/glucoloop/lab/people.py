@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.simulation import driven_block
-from glucoloop.simulation.people_plant import chosen
+from glucoloop.simulation.varying import chosen
 from glucoloop.threefry import name_word
 
 PEOPLE: Final = 10_000
@@ -96,7 +96,7 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, shared, rng
-        patient: SemilinearPatient = build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl)
+        patient = cast(SemilinearPatient, build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl))
         found = {
             "numbers": jnp.stack(chosen(patient, patients_vary(family))),
             "gut": gut_numbers(patient, family),

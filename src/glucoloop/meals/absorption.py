@@ -96,6 +96,46 @@ def appearance_moments(t_min: jax.Array, step_min: float, absorption: Absorption
 
 
 MOMENTS: Final = 3
+# Legendre polynomials P_0, P_1, P_2 times 2 n + 1, at the start, the middle and the end of a step.
+_FROM_MOMENTS: Final = np.array([[1.0, -3.0, 5.0], [1.0, 0.0, -2.5], [1.0, 3.0, 5.0]])
+
+
+def at_start_middle_end(moments: jax.Array) -> jax.Array:
+    """Values ``(3, ...)`` at the start, the middle and the end of a step of the quadratic that has given moments."""
+    return jnp.tensordot(jnp.asarray(_FROM_MOMENTS, moments.dtype), moments, 1)
+
+
+def moments_of_parts(moments: jax.Array, parts: int) -> jax.Array:
+    """Moments ``(parts, 3, ...)`` of equal parts of a step, from those ``(3, ...)`` of the quadratic over all of it."""
+    start = np.arange(parts)[:, None] / parts
+    of_whole = _legendre(start + NODES / parts) * np.array([1.0, 3.0, 5.0])
+    matrix = np.einsum("pnk,nj,n->pjk", of_whole, _legendre(NODES), WEIGHTS)
+    return jnp.tensordot(jnp.asarray(matrix, moments.dtype), moments, 1)
+
+
+def _legendre(s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """P_0, P_1 and P_2 of 2 s - 1, on the last axis."""
+    x = 2.0 * s - 1.0
+    return np.stack([np.ones_like(x), x, 1.5 * x * x - 0.5], axis=-1)
+
+
+def meal_moments(samples: int, substeps: int, step_min: float, absorption: Absorption) -> jax.Array:
+    """Moments of the meals' appearance over every step, ``(samples, substeps, 3, ...)``."""
+    starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
+    moments: jax.Array = _moments(starts, step_min, absorption)
+    return moments
+
+
+def moments_of_sample(index: jax.Array, substeps: int, step_min: float, absorption: Absorption) -> jax.Array:
+    """The same for the steps of the sample with a number, ``(substeps, 3, ...)``."""
+    starts = (index * substeps + jnp.arange(substeps)) * step_min
+    moments: jax.Array = _moments(starts[None], step_min, absorption)[0]
+    return moments
+
+
+@jax.jit
+def _moments(starts_min: jax.Array, step_min: float, absorption: Absorption) -> jax.Array:
+    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, absorption)))(starts_min)
 
 
 @pytree
@@ -111,8 +151,7 @@ class DigestionMatrices:
 @functools.partial(jax.jit, static_argnames="step_min")
 def digestion_matrices(model: MealModel, step_min: float) -> DigestionMatrices:
     """Compute the matrices of a step of a meal model."""
-    x = 2.0 * NODES - 1.0
-    legendre = np.stack([np.ones_like(x), x, 1.5 * x * x - 0.5]) * WEIGHTS
+    legendre = _legendre(NODES).T * WEIGHTS
     path = jnp.stack([model.propagator(jnp.asarray(step_min * node))[0] for node in NODES])
     return DigestionMatrices(
         moments=jnp.tensordot(jnp.asarray(legendre), path, 1), transition=model.propagator(jnp.asarray(step_min))

@@ -1,6 +1,7 @@
 """Virtual patients, by family."""
 
 from glucoloop.patients.model import PatientModel, patient
+from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.population import (
     Draw,
     Population,
@@ -18,6 +19,7 @@ __all__ = [
     "OPERATING_POINTS",
     "Draw",
     "Inputs",
+    "OdePatient",
     "Patient",
     "PatientModel",
     "Population",

@@ -56,14 +56,15 @@ def seen_mg_dl(patient: Patient, x: jax.Array, site: str | None) -> jax.Array:
 def process_noise(patient: Patient, glucose: float, other: float, glucagon: float) -> npt.NDArray[np.float64]:
     """Diagonal of Q `(states,)` of a filter, from variances per sample of three kinds of states.
 
-    By default all states have the variance of glucose.
+    By default each state has the variance of glucose in proportion to the squares of both at rest, whatever its unit.
     """
     of_patient = getattr(patient, "process_noise", None)
     if of_patient is not None:
         diagonal: npt.NDArray[np.float64] = of_patient(glucose, other, glucagon)
         return diagonal
-    states = np.shape(patient.steady_state(patient.basal_insulin_mU_min))[0]
-    return np.full(states, glucose)
+    x = patient.steady_state(patient.basal_insulin_mU_min)
+    share: npt.NDArray[np.float64] = np.asarray(x / patient.glucose_mg_dl(x), float)
+    return glucose * share**2
 
 
 def rest_at(patient: Patient, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from glucoloop.arguments import checked
 from glucoloop.parts.code import loaded
 from glucoloop.parts.patients import patient_entry
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
 
@@ -37,9 +37,9 @@ def _finite(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array
 class PatientModel:
     """Model of a kind of patient, from which people are made."""
 
-    build: Callable[[Values, Any, Any], SemilinearPatient]
+    build: Callable[[Values, Any, Any], Patient]
     """The patient, or the people, of some values, a basal rate and a setpoint, nominal otherwise. JAX traces it."""
-    operating_points: Mapping[str, Callable[[], SemilinearPatient]]
+    operating_points: Mapping[str, Callable[[], Patient]]
     """Function that makes the nominal patient there, for each operating point of the entry."""
     nominal: Mapping[str, float] = field(default_factory=dict)
     """All parameters that can vary, with the nominal patient's value."""
@@ -78,7 +78,7 @@ def patient_model(name: str) -> PatientModel:
 
 
 @checked
-def patient(name: str = "parker-1999", operating_point: str | None = None) -> SemilinearPatient:
+def patient(name: str = "parker-1999", operating_point: str | None = None) -> Patient:
     """A nominal patient at an operating point.
 
     Parameters

@@ -21,7 +21,7 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.parts.patients import NOMINAL
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient, patient_model
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.patients.variation import Distribution, Values, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people, uniforms
@@ -118,7 +118,7 @@ class VirtualPeople:
     name: str
     """Name of the nominal patient."""
     draw: Draw
-    patient: SemilinearPatient
+    patient: Patient
     """Constants with people trailing where they vary; basal rate and setpoint ``(n,)``. All float64."""
     basal_insulin_mU_min: Values
     """``(n,)`` basal rate; NaN where no rate holds the setpoint with glucose above zero everywhere."""
@@ -139,9 +139,9 @@ class VirtualPeople:
         )
 
 
-def of_people(patient: SemilinearPatient, place: Any) -> SemilinearPatient:
+def of_people(patient: Patient, place: Any) -> Patient:
     """Constants of people at the given places, or of one person; shared constants are unchanged."""
-    some: SemilinearPatient = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, patient)
+    some: Patient = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, patient)
     return some
 
 

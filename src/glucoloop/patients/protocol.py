@@ -43,7 +43,7 @@ class Patient(Protocol):
         """Infusion in mU/min that holds a glucose; raises if none does."""
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
-        """Rate of change of the state, per minute."""
+        """Rate of change of the state, per minute, at a time of day in minutes after the midnight before the start."""
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Concentration of the glucose that is to be controlled."""

@@ -3,12 +3,14 @@
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.closed_loop import Trace, simulate, usual_limits
 from glucoloop.simulation.experiment import excite, fit_step, identify, validate_on
+from glucoloop.simulation.explicit import Explicit
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.internal_model import linear_model, nonlinear_model
 from glucoloop.simulation.stepper import Stepper
 
 __all__ = [
     "Adaptive",
+    "Explicit",
     "Exponential",
     "Stepper",
     "Trace",

@@ -14,7 +14,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.meals.absorption import Absorption, appearance_mg_min
 from glucoloop.patients.protocol import Inputs, Patient
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.plant import Exogenous, SampleGrid
 
 
 @pytree
@@ -24,16 +24,19 @@ class AdaptivePlant:
     patient: Patient
     absorption: Absorption
     inside_min: jax.Array
+    clock_min: jax.Array | float
+    """Time of day at the start, after midnight."""
     tolerance: float = static()
 
-    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """State after the sample that begins at the time `exogenous`, and glucose on the fine grid inside it."""
-        start = exogenous
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
+        """State after one sample, and glucose on the fine grid inside it."""
+        start = exogenous.t_min
         end = start + self.inside_min[-1]
 
         def rates(t: Any, x: jax.Array, _: Any) -> jax.Array:
             meal = appearance_mg_min(t, self.absorption)
-            return self.patient.derivative(t, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal))
+            inputs = Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal)
+            return self.patient.derivative(self.clock_min + t, x, inputs)
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rates),
@@ -74,15 +77,19 @@ class Adaptive:
 
     tolerance: float = 1e-9
 
-    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[AdaptivePlant, jax.Array]:
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[AdaptivePlant, Exogenous]:
         """The patient and the meals that it absorbs, and the time at which each sample begins."""
         plant = AdaptivePlant(
-            patient=patient, absorption=absorption, inside_min=jnp.asarray(grid.inside_min), tolerance=self.tolerance
+            patient=patient,
+            absorption=absorption,
+            inside_min=jnp.asarray(grid.inside_min),
+            clock_min=grid.start_min,
+            tolerance=self.tolerance,
         )
-        return plant, jnp.asarray(grid.t_min)
+        return plant, Exogenous(t_min=jnp.asarray(grid.t_min))
 
     def at_sample(
         self, plant: AdaptivePlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[AdaptivePlant, jax.Array]:
+    ) -> tuple[AdaptivePlant, Exogenous]:
         """The plant with these meals, and the time at which the sample with a number begins."""
-        return dataclasses.replace(plant, absorption=absorption), index * grid.sample_time_min
+        return dataclasses.replace(plant, absorption=absorption), Exogenous(t_min=index * grid.sample_time_min)

@@ -16,14 +16,13 @@ from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_ke
 from glucoloop.control.protocol import Controller, Observation, Status, gives_boluses
 from glucoloop.meals.scenario import Scenario, announced_g
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
-from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.adaptive import Adaptive
-from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
-from glucoloop.simulation.parts import Fixed, apart, follows_the_clock, sample_time_of, wrong_with
+from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.simulation.plant import Integrator, SampleGrid
 from glucoloop.units import MIN_PER_DAY
 
@@ -233,8 +232,8 @@ def usual_limits(patient: Patient) -> DoseLimits:
     )
 
 
-def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
-    """Samples of a run, whose horizon has to be a whole number of them."""
+def sample_grid(horizon_min: float, sample_time_min: float, start_min: float | None = None) -> SampleGrid:
+    """Samples of a run from a time of day, midnight by default; the horizon has to be a whole number of them."""
     samples = round(horizon_min / sample_time_min)
     if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
         nearest = max(1, samples) * sample_time_min
@@ -242,13 +241,7 @@ def sample_grid(horizon_min: float, sample_time_min: float) -> SampleGrid:
             f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
             f"{nearest:g} min would be"
         )
-    return SampleGrid(sample_time_min=sample_time_min, samples=samples)
-
-
-def default_integrator(patient: Patient) -> Integrator:
-    """The fast integrator if the patient's structure allows it and the clock plays no part, otherwise the adaptive."""
-    fast = isinstance(patient, SemilinearPatient) and not follows_the_clock(patient)
-    return Exponential() if fast else Adaptive()
+    return SampleGrid(sample_time_min=sample_time_min, samples=samples, start_min=start_min or 0.0)
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
@@ -289,8 +282,8 @@ def simulate(
     key : JAX key or int
         Source of all randomness: the same key gives the same trace.
     integrator : Integrator, optional
-        Integrator; by default `Exponential` if the patient allows it, else `Adaptive`, as for one whose constants
-        follow the clock.
+        Integrator; by default `Exponential` if the patient has the parts for it, else `Explicit`, as for one whose
+        constants follow the clock.
 
     Raises
     ------
@@ -304,7 +297,7 @@ def simulate(
     integrator = default_integrator(patient) if integrator is None else integrator
     key = random_key(key)
 
-    grid = sample_grid(scenario.horizon_min, sample_time_of(controller))
+    grid = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min)
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
     start = start_of(patient, scenario)
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)

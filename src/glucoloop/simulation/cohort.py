@@ -1,15 +1,14 @@
 """Closed loop of many people at once: the same loop, sample by sample, for all of them.
 
 Values that differ between people (constants of the patient, meals, random keys, individual controllers) have a trailing
-axis; shared values are part of the program. `people_plant` integrates, with two steps per sample, and `engines` runs
-the loop.
+axis; shared values are part of the program. `people_plant` integrates, and `engines` runs the loop.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -19,26 +18,23 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller
-from glucoloop.meals.absorption import MOMENTS, absorb, digest, digestion_matrices, jump_table
+from glucoloop.meals.absorption import MOMENTS, absorb, digest, digestion_matrices, jump_table, meal_moments
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
-from glucoloop.simulation.exponential import meal_moments, substeps_for
+from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
-from glucoloop.simulation.people_plant import PeoplePlant, chosen, replaced, varying
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.plant import Exogenous, SampleGrid
+from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
-
-PER_NOMINAL: Final = 2
-"""Steps of the people's integrator for each that the nominal patient needs; see `people_plant`."""
 
 
 @pytree
@@ -63,7 +59,7 @@ class Fold(Protocol):
 class People:
     """Some people at the start of a run; people trail."""
 
-    patient: SemilinearPatient
+    patient: Patient
     x: Array
     """(states, people) states at rest."""
     insulin_mU_min: Array
@@ -131,14 +127,14 @@ class Cohort:
     are those of all people, ``(meals,)``, or None if each has individual meals; with `own_announcements` what is
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
-    given. For engine, precision and products see `make_engine`. By default the integrator makes twice as many substeps
-    as `substeps_for` gives one patient. With `record_decisions` a run returns readings and statuses too.
+    given. For engine, precision and products see `make_engine`. By default the integrator makes the steps
+    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too.
     """
 
     def __init__(
         self,
-        nominal: SemilinearPatient,
-        varied: SemilinearPatient,
+        nominal: Patient,
+        varied: Patient,
         controller: Controller,
         sensor: Sensor,
         pump: Pump,
@@ -162,10 +158,10 @@ class Cohort:
     ) -> None:
         self._records_decisions = record_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
-        if substeps is None:
-            substeps = PER_NOMINAL * substeps_for(grid.sample_time_min)
-        self._substeps, self._meals, self._instead = substeps, meals, meal_model
-        self._plants = PeoplePlant(nominal, varied, grid, substeps, products)
+        grid = dataclasses.replace(grid, start_min=start_min or 0.0)
+        self._meals, self._instead = meals, meal_model
+        self._plants = plants_of_people(nominal, varied, grid, substeps, products)
+        self._substeps = self._plants.substeps
         self._single = Loop(
             plant=self._plants.single,
             controller=controller,
@@ -271,7 +267,8 @@ class Cohort:
             (reaching if self._individual_announcements else shared)["told"] if self._announced else jnp.zeros(())
         )
         (key, index), time = rng, shared.get("time_of_day_min")
-        state, happened = sample(self._loop(person), carry.loop, moments, announced, key, index, time)
+        outside = Exogenous(t_min=shared["t_min"], moments=moments)
+        state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
             fold = self._fold.step(carry.fold, inside, shared["t_min"])
@@ -320,7 +317,7 @@ class Cohort:
             pump=part("pump"),
         )
 
-    def _gut(self, patient: SemilinearPatient) -> MealModel:
+    def _gut(self, patient: Patient) -> MealModel:
         return meal_model_of(patient, self._instead)
 
     @property

@@ -28,13 +28,14 @@ from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.capabilities import insulin_route, seen_mg_dl
-from glucoloop.patients.protocol import Patient, SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
-from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.internal_model import linear_model
+from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
 
 LARGEST_PULSE_MU_MIN: Final = 22.33
@@ -114,7 +115,8 @@ def excite(
         worst = rates[~(np.isfinite(rates) & (rates >= 0.0))].flat[0]
         raise Refusal(f"an infusion of {worst:g} mU/min cannot be delivered; give finite rates of 0 or more")
     if integrator is None:
-        integrator = Exponential(substeps=8, near_rest=True) if isinstance(patient, SemilinearPatient) else Adaptive()
+        fast = goes_fast(patient)
+        integrator = Exponential(substeps=8, near_rest=True) if fast else default_integrator(patient)
     key = random_key(key)
     grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)
     plant, exogenous = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)

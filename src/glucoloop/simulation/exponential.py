@@ -30,11 +30,11 @@ import scipy.linalg
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.meals.absorption import Absorption, appearance_moments
+from glucoloop.meals.absorption import Absorption, at_start_middle_end, meal_moments, moments_of_sample
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.parts import Content, compiled_by_class, refuse_two_patients
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.plant import Exogenous, SampleGrid
 
 Matrix = npt.NDArray[np.float64]
 
@@ -48,7 +48,6 @@ def _legendre(x: Matrix) -> Matrix:
 
 
 # A quadratic over the step is carried by its values at the start, the middle and the end.
-_FROM_MOMENTS: Final = _legendre(np.array([-1.0, 0.0, 1.0])) * np.array([1.0, 3.0, 5.0])
 _FROM_GAUSS: Final = _legendre(np.array([-1.0, 0.0, 1.0])) @ np.linalg.inv(_legendre(_GAUSS_NODES))
 _PROJECT_ON_GAUSS: Final = (
     _legendre(_GAUSS_NODES) * np.array([1.0, 3.0, 5.0]) @ (_legendre(_FINE_NODES) * _FINE_WEIGHTS[:, None] / 2.0).T
@@ -168,18 +167,18 @@ def step(
     dense: jax.Array,
     x: jax.Array,
     insulin_mU_min: jax.Array,
-    meal_moments: jax.Array,
+    moments: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Advance the state ``(states, ...)`` by one step, and read glucose at the moments inside it, ``(times, ...)``.
 
-    `dense` are the rows ``(times, 4, n)`` that read glucose inside the step, and `meal_moments` the Legendre moments of
+    `dense` are the rows ``(times, 4, n)`` that read glucose inside the step, and `moments` the Legendre moments of
     the meal's appearance, ``(3, ...)`` [mg/min]. The infusion is held over the step.
     """
     y, z = patient.split(x)
     drive = jnp.concatenate([z, insulin_mU_min[None]])
     path = jnp.stack([patient.effects(at_node @ drive) for at_node in matrices.driven_gauss])
     effects_0, effects_m, effects_1 = jnp.tensordot(jnp.asarray(_FROM_GAUSS, path.dtype), path, 1)
-    meal_0, meal_m, meal_1 = jnp.tensordot(jnp.asarray(_FROM_MOMENTS, path.dtype), meal_moments, 1)
+    meal_0, meal_m, meal_1 = at_start_middle_end(moments)
 
     def source(y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
         rest = patient.kinetics(y, effects, meal_mg_min) - matrices.beyond_transport @ y
@@ -206,17 +205,18 @@ class ExponentialPlant:
     patient: SemilinearPatient
     matrices: Matrices
 
-    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        dense = self.matrices.dense
+        dense, moments = self.matrices.dense, exogenous.moments
+        assert moments is not None
         if dense.shape[0] == 1:
-            return step(self.patient, self.matrices, dense[0], x, insulin_mU_min, exogenous[0])
+            return step(self.patient, self.matrices, dense[0], x, insulin_mU_min, moments[0])
 
         def substep(x: jax.Array, entry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
             rows, moments = entry
             return step(self.patient, self.matrices, rows, x, insulin_mU_min, moments)
 
-        x, inside = jax.lax.scan(substep, x, (dense, exogenous))
+        x, inside = jax.lax.scan(substep, x, (dense, moments))
         return x, inside.reshape(-1, *inside.shape[2:])[self.matrices.wanted]
 
 
@@ -277,8 +277,8 @@ class Exponential:
         """Steps that this integrator makes in each sample of a grid."""
         return substeps_for(grid.sample_time_min, self.accuracy_mg_dl) if self.substeps is None else self.substeps
 
-    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[ExponentialPlant, jax.Array]:
-        """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)`.
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[ExponentialPlant, Exogenous]:
+        """Matrices for the patient, and the meal's moments `(samples, substeps, 3, ...)` with the times of samples.
 
         Raises
         ------
@@ -288,7 +288,7 @@ class Exponential:
             For a patient whose derivative is not what its parts make, such as one that follows the clock.
         """
         if not isinstance(patient, SemilinearPatient):
-            raise TypeError(f"{type(patient).__name__} has no linear driven block; use the adaptive integrator for it")
+            raise TypeError(f"{type(patient).__name__} has no linear driven block; use Explicit() or Adaptive() for it")
         if is_traced(patient):
             raise ArgumentTypeError(
                 "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
@@ -301,25 +301,13 @@ class Exponential:
             state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
             matrices = design(patient, h, dense, state)
         plant = ExponentialPlant(patient=patient, matrices=matrices)
-        return plant, meal_moments(grid.samples, substeps, h, absorption)
+        moments = meal_moments(grid.samples, substeps, h, absorption)
+        return plant, Exogenous(t_min=jnp.asarray(grid.t_min), moments=moments)
 
     def at_sample(
         self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[ExponentialPlant, jax.Array]:
-        """The same plant, and the meals' moments ``(substeps, 3)`` of the sample with the given number."""
+    ) -> tuple[ExponentialPlant, Exogenous]:
+        """The same plant, and the meals' moments ``(substeps, 3)`` and the time of the sample with the given number."""
         substeps = self.steps_of(grid)
-        h = grid.sample_time_min / substeps
-        starts = (index * substeps + jnp.arange(substeps)) * h
-        return plant, _moments(starts[None], h, absorption)[0]
-
-
-def meal_moments(samples: int, substeps: int, step_min: float, absorption: Absorption) -> jax.Array:
-    """Moments of the meals' appearance over every step, ``(samples, substeps, 3, ...)``."""
-    starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
-    moments: jax.Array = _moments(starts, step_min, absorption)
-    return moments
-
-
-@jax.jit
-def _moments(starts_min: jax.Array, step_min: float, absorption: Absorption) -> jax.Array:
-    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, absorption)))(starts_min)
+        moments = moments_of_sample(index, substeps, grid.sample_time_min / substeps, absorption)
+        return plant, Exogenous(t_min=index * grid.sample_time_min, moments=moments)

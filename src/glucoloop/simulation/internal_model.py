@@ -10,13 +10,16 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting, meal_model_of
+from glucoloop.meals.absorption import moments_of_parts
 from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.exponential import Exponential, ExponentialPlant
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.explicit import Explicit
+from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.parts import goes_fast
+from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
 
 
 @functools.partial(jax.jit, static_argnames=("sample_time_min", "sensor_lag_min"))
@@ -88,10 +91,12 @@ def _at_rest(patient: Patient, setpoint_mg_dl: float | None) -> tuple[jax.Array,
 class InternalModel:
     """Internal model of a patient for a controller; implements `models.nonlinear.FedModel`."""
 
-    plant: ExponentialPlant
+    plant: Plant
     state: jax.Array
     insulin_mU_min: jax.Array
     sample_time_min: float = static()
+    steps: int = static(default=1)
+    """Steps of the integrator in a sample."""
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the patient's state without a meal."""
@@ -99,13 +104,13 @@ class InternalModel:
         return self.plant.patient.derivative(none, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=none))
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-        """State after one sample by the exponential integrator, without a meal."""
-        no_meal = jnp.zeros((1, 3, *jnp.shape(insulin_mU_min)))
-        return self.plant.advance(x, insulin_mU_min, no_meal)[0]
+        """State after one sample, without a meal."""
+        return self.advance_fed(x, insulin_mU_min, jnp.zeros((3, *jnp.shape(insulin_mU_min))))
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
-        """State after one sample by the exponential integrator, with the appearance of a meal."""
-        return self.plant.advance(x, insulin_mU_min, appearance_mg_min[None])[0]
+        """State after one sample, with the appearance of a meal."""
+        moments = moments_of_parts(appearance_mg_min, self.steps) if self.steps > 1 else appearance_mg_min[None]
+        return self.plant.advance(x, insulin_mU_min, Exogenous(t_min=jnp.zeros(()), moments=moments))[0]
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state by the patient's equations."""
@@ -126,13 +131,18 @@ def nonlinear_model(
 
     Raises
     ------
-    TypeError
-        For a patient whom the exponential integrator cannot carry.
     ValueError
         For a sample time that is not positive, or a setpoint that no infusion holds.
     """
-    plant, _ = Exponential(substeps=1, near_rest=True).prepare(
-        patient, fasting(meal_model_of(patient)), SampleGrid(sample_time_min=sample_time_min, samples=1)
-    )
+    integrator = Exponential(substeps=1, near_rest=True) if goes_fast(patient) else Explicit()
+    grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
+    plant, outside = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)
+    assert outside.moments is not None
     insulin, state = _at_rest(patient, setpoint_mg_dl)
-    return InternalModel(plant=plant, state=state, insulin_mU_min=insulin, sample_time_min=sample_time_min)
+    return InternalModel(
+        plant=plant,
+        state=state,
+        insulin_mU_min=insulin,
+        sample_time_min=sample_time_min,
+        steps=outside.moments.shape[1],
+    )

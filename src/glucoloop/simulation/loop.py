@@ -20,7 +20,7 @@ from glucoloop.pumps import Delivery, Pump
 from glucoloop.pumps.protocol import deliver
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.protocol import site_of
-from glucoloop.simulation.plant import Plant
+from glucoloop.simulation.plant import Exogenous, Plant
 
 # Far from the numbers of samples, by which readings get their keys, so that the pump's draws are not the sensor's.
 _PUMP: Final = 0x50554D50
@@ -145,7 +145,7 @@ def begin(
 def sample(
     loop: Loop,
     state: LoopState,
-    exogenous: Any,
+    exogenous: Exogenous,
     announced_g: jax.Array,
     reading_key: jax.Array,
     index: jax.Array,

@@ -175,6 +175,7 @@ def refuse_two_patients(patient: SemilinearPatient) -> None:
     if found is None or not found[0]:
         return
     _, clock, message = found
+    mend = "Leave the integrator out, or take Explicit() or Adaptive()" if clock else "Make both forms the same"
     because = (
         "its derivative follows the time, of which transport, kinetics and driven_derivative are not told"
         if clock
@@ -182,15 +183,16 @@ def refuse_two_patients(patient: SemilinearPatient) -> None:
     )
     raise Refusal(
         f"{type(patient).__name__} is another patient for the fast integrator and for native code than for the "
-        f"adaptive one: {because}. {message}. Simulate one person with the adaptive integrator (--integrator adaptive, "
-        "or integrator=Adaptive()), or make both forms the same"
+        f"adaptive one: {because}. {message}. {mend}"
     )
 
 
-def follows_the_clock(patient: Patient) -> bool:
-    """Whether the fast integrator would lose what a patient's derivative makes of the time."""
-    found = _compared(patient) if isinstance(patient, SemilinearPatient) else None
-    return found is not None and found[0] and found[1]
+def goes_fast(patient: Patient) -> bool:
+    """Whether a patient has the parts of the exponential integrator, and its derivative makes nothing of the time."""
+    if not isinstance(patient, SemilinearPatient):
+        return False
+    found = _compared(patient)
+    return found is None or not (found[0] and found[1])
 
 
 def _compared(patient: SemilinearPatient) -> tuple[bool, bool, str] | None:

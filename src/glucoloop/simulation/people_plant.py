@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -19,9 +19,13 @@ from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
-from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_of
+from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_for, substeps_of
 from glucoloop.simulation.parts import compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.varying import chosen, replaced, varying
+
+PER_NOMINAL: Final = 2
+"""Steps of the people's exponential integrator for each that the nominal patient needs."""
 
 
 class PeoplePlant:
@@ -36,12 +40,13 @@ class PeoplePlant:
         nominal: SemilinearPatient,
         varied: SemilinearPatient,
         grid: SampleGrid,
-        substeps: int,
+        substeps: int | None = None,
         products: str = FUSED,
     ) -> None:
         refuse_two_patients(nominal)
         self._products = products
-        self.step_min, dense = substeps_of(grid, substeps)
+        self.substeps = PER_NOMINAL * substeps_for(grid.sample_time_min) if substeps is None else substeps
+        self.step_min, dense = substeps_of(grid, self.substeps)
         matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
         patient_varies = varying(varied, nominal)
         y, z = nominal.split(nominal.working_state())
@@ -116,24 +121,6 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
                 "cannot be read between samples; write the patient's slow block as concentrations"
             )
     return jnp.asarray(probe)
-
-
-def varying(many: Any, one: Any) -> list[bool]:
-    """Whether each leaf has one number per person."""
-    leaves = zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True)
-    return [jnp.ndim(a) > jnp.ndim(b) for a, b in leaves]
-
-
-def chosen(tree: Any, varies: Sequence[bool]) -> list[jax.Array]:
-    """Leaves that vary between people."""
-    return [jnp.asarray(leaf) for leaf, differs in zip(jax.tree.leaves(tree), varies, strict=True) if differs]
-
-
-def replaced(tree: Any, varies: Sequence[bool], values: Sequence[Any]) -> Any:
-    """A tree with other leaves where they vary."""
-    leaves, structure = jax.tree.flatten(tree)
-    new = iter(values)
-    return jax.tree.unflatten(structure, [next(new) if v else leaf for leaf, v in zip(leaves, varies, strict=True)])
 
 
 def _depends(function: Callable[[Any], jax.Array], single: Any, varies: Sequence[bool]) -> bool:

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._pytree import pytree
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.absorption import Absorption
 from glucoloop.patients.protocol import Patient
@@ -20,6 +21,8 @@ class SampleGrid:
 
     sample_time_min: float
     samples: int
+    start_min: float = 0.0
+    """Time of day at the start, in minutes after midnight."""
 
     def __post_init__(self) -> None:
         check_sample_time(self.sample_time_min)
@@ -41,6 +44,16 @@ class SampleGrid:
         return np.concatenate([[0.0], (self.t_min[:, None] + self.inside_min).ravel()])
 
 
+@pytree
+class Exogenous:
+    """What reaches a patient in one sample besides insulin; in several with an axis of samples first."""
+
+    t_min: jax.Array
+    """Time since the start, at the sample."""
+    moments: jax.Array | None = None
+    """(steps, 3, ...) Legendre moments of the appearance of meals in each step; None where the plant has the meals."""
+
+
 class Plant(Protocol):
     """A patient prepared to be advanced by whole samples; a pytree."""
 
@@ -48,19 +61,21 @@ class Plant(Protocol):
     def patient(self) -> Patient:
         """Patient that the plant advances."""
 
-    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Any) -> tuple[jax.Array, jax.Array]:
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
 
 
 class Integrator(Protocol):
     """Protocol of an integrator, which makes a plant from a patient."""
 
-    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[Plant, Any]:
+    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[Plant, Exogenous]:
         """The plant, and its exogenous inputs with one entry per sample on the leading axis."""
 
 
 class SteppingIntegrator(Integrator, Protocol):
     """An integrator that can also advance sample by sample, with meals that become known on the way."""
 
-    def at_sample(self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array) -> tuple[Any, Any]:
+    def at_sample(
+        self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
+    ) -> tuple[Any, Exogenous]:
         """The plant with other meals than it was prepared for, and its exogenous inputs of one sample; traceable."""

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.patients.capabilities import seen_mg_dl
-from glucoloop.patients.protocol import SemilinearPatient
+from glucoloop.patients.protocol import Patient
 from glucoloop.sensors import Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.engines import make_engine
-from glucoloop.simulation.people_plant import PeoplePlant
-from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.integrators import plants_of_people
+from glucoloop.simulation.plant import Exogenous, SampleGrid
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,15 +26,11 @@ SUBSTEPS: Final = 8
 class PulseExperiment:
     """Readings of fasting people at rest who get a sequence of infusion rates; the patients are as for `Cohort`."""
 
-    def __init__(
-        self, nominal: SemilinearPatient, varied: SemilinearPatient, sensor: Sensor, *, sample_time_min: float
-    ) -> None:
+    def __init__(self, nominal: Patient, varied: Patient, sensor: Sensor, *, sample_time_min: float) -> None:
         grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
-        self._plants, self._sensor, self._fasting = (
-            PeoplePlant(nominal, varied, grid, SUBSTEPS),
-            sensor,
-            jnp.zeros((SUBSTEPS, 3)),
-        )
+        self._plants, self._sensor = plants_of_people(nominal, varied, grid, SUBSTEPS), sensor
+        self._sample_time_min = sample_time_min
+        self._fasting = jnp.zeros((self._plants.substeps, 3))
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, 0), out_axes=(-1, 0)))
         x = nominal.steady_state(nominal.basal_insulin_mU_min)
         carry, key = self._begin(x, jax.random.key(0))
@@ -55,14 +51,13 @@ class PulseExperiment:
         return (x, self._sensor.init(glucose, sensor_key)), reading_key
 
     def _step(self, values: Any, carry: Any, insulin: Any, shared: Any, rng: Any) -> tuple[Any, jax.Array]:
-        del shared
         plant, (x, in_sensor), (key, index) = self._plants.of(values), carry, rng
         glucose = seen_mg_dl(plant.patient, x, site_of(self._sensor))
         in_sensor, reading = self._sensor.read(in_sensor, glucose, jax.random.fold_in(key, index))
-        x, _ = plant.advance(x, insulin, self._fasting)
+        x, _ = plant.advance(x, insulin, Exogenous(t_min=shared, moments=self._fasting))
         return (x, in_sensor), jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
 
-    def run(self, patient: SemilinearPatient, x: Floats, insulin_mU_min: Floats, key: jax.Array) -> Floats:
+    def run(self, patient: Patient, x: Floats, insulin_mU_min: Floats, key: jax.Array) -> Floats:
         """Readings ``(samples + 1, people)``, as `excite` gives them for one person.
 
         The people rest in the states `x`, ``(states, people)``; each rate ``(samples, people)`` is held over one
@@ -70,5 +65,6 @@ class PulseExperiment:
         """
         carry, keys = self._begin_people(jnp.asarray(x), key)
         rates = np.concatenate([insulin_mU_min, insulin_mU_min[-1:]])  # what follows the last reading is not looked at
-        _, readings = self._engine.run(self._plants.values_of(patient), carry, rates, np.zeros(rates.shape[0]), keys)
+        times = self._sample_time_min * np.arange(rates.shape[0])
+        _, readings = self._engine.run(self._plants.values_of(patient), carry, rates, times, keys)
         return np.asarray(readings, np.float64)

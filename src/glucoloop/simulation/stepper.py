@@ -26,13 +26,13 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import (
     Trace,
-    default_integrator,
     on_the_grid,
     sample_grid,
     start_of,
     trace_of,
     usual_limits,
 )
+from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
@@ -174,7 +174,7 @@ class Stepper:
         meal_model: MealModel | None = None,
         start_min: float | None = None,
     ) -> None:
-        self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
+        self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=start_min or 0.0)
         self._integrator = default_integrator(patient) if integrator is None else integrator
         fasting = Scenario(
             (),

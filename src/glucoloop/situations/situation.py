@@ -37,7 +37,7 @@ from glucoloop.situations.request import read_root
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel
-    from glucoloop.patients import SemilinearPatient
+    from glucoloop.patients import Patient
     from glucoloop.pumps import BolusLimits, DoseLimits
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
@@ -279,7 +279,7 @@ class Situation(Part):
         return Situation(**{**same, "sensor": quiet})
 
     @property
-    def nominal(self) -> SemilinearPatient:
+    def nominal(self) -> Patient:
         """The nominal patient at the operating point."""
         return _nominal(self.patient.called, self.patient.rests_at)
 
@@ -315,7 +315,7 @@ class Situation(Part):
 
 
 @functools.cache
-def _nominal(name: str, operating_point: str) -> SemilinearPatient:
+def _nominal(name: str, operating_point: str) -> Patient:
     from glucoloop.patients import patient
 
     return patient(name, operating_point)

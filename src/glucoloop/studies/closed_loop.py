@@ -18,7 +18,8 @@ from glucoloop.parts.models import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
-from glucoloop.simulation import Adaptive, Exponential, Trace
+from glucoloop.simulation import Adaptive, Trace
+from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import SteppingIntegrator
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run
@@ -153,7 +154,7 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
 
 def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    return Exponential() if run.integrator == "fast" else Adaptive()
+    return default_integrator(run.nominal) if run.integrator == "fast" else Adaptive()
 
 
 def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Iterator[str]:

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
@@ -177,7 +177,7 @@ def study(
     """
     noisy = {run for run in experiments if isinstance(run, tuple)}
     situation = usual_situation(operating_point=operating_point)
-    person = situation.nominal
+    person = cast(SemilinearPatient, situation.nominal)
     # Records and loops draw from different keys.
     record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
 

@@ -27,13 +27,13 @@ from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.setting import known_names
-from glucoloop.patients import SemilinearPatient
+from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, decimals
 from glucoloop.report.descriptions import engine_facts
-from glucoloop.simulation.people_plant import varying
+from glucoloop.simulation.varying import varying
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
@@ -54,7 +54,7 @@ _PROBES: Final = (0.0, 0.37, 1.0)
 class Subjects:
     """Subjects at the start of a run, who trail: people first, then the nominal patient."""
 
-    patient: SemilinearPatient
+    patient: Patient
     rest: npt.NDArray[np.float64]
     """(states, subjects) states at rest."""
     basal_insulin_mU_min: npt.NDArray[np.float64]

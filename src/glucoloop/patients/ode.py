@@ -1,0 +1,227 @@
+"""A patient given by nothing but its equations: constants, a derivative, its glucose, and roughly a state at rest.
+
+Where it rests is found by Newton's method on the derivative. Equations that stop at zero (an amount that cannot become
+negative) have spurious states at rest beyond it; a state that is positive at the rough state is kept positive.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.patients.model import PatientModel, Values
+from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
+
+_MOST_STEPS: Final = 100
+_FOUND: Final = 1e-9
+"""Largest last change of a state at rest, as a share of the state's size."""
+_KEPT: Final = 0.1
+"""Least share of a positive state that a step leaves."""
+
+
+class OdePatient(RestingPatient[dict[str, Any]]):
+    """Base of a patient of somebody's own.
+
+    A subclass is a frozen record that JAX can trace, and declares
+
+    - ``nominal``, the constants by name, which ``derivative`` finds in ``self.parameters``: numbers, or arrays
+      ``(people,)`` of those that vary;
+    - ``near_rest``, a state near the one at rest ``(states,)``, and ``near_basal_mU_min``, the rate that goes with it;
+    - ``derivative(t_min, x, inputs)``, the rate of change of the state ``(states, ...)`` per minute at a time of day;
+    - ``glucose_mg_dl(x)``, the glucose that is controlled;
+
+    and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
+    rest with the clock at midnight.
+
+    Examples
+    --------
+    Bergman's minimal model, insulin into a vein:
+
+    >>> import glucoloop as gl
+    >>> import jax.numpy as jnp
+    >>> class Bergman(gl.patients.OdePatient):
+    ...     nominal = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "basal_glucose": 150.0}
+    ...     near_rest = (90.0, 0.015, 25.0)
+    ...     near_basal_mU_min = 27.0
+    ...
+    ...     def derivative(self, t_min, x, inputs):
+    ...         c, (glucose, effect, insulin) = self.parameters, x
+    ...         return jnp.stack([
+    ...             c["p_1"] * (c["basal_glucose"] - glucose) - effect * glucose + inputs.meal_mg_min / 120.0,
+    ...             -c["p_2"] * effect + c["p_3"] * insulin,
+    ...             inputs.insulin_mU_min / 12.0 - c["n"] * insulin,
+    ...         ])
+    ...
+    ...     def glucose_mg_dl(self, x):
+    ...         return x[0]
+    >>> person = Bergman.resting_at(90.0)
+    >>> round(float(person.basal_insulin_mU_min), 3)
+    27.692
+    """
+
+    nominal: ClassVar[Mapping[str, float]]
+    near_rest: ClassVar[tuple[float, ...]]
+    near_basal_mU_min: ClassVar[float]
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        pytree(cls)
+        cls.rest = Rest(
+            under=functools.partial(_under, cls),
+            holding=lambda p, glucose_mg_dl: _holding(cls, p, glucose_mg_dl)[0],
+            glucose_mg_dl=lambda p, x: cls._with(p).glucose_mg_dl(x),
+            largest_mU_min=lambda p: _holding(cls, p, jnp.asarray(_LOWEST_MG_DL))[0],
+            highest_mg_dl=lambda p: cls._with(p).glucose_mg_dl(_under(cls, p, jnp.asarray(0.0))),
+            beyond="the equations have no state at rest there",
+        )
+
+    @classmethod
+    def _with(cls, parameters: Constants) -> Any:
+        return cls(parameters=parameters, basal_insulin_mU_min=jnp.nan, setpoint_mg_dl=jnp.nan)  # type: ignore[arg-type]
+
+    @classmethod
+    def resting_at(cls, glucose_mg_dl: float, **constants: Any) -> Any:
+        """The person, or the people, held at a glucose, with constants in place of the nominal ones.
+
+        Raises
+        ------
+        ValueError
+            For a constant that the patient does not have, or a glucose that no infusion of 0 or more holds.
+        """
+        model = cls.model({})
+        for name in constants:
+            model.refuse_unknown(name)
+        return cls(**cls.rest.at_setpoint({**cls.nominal, **constants}, glucose_mg_dl))
+
+    @classmethod
+    def model(
+        cls, operating_points: Mapping[str, float], populations: Callable[[], Mapping[str, Any]] = dict
+    ) -> PatientModel:
+        """Model of this kind of patient, for its entry among the parts.
+
+        Parameters
+        ----------
+        operating_points : mapping of str to float
+            Glucose in mg/dl at which the nominal patient rests, by the name of the operating point.
+        populations : function, optional
+            Function without arguments that gives the populations by name.
+        """
+
+        def build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> Any:
+            return cls(
+                parameters={**cls.nominal, **values},
+                basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
+                setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
+            )
+
+        return PatientModel(
+            build=build,
+            operating_points={
+                name: functools.partial(cls.resting_at, glucose) for name, glucose in operating_points.items()
+            },
+            nominal=dict(cls.nominal),
+            populations=populations,
+        )
+
+    def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Rate that holds a glucose, and the state there; NaN where no rate of 0 or more does."""
+        found: tuple[jax.Array, jax.Array] = _holding(type(self), self.parameters, glucose_mg_dl)
+        return found
+
+    def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
+        """Rate of change of the state, per minute."""
+        raise NotImplementedError
+
+    def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
+        """Concentration of the glucose that is to be controlled."""
+        raise NotImplementedError
+
+
+_LOWEST_MG_DL: Final = 1.0
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> jax.Array:
+    """State at rest under a rate; NaN where none was found."""
+    shape = shape_of_people(p, insulin_mU_min)
+    insulin = jnp.broadcast_to(insulin_mU_min, shape)
+    return _root(lambda x: _rates(kind, p, x, insulin), _spread(kind.near_rest, shape))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _holding(kind: type[OdePatient], p: Constants, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Rate of 0 or more that holds a glucose, and the state there; NaN where there is none."""
+    shape, patient = shape_of_people(p, glucose_mg_dl), kind._with(p)
+
+    def residual(y: jax.Array) -> jax.Array:
+        missed = patient.glucose_mg_dl(y[:-1]) - glucose_mg_dl
+        return jnp.concatenate([_rates(kind, p, y[:-1], y[-1]), jnp.broadcast_to(missed, shape)[None]])
+
+    found = _root(residual, _spread((*kind.near_rest, kind.near_basal_mU_min), shape), free=1)
+    found = jnp.where(found[-1] >= -_FOUND * kind.near_basal_mU_min, found, jnp.nan)
+    return jnp.maximum(found[-1], 0.0), found[:-1]
+
+
+def _rates(kind: type[OdePatient], p: Constants, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    inputs = Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=jnp.zeros_like(insulin_mU_min))
+    return kind._with(p).derivative(jnp.zeros(()), x, inputs)  # type: ignore[no-any-return]
+
+
+def _spread(values: tuple[float, ...], people: tuple[int, ...]) -> jax.Array:
+    return jnp.broadcast_to(jnp.asarray(values, float).reshape(-1, *[1] * len(people)), (len(values), *people))
+
+
+def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int = 0) -> jax.Array:
+    """Zero of a function of ``(n, ...)`` numbers by Newton's method, from near it; NaN where it was not found.
+
+    What is positive there stays positive, but for the last `free` numbers.
+    """
+    positive = (near > 0.0) & (jnp.arange(near.shape[0]) < near.shape[0] - free).reshape(-1, *[1] * (near.ndim - 1))
+    units = jnp.eye(near.shape[0])
+
+    def jacobian(y: jax.Array) -> jax.Array:
+        def along(unit: jax.Array) -> jax.Array:
+            tangent = jnp.broadcast_to(unit.reshape(-1, *[1] * (y.ndim - 1)), y.shape)
+            change: jax.Array = jax.jvp(residual, (y,), (tangent,))[1]
+            return change
+
+        return jax.vmap(along, out_axes=1)(units)
+
+    def one(carry: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
+        y, _, number = carry
+        change = -_solved(jacobian(y), residual(y))
+        new = jnp.where(positive, jnp.maximum(y + change, _KEPT * y), y + change)
+        size = jnp.abs(new) + jnp.abs(near)
+        moved = jnp.abs(change) / jnp.where(size > 0.0, size, 1.0)  # the whole change: a kept state hides a miss
+        return new, jnp.max(moved, axis=0), number + 1
+
+    def goes_on(carry: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        _, moved, number = carry
+        return jnp.any(moved > 1e-14) & (number < _MOST_STEPS)
+
+    y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
+    return jnp.where(moved <= _FOUND, y, jnp.nan)
+
+
+def _solved(A: jax.Array, b: jax.Array) -> jax.Array:
+    """Solution of ``A x = b``, ``(n, n, ...)`` and ``(n, ...)``, by elimination with pivots, for all people at once.
+
+    Not LAPACK, whose batches in several threads wait for one another.
+    """
+    n = b.shape[0]
+    table = jnp.concatenate([A, b[:, None]], axis=1)
+    rows = jnp.arange(n).reshape(-1, *[1] * (b.ndim - 1))
+    for k in range(n):
+        pivot = jnp.argmax(jnp.where(rows >= k, jnp.abs(table[:, k]), -1.0), axis=0)
+        chosen = jnp.take_along_axis(table, pivot[None, None], axis=0)[0]
+        table = jnp.where((rows == pivot)[:, None], table[k][None], table)
+        chosen = chosen / chosen[k]
+        table = table - table[:, k][:, None] * chosen[None]
+        table = table.at[k].set(chosen)
+    return table[:, n]

@@ -1,0 +1,56 @@
+"""The integrator that suits a patient, for one person and for many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import jax
+
+from glucoloop.arguments import is_traced
+from glucoloop.native.targets.products import FUSED
+from glucoloop.patients.protocol import Patient
+from glucoloop.simulation.adaptive import Adaptive
+from glucoloop.simulation.explicit import Explicit, ExplicitPeople
+from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.parts import goes_fast
+from glucoloop.simulation.people_plant import PeoplePlant
+from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
+
+
+def default_integrator(patient: Patient) -> SteppingIntegrator:
+    """The exponential integrator if the patient has its parts and makes nothing of the time, otherwise the explicit.
+
+    A patient that JAX traces has no rates from which the steps of the explicit one follow, and gets the adaptive one.
+    """
+    if goes_fast(patient):
+        return Exponential()
+    return Adaptive() if is_traced(patient) else Explicit()
+
+
+class PlantsOfPeople(Protocol):
+    """Plants of people of one kind, of whom only what varies is carried."""
+
+    single: Any
+    """Plant of the nominal patient."""
+    step_min: float
+    substeps: int
+    """Steps of a sample."""
+
+    def values_of(self, patient: Any) -> list[jax.Array]:
+        """Values that differ between people, as a list of arrays with people trailing."""
+
+    def values_of_nominal(self) -> list[jax.Array]:
+        """Values of the nominal patient in the same form, as an example of one person."""
+
+    def of(self, values: Sequence[jax.Array]) -> Any:
+        """Plant of one person."""
+
+
+def plants_of_people(
+    nominal: Patient, varied: Patient, grid: SampleGrid, substeps: int | None = None, products: str = FUSED
+) -> PlantsOfPeople:
+    """Plants by the exponential integrator if the patient has the parts for it, otherwise by the explicit one."""
+    if goes_fast(nominal):
+        return PeoplePlant(nominal, varied, grid, substeps, products)  # type: ignore[arg-type]  # by goes_fast
+    return ExplicitPeople(nominal, varied, grid, substeps)
