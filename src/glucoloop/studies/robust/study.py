@@ -20,7 +20,6 @@ from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.figure import plot_robust
 from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
-from glucoloop.tuning.samplers import library
 
 
 def notes(asked: Search) -> tuple[str, ...]:
@@ -30,8 +29,7 @@ def notes(asked: Search) -> tuple[str, ...]:
     for text, (name, _) in zip(asked.at_most, asked.bounds, strict=True):
         if name not in OBJECTIVES:
             raise Refusal(f"--at-most is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
-    if asked.sampler != "random":
-        library()
+    asked.sampler.made(space=asked.space, batch=asked.batch)  # refuses a library that is missing
     return ()
 
 
