@@ -138,15 +138,13 @@ def _carry_out(arguments: Sequence[str]) -> int:
 def program() -> None:
     """The command as a process: like `main`, but an interrupted one ends at once.
 
-    A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes; and it
-    would wait for a query that was left behind and does not stop.
+    A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes.
     """
     try:
         main()
     except SystemExit as leaving:
-        queries = sys.modules.get("glucoloop.storage.trials.query")
-        if leaving.code != 130 and not (queries is not None and queries.has_unstopped_work()):
+        if leaving.code != 130:
             raise
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(leaving.code if isinstance(leaving.code, int) else 0)
+        os._exit(130)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import csv
 import itertools
-import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
+from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import fits, note, show
-from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -23,8 +22,8 @@ HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
     "Its tables are people (one row per person and controller), counts and bands (glucose and insulin over time), "
     "summary, and traces if they were kept; without a query their columns are listed. From a trial "
-    "that is not finished, the finished shards are read. Nothing is written. A query ends at Ctrl-C, or after the time "
-    "of --timeout.\n\n"
+    "that is not finished, the finished shards are read. Nothing is written. "
+    "A query ends at Ctrl-C.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
@@ -36,15 +35,15 @@ _MOST_RECORDS: Final = 20
 
 def _query(typed: Given) -> None:
     """Run the query and print the answer."""
-    folder, sql, timeout = str(typed["folder"]), typed.get("sql"), typed.get("timeout")
+    folder, sql = str(typed["folder"]), typed.get("sql")
     if typed.get("json") and typed.get("csv"):
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
-    seconds = None if timeout is None else _seconds(timeout)
     from glucoloop.storage.files import json_text
     from glucoloop.storage.trials.query import trial_tables
 
+    leave_to_the_system()
     with trial_tables(Path(folder)) as tables:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
@@ -54,7 +53,7 @@ def _query(typed: Given) -> None:
         if sql is None:
             _list(tables)
             return
-        answer = tables.query(sql, timeout_s=seconds)
+        answer = tables.query(sql)
         if typed.get("csv"):
             writer = csv.writer(sys.stdout, lineterminator="\n")
             writer.writerow(answer.columns)
@@ -63,16 +62,6 @@ def _query(typed: Given) -> None:
             print(json_text({"columns": answer.columns, "rows": [list(map(_plain, row)) for row in answer.rows]}))
         else:
             _print_table(answer)
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = number_of(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise Refusal(f"--timeout is {text!r}; give a number of seconds above 0")
-    return seconds
 
 
 def _list(tables: TrialTables) -> None:
@@ -141,9 +130,6 @@ QUERY: Final = Command(
         CommandOption("sql", "SQL", "One SELECT, PIVOT, DESCRIBE or SUMMARIZE.", metavar="SQL", required=False),
         CommandOption("json", "--json", "Print one JSON object: columns, and a list of rows."),
         CommandOption("csv", "--csv", "Print lines of comma-separated values, however many."),
-        CommandOption(
-            "timeout", "--timeout", "Longest time that the answer may take, in seconds; any by default.", metavar="S"
-        ),
     ),
     _query,
 )

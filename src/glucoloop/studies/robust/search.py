@@ -220,8 +220,8 @@ class SearchEngine:
                 if tuning_of(asked, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than "
-                        f"{asked.sampler.called} proposes now; go on with the libraries with which it was begun, or begin again with "
-                        "--overwrite"
+                        f"{asked.sampler.called} proposes now; go on with the libraries with which it was begun, or "
+                        "begin again with --overwrite"
                     )
             todo = tunings[len(held) :]
             runs = self._loop(asked.tuned).run(self.subjects, todo) if todo else ()
