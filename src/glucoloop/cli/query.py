@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import fits, note, show
+from glucoloop.cli.screen import note, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ HELP: Final = (
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
 _MOST_SHOWN: Final = 1000
-_MOST_RECORDS: Final = 20
-"""Most rows that are shown one column below the other."""
 
 
 def _query(typed: Given) -> None:
@@ -82,6 +80,8 @@ def _print_table(answer: Answer) -> None:
     from rich import box
     from rich.table import Table
 
+    from glucoloop.report.columns import FittingTable
+
     shown = list(itertools.islice(answer.rows, _MOST_SHOWN + 1))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for position, name in enumerate(answer.columns):
@@ -89,21 +89,11 @@ def _print_table(answer: Answer) -> None:
         table.add_column(name, justify="right" if numbers else "left")
     for row in shown[:_MOST_SHOWN]:
         table.add_row(*_cells(row))
-    most = _MOST_SHOWN
-    if fits(table):
-        show(table)
-    else:
-        most = _MOST_RECORDS
-        for row in shown[:most]:  # one column below the other
-            record = Table(box=None, pad_edge=False, show_header=False)
-            for name, cell in zip(answer.columns, _cells(row), strict=True):
-                record.add_row(name, cell)
-            record.add_row()
-            show(record)
-        if not shown:
-            note(["No row answers the question."])
-    if len(shown) > most:
-        note([f"The first {most} rows; --csv prints all."])
+    show(FittingTable(table))
+    if not shown:
+        note(["No row answers the question."])
+    if len(shown) > _MOST_SHOWN:
+        note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:

@@ -13,11 +13,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.expectation import expectation
-from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier
+from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier, parse_daily
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.experiments.designs import controller_of
 from glucoloop.parts.estimators import MovingHorizonSettings
-from glucoloop.parts.number_text import parse_daily
 from glucoloop.situations.situation import configured
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0
