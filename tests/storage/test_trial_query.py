@@ -26,7 +26,7 @@ def finished(tmp_path, make_trial, pretend):
     bands = tmp_path / "bands.parquet"
     pl.DataFrame({"t_min": [0.0], "q50": [81.1]}).write_parquet(bands)
     with trial_folder(tmp_path / "it's", trial) as folder:
-        run_here(folder, pretend(trial), lambda people: None)
+        run_here(folder, pretend(trial))
         folder.finish({"bands.parquet": bands.read_bytes(), "summary.json": json.dumps(SUMMARY).encode()})
     return tmp_path / "it's"
 
@@ -161,7 +161,7 @@ def test_trial_that_is_not_finished_answers_about_what_is_done(tmp_path, make_tr
     trial = make_trial()
     with trial_folder(tmp_path / "out", trial) as folder:
         for index in (0, 3):
-            folder.put(index, compute_shard(trial, index, pretend(trial), lambda: None))
+            folder.put(index, compute_shard(trial, index, pretend(trial)))
     with trial_tables(tmp_path / "out") as tables:
         assert (tables.done, tables.shards) == (2, 5)
         assert set(tables.views) == {"people", "counts"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -63,30 +62,29 @@ class Computing:
         note(engine_notes(prepared.engines))
         if not missing:
             return
-        if self.dask is not None:
-            self._compute_on_cluster(folder, self.dask)
-            return
-        from glucoloop.storage.trials.computing import run_here
+        from glucoloop.storage.trials.computing import connected, run_here, run_on_cluster
 
-        with _people_counted(folder) as done:
+        with contextlib.ExitStack() as stack:
+            client = None
+            if self.dask is not None:
+                with stage("Connecting to the cluster"):
+                    client = stack.enter_context(connected(self.dask, self.workers))
+                if not client.nthreads():
+                    note([f"No worker has come to {self.dask} yet; waiting for one."])
+            more = stack.enter_context(counted(folder.trial.people, folder.people_done(), "people"))
+
+            def done(people: int) -> None:
+                more(people / len(folder.trial.cases))  # which come once under each controller
+
+            if client is not None:
+                run_on_cluster(folder, client, done)
+                return
             run_here(
                 folder,
                 lambda label, person, traces: run_people(
                     prepared, label, person, traces=traces, threads=self.workers, done=done
                 ),
-                lambda people: None,
             )
-
-    def _compute_on_cluster(self, folder: TrialFolder, address: str) -> None:
-        from glucoloop.storage.trials.computing import connected, run_on_cluster
-
-        with contextlib.ExitStack() as stack:
-            with stage("Connecting to the cluster"):
-                client = stack.enter_context(connected(address, self.workers))
-            if not client.nthreads():
-                note([f"No worker has come to {address} yet; waiting for one."])
-            with _people_counted(folder) as done:
-                run_on_cluster(folder, client, done)
 
 
 def _begun(trial: Trial) -> str:
@@ -97,10 +95,3 @@ def _begun(trial: Trial) -> str:
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
     return f"{begun}; a decision of {' and of '.join(slow)} takes long." if slow else f"{begun}."
-
-
-@contextlib.contextmanager
-def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
-    """Show the number of finished people; the engine reports people under one controller each."""
-    with counted(folder.trial.people, folder.people_done(), "people") as more:
-        yield lambda people: more(people / len(folder.trial.cases))
