@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from glucoloop.cli.option import DASK, WORKERS, Given
 from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import note, stage
+from glucoloop.parts.setting import About, Default, declared_setting
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 
@@ -16,8 +17,9 @@ if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.trials.folder import TrialFolder
 
-_MOST_WORKERS: Final = 4096
-_DIGITS: Final = 10
+_NUMBER: Final = declared_setting(
+    WORKERS.flag, Annotated[int, About("Number of workers.", at_least=1, at_most=4096)], Default(None)
+)
 _MOST_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
 
@@ -33,12 +35,7 @@ class Computing:
     def of(cls, typed: Given) -> Computing:
         """The place that is given."""
         given, dask = typed.get(WORKERS.key), typed.get(DASK.key)
-        workers = None
-        if given is not None:
-            is_number = given.isascii() and given.isdigit() and len(given) < _DIGITS
-            workers = int(given) if is_number else 0
-            if not 1 <= workers <= _MOST_WORKERS:
-                raise Refusal(f"--workers is {given}; give a whole number from 1 to {_MOST_WORKERS}")
+        workers = None if given is None else _NUMBER.check(_NUMBER.read(given))
         if dask is not None and dask != "local" and "://" not in dask:
             raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
         if dask not in (None, "local") and workers is not None:

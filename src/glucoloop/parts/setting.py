@@ -168,7 +168,7 @@ class Setting:
         if self.kind is bool:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
-            return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) else text
+            return int(text) if re.fullmatch(r"[-+]?[0-9]{1,400}", text) else text
         found = _NUMBER.fullmatch(text) if self.kind is float else None
         if found is None:
             return text
