@@ -6,6 +6,7 @@ import csv
 import itertools
 import sys
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +17,7 @@ from glucoloop.cli.screen import note, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.storage.trials.query import Answer, TrialTables
+    from glucoloop.storage.trials.query import Answer
 
 HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
@@ -39,7 +40,7 @@ def _query(typed: Given) -> None:
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
     from glucoloop.storage.files import json_text
-    from glucoloop.storage.trials.query import trial_tables
+    from glucoloop.storage.trials.query import VIEWS, Answer, trial_tables
 
     leave_to_the_system()
     with trial_tables(Path(folder)) as tables:
@@ -48,32 +49,17 @@ def _query(typed: Given) -> None:
         if sql is None and typed.get("json"):
             print(json_text(tables.views))
             return
-        if sql is None:
-            _list(tables)
-            return
-        answer = tables.query(sql)
+        held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
+        answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
         if typed.get("csv"):
             writer = csv.writer(sys.stdout, lineterminator="\n")
             writer.writerow(answer.columns)
             writer.writerows(answer.rows)
         elif typed.get("json"):
-            print(json_text({"columns": answer.columns, "rows": [list(map(_plain, row)) for row in answer.rows]}))
+            plain = {"columns": answer.columns, "rows": list(answer.rows)}
+            print(json_text(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value)))
         else:
             _print_table(answer)
-
-
-def _list(tables: TrialTables) -> None:
-    from rich import box
-    from rich.table import Table
-
-    from glucoloop.storage.trials.query import VIEWS
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("Table", "What it holds", "Columns"):
-        table.add_column(name, overflow="fold")
-    for name, columns in tables.views.items():
-        table.add_row(name, VIEWS[name], ", ".join(columns))
-    show(table)
 
 
 def _print_table(answer: Answer) -> None:
@@ -99,17 +85,6 @@ def _print_table(answer: Answer) -> None:
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:
     for value in row:
         yield "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    """A value as JSON has it; other types become text."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    return float(value) if type(value).__name__ == "Decimal" else str(value)
 
 
 QUERY: Final = Command(

@@ -65,7 +65,8 @@ def described(part: type[Part]) -> dict[str, Any]:
 def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_part:
-        usual, possible = {}, f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
+        usual = {"": setting.default.noise_free.called} if isinstance(setting.default.noise_free, Part) else {}
+        possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)
     elif setting.kind in (int, float):
