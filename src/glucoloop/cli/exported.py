@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
-from glucoloop.firmware.samples import arithmetic, record, stepper_of
+from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.parts.models import FilePart
 from glucoloop.situations.toml import toml_text
@@ -23,25 +24,35 @@ from glucoloop.studies.exported import Export, exported_controller, name_of
 
 
 class Made:
-    """A designed controller, its C, and the samples of a closed loop with the decisions of that C on this computer."""
+    """A designed controller and its C."""
 
     def __init__(self, asked: Export) -> None:
-        case = asked.case
+        self.asked, case = asked, asked.case
         self.model = model_for(asked, case)
         self.controller = controller_of(asked, case, **model_arguments(self.model))
         self.exported = exported_controller(asked, case, self.controller, stepper_of(asked, 0))
-        library = None if compiler() is None else Library(self.exported.source, self.exported.precision)
-        init, step = arithmetic(self.exported) if library is None else (library.init, library.step)
-        self.samples = record(self.exported, self.controller, asked, init, step, samples=asked.samples, seed=asked.seed)
+
+    @functools.cached_property
+    def computing(self) -> tuple[Init, Step]:
+        """Init and step in C on this computer, compiled once, or in NumPy where it has no compiler."""
+        if compiler() is None:
+            return arithmetic(self.exported)
+        library = Library(self.exported.source, self.exported.precision)
+        return library.init, library.step
+
+    def recorded(self, samples: int, seed: int) -> SampleRecord:
+        """Samples of a closed loop, with the decisions of the controller's C on this computer."""
+        init, step = self.computing
+        return record(self.exported, self.controller, self.asked, init, step, samples=samples, seed=seed)
 
 
 def write(asked: Export, folder: OutputFolder) -> tuple[Exported, list[Rung]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
     made, chip = Made(asked), chip_of(asked.target)
     exported = made.exported
-    chips = [] if chip is None else [chip]
-    rungs = list(ladder(exported, made.samples, chips, samples=INTERPRETED[exported.source.form], deep=False))
-    for file, text in code_files(exported, made.samples, chip).items():
+    chips, of_loop = [] if chip is None else [chip], made.recorded(asked.samples, asked.seed)
+    rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
+    for file, text in code_files(exported, of_loop, chip).items():
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
     name, guarded = name_of(asked, asked.case), asked.case.guard is not None
@@ -80,10 +91,10 @@ def check(asked: Export, folder: Path) -> list[Rung]:
     found = f"design {exported.source.design[:16]}"
     if not same:
         found = "controller.c is another file than the one that this version of glucoloop writes"
-    chips = chips_for(chip_of(asked.target))
+    chips, of_loop = chips_for(chip_of(asked.target)), made.recorded(asked.samples, asked.seed)
     return [
         Rung(name, same, found, {}),
-        *ladder(exported, made.samples, chips, samples=CHECKED[exported.source.form], deep=True),
+        *ladder(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
     ]
 
 
