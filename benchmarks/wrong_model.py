@@ -18,12 +18,12 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
 
 import numpy as np
 
+from glucoloop.control.catalogue import CONTROLLERS
 from meal_aware.measures import Runs
 from meal_aware.mismatched_loops import MismatchedLoops, designer
 from meal_aware.situations import MISMATCH_TUNING_SEED, MISMATCHES, Mismatch
@@ -74,24 +74,16 @@ def loops_of(rows: Sequence[Mismatch], seed: int, runs: int | None) -> list[Mism
     return [MismatchedLoops(part, [runs or row.runs for row in part], seed) for part in parts if part]
 
 
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
-
-
-def _settings(text: str) -> dict[str, Any]:
-    """Settings of a variant: ``noise_pace=0.2,doubt=1``."""
-    return {key: _value(value) for key, value in (one.split("=", 1) for one in text.split(",") if one)}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--controller", default="meal-mpc")
     parser.add_argument("--tuning", action="store_true", help="other people and noises, to choose defaults on")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE,...", help="a variant; may be repeated"
+        "--set",
+        action="append",
+        default=[],
+        metavar="SETTINGS",
+        help="a variant, like 'doubt=1' or 'estimator=(noise_pace=0.2)'; may be repeated",
     )
     parser.add_argument("--rows", nargs="*", help="parts of the names of the rows; by default all without a guard")
     parser.add_argument("--runs", type=int, help="runs of each row, in place of its own number")
@@ -107,7 +99,8 @@ def main() -> None:
     loops = loops_of(rows, seed, asked.runs)
     found: Table = {}
     for text in asked.set or [""]:
-        design = designer(asked.controller, _settings(text))
+        variant = CONTROLLERS.parse(", ".join(filter(None, (asked.controller, text))))
+        design = designer(asked.controller, variant.tree())
         found = {}
         for part in loops:
             found |= table_of(part.run(design))

@@ -24,7 +24,7 @@ from pathlib import Path
 import jax
 
 from glucoloop.cli.compiled import keep_compiled
-from glucoloop.cli.exported import made_of
+from glucoloop.cli.exported import Made
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS
@@ -65,7 +65,7 @@ class Case:
     @functools.cached_property
     def made(self):
         guard = "usual" if self.guard else None
-        return made_of(configured(Export, controller=[self.controller], guard=guard, precision=self.precision))
+        return Made(configured(Export, controller=[self.controller], guard=guard, precision=self.precision))
 
     def guess(self, chip):
         """Instructions of a step, roughly."""

@@ -50,7 +50,7 @@ def done(detection):
     alarm = np.where(t_min[:, None] == 100.0, 0.8, 0.0)
     fed = dataclasses.replace(days, estimates=MealEstimates(**estimates))
     fasted = dataclasses.replace(days, estimates=MealEstimates(**{**estimates, "eating": alarm}))
-    return Scores({name: score(detection, fed, fasted) for name in detection.estimators}, 1, 0)
+    return Scores({name: score(detection, fed, fasted) for name in detection.tried}, 1, 0)
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_what_is_given_wins_over_the_file(glucoloop, tmp_path, asked):
     more = ("--controller", "meals_per_h=0.2", "--people", 3, "--days", 1, "--estimator", "moving-horizon")
     assert glucoloop("detect", "--config", "mine.toml", *more).code == 0
     (detection,) = asked
-    assert (detection.days, detection.people, detection.estimators) == (1, 3, ("moving-horizon",))
+    assert (detection.days, detection.people, list(detection.tried)) == (1, 3, ["moving-horizon"])
     assert (detection.estimating.meals_per_h, detection.estimating.mean_carbs_g) == (0.2, 30.0)
 
 
@@ -127,7 +127,7 @@ def test_help_tells_of_both_estimators(glucoloop, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--estimator", "kalmen"), "--estimator has the unknown 'kalmen'; did you mean 'kalman'?"),
+        (("--estimator", "kalmen"), "--estimator: unknown estimator 'kalmen'; did you mean 'kalman'?"),
         (("--threshold", 2), "--threshold is 2; give a number above 0 and below 1"),
         (("--threshold", "high"), "--threshold is 'high'; give a number"),
         (("--days", 0), "--days is 0; give"),

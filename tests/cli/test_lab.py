@@ -23,8 +23,10 @@ def test_the_page_is_written_and_not_over_another_file(glucoloop, refused, tmp_p
 
 def test_a_place_that_cannot_be_written_is_refused(refused, tmp_path):
     assert "--out is missing; name the file, like --out lab.html" in refused("lab")
-    assert "is a folder; name a file in it" in refused("lab", "--out", tmp_path)
-    assert f"there is no folder {tmp_path / 'absent'}" in refused("lab", "--out", tmp_path / "absent" / "lab.html")
+    assert "is a folder, not a file; move it away" in refused("lab", "--out", tmp_path)
+    assert "No such file or directory; choose another place" in refused(
+        "lab", "--out", tmp_path / "absent" / "lab.html"
+    )
 
 
 @pytest.mark.parametrize(

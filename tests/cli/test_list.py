@@ -39,7 +39,7 @@ def test_a_patient_is_told_with_its_points_and_populations(glucoloop):
     text = glucoloop("list", "hovorka-2004").out
     assert "Operating point fasting-120: held at 120 mg/dl" in text
     assert "Population boiroux2017" in text
-    assert "Usual pump: 0 to 66.9 mU/min" in text
+    assert "min_insulin_mU_min 0, max_insulin_mU_min 66.9" in text
 
 
 def test_what_another_package_adds_is_listed(glucoloop, install):

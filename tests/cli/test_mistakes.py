@@ -43,6 +43,7 @@ MISTAKES = {
     "run --setpoint 1_00": ["--setpoint is '1_00'; give a number above 0 mg/dl"],
     "run --setpoint ١٠٠": ["--setpoint is '١٠٠'; give a number"],
     "run --seed 1_0": ["--seed is '1_0'; give a whole number"],
+    f"run --seed {'9' * 5000}": ["--seed is '9999", "a whole number from 0"],
     "run --controller pid,gain=1_0": ["--controller: pid: gain is '1_0'; give a finite number"],
     "run --fault missing,start_min=1_0": ["--fault: missing: start_min is '1_0'; give a finite number"],
     "trial --out a --traces ١٠": ["--traces is '١٠'; give none, all, or the number"],

@@ -301,15 +301,10 @@ def test_questions(glucoloop, refused, monkeypatch):
     assert "999" in many.out
     assert "1000" not in many.out
     wide = glucoloop("query", "a", "select * from people order by person, controller")
-    assert wide.err == "The first 20 rows; --csv prints all.\n"
+    assert "columns are left out on the right" in wide.out
     assert "…" not in wide.out
     assert glucoloop("query", "a", "select * from people where false").err == "No row answers the question.\n"
-    assert [line.split() for line in wide.out.splitlines() if line.startswith(("person ", "controller "))][:4] == [
-        ["person", "0"],
-        ["controller", "basal"],
-        ["person", "0"],
-        ["controller", "pid"],
-    ]
+    assert [line.split()[:2] for line in wide.out.splitlines()[3:5]] == [["0", "basal"], ["0", "pid"]]
 
 
 @pytest.mark.long
@@ -330,7 +325,7 @@ def test_progress_is_told_in_lines(capsys, monkeypatch):
         done(200)
         done(200)
     first, second = capsys.readouterr().err.splitlines()
-    assert re.fullmatch(r"400 of 1000 people, [\d.e+]+ people/s, 0 s left", first)
+    assert re.fullmatch(r"400 of 1000 people, [\d.e+]+ people/s, 0:00:00 left", first)
     assert second.startswith("600 of 1000 people")
 
 
@@ -338,10 +333,7 @@ def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with progress.counted(1000, 200, "people") as done:
         done(800)
-    capsys.readouterr()
-    assert progress._duration(59) == "59 s"
-    assert progress._duration(75) == "1 min 15 s"
-    assert progress._duration(7290) == "2 h 1 min"
+    assert "1000 of 1000 people" in capsys.readouterr().err
 
 
 def test_people_below_the_validity_of_their_model_are_told():

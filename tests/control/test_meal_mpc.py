@@ -202,9 +202,7 @@ def test_a_person_of_his_own_is_the_nominal_one_with_another_basal_rate_and_gain
 @pytest.mark.parametrize(
     ("bad", "sentence"),
     [
-        ({"estimator": "guess"}, "unknown estimator 'guess'; the known ones are: moving-horizon, kalman"),
         ({"dead_time_samples": -1}, "a dead time of -1 samples is not possible; give a whole number of 0 or more"),
-        ({"meal_horizon": 1}, "a meal horizon of 1 samples is not possible; give a whole number from 2 to 100"),
         ({"measurement_variance": 0.0}, "a measurement variance of 0 is not possible; give a finite value above 0"),
         ({"disturbance_variance": -1.0}, "a disturbance variance of -1 is not possible; give a finite value above 0"),
     ],

@@ -23,6 +23,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.estimators import MovingHorizonSettings
 from glucoloop.pumps import LimitedPump
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
@@ -141,7 +142,7 @@ SETTINGS = {
     "mpc": {"prediction_horizon": 12, "move_weight": 1.0},
     "mpc-se": {"prediction_horizon": 10, "move_weight": 1.0},
     "nlqdmc-se": {"move_weight": 1.0},
-    "meal-mpc": {"meals_per_h": 0.1, "mean_carbs_g": 40.0, "meal_horizon": 4},
+    "meal-mpc": {"meals_per_h": 0.1, "mean_carbs_g": 40.0, "estimator": MovingHorizonSettings(horizon=4)},
     "imc": {"filter_min": 15.0, "delay_min": 10.0},
     "pid": {"gain": 0.5, "integral_time_min": 100.0, "derivative_time_min": 10.0},
 }

@@ -6,7 +6,7 @@ import pytest
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan, counted_g, counted_meals, draw_meals
-from glucoloop.parts.number_text import parse_time_of_day, time_of_day_text
+from glucoloop.parts.number_text import parse_time_of_day
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
@@ -83,4 +83,4 @@ def test_what_is_no_time_of_day_is_refused(text):
 
 def test_a_time_of_day_is_read_and_written():
     assert parse_time_of_day(" 7:05 ") == 425.0
-    assert time_of_day_text(parse_time_of_day("23:59")) == "23:59"
+    assert parse_time_of_day("23:59") == 1439.0

@@ -25,7 +25,9 @@ def test_usual_limits_are_those_of_the_route_and_of_the_patient():
 
     assert guard_of(Own) == dataclasses.replace(guard_of(under_the_skin), max_hour=7.0)
     assert guard_of(Own, GUARDS.parse("max_hour=3")).max_hour == 3.0
-    with pytest.raises(ValueError, match="by the route 'nasal'; the known ones are: intravenous, subcutaneous"):
+    with pytest.raises(
+        ValueError, match="unknown route of insulin 'nasal'; the known ones are: intravenous, subcutaneous"
+    ):
 
         class Nasal(PatientPart, name="nasal"):
             """Somebody with insulin through the nose."""

@@ -107,7 +107,7 @@ class Tiny:
 def tiny(shards, **keys):
     keys = {"controller": ["basal"], "people": shards, "shard_people": 1, "duration_min": 30.0, "meals": [], **keys}
     trial = make_trial(**keys)
-    return Tiny(trial, [compute_shard(trial, index, pretend(trial), lambda: None) for index in range(shards)])
+    return Tiny(trial, [compute_shard(trial, index, pretend(trial)) for index in range(shards)])
 
 
 @pytest.fixture(scope="session", name="tiny")

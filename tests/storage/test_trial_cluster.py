@@ -69,7 +69,7 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
     assert done == [1] * 12
     prepared = engine.prepare(trial)
     with trial_folder(tmp_path / "here", trial) as folder:
-        run_here(folder, lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces), print)
+        run_here(folder, lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces))
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
 
 
@@ -86,7 +86,7 @@ class Refusing:
         def fails(trial, index, *arguments):
             if errors:
                 raise errors.pop(0)
-            return compute_shard(trial, index, pretend(trial), lambda: None)
+            return compute_shard(trial, index, pretend(trial))
 
         return self.client.submit(fails, *arguments, **options)
 

@@ -19,7 +19,7 @@ FINAL = {"summary.json": b"{}", "report.html": b"<html>"}
 
 def run(path, trial, pretend, *, overwrite=False, final=FINAL):
     with trial_folder(path, trial, overwrite=overwrite) as folder:
-        run_here(folder, pretend(trial), lambda people: None)
+        run_here(folder, pretend(trial))
         folder.finish(final)
 
 
@@ -58,7 +58,7 @@ def test_run_that_is_cut_short_goes_on_to_the_same_bits(tmp_path, make_trial, pr
         return pretend(trial)(label, person, traces)
 
     with contextlib.suppress(KeyboardInterrupt), trial_folder(tmp_path / "cut", trial) as folder:
-        run_here(folder, cut_short, lambda people: None)
+        run_here(folder, cut_short)
     done = stop_after // 2
     assert folder.done == done
     assert (tmp_path / "cut").exists() == bool(done)  # a folder in which nothing was done is gone again
@@ -66,7 +66,7 @@ def test_run_that_is_cut_short_goes_on_to_the_same_bits(tmp_path, make_trial, pr
     with trial_folder(tmp_path / "cut", trial) as folder:
         assert folder.done == done
         assert folder.people_done() == 64 * done
-        run_here(folder, lambda *of: calls.append(of) or pretend(trial)(*of), lambda people: None)
+        run_here(folder, lambda *of: calls.append(of) or pretend(trial)(*of))
         folder.finish(FINAL)
     assert len(calls) == 2 * (5 - done)
     assert contents(tmp_path / "cut") == whole
@@ -262,10 +262,10 @@ def test_overwriting_run_that_was_cut_short_goes_on(tmp_path, make_trial, preten
         return pretend(trial)(label, person, traces)
 
     with contextlib.suppress(KeyboardInterrupt), trial_folder(tmp_path / "out", trial, overwrite=True) as folder:
-        run_here(folder, cut_short, lambda people: None)
+        run_here(folder, cut_short)
     with trial_folder(tmp_path / "out", trial, overwrite=True) as folder:
         assert folder.missing() == [2, 3, 4]
-        run_here(folder, pretend(trial), lambda people: None)
+        run_here(folder, pretend(trial))
         folder.finish(FINAL)
     assert contents(tmp_path / "out") == whole
 
@@ -397,10 +397,10 @@ def test_disk_that_is_too_small_for_a_shard(tmp_path, make_trial, pretend):
             run_one = iter(folder.missing())
             from glucoloop.storage.trials.shard import compute_shard
 
-            folder.put(0, compute_shard(folder.trial, next(run_one), pretend(folder.trial), lambda: None))
+            folder.put(0, compute_shard(folder.trial, next(run_one), pretend(folder.trial)))
             resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
             with pytest.raises(ValueError, match="File too large; 1 of 5 shards are done and kept"):
-                run_here(folder, pretend(folder.trial), lambda people: None)
+                run_here(folder, pretend(folder.trial))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)

@@ -12,7 +12,7 @@ from glucoloop.storage.trials.shard import add_counts, compute_shard, edges, no_
 
 
 def tables(trial, index, simulate):
-    files = compute_shard(trial, index, simulate, lambda: None)
+    files = compute_shard(trial, index, simulate)
     return {name: pl.read_parquet(io.BytesIO(data)) for name, data in files.items()}
 
 
@@ -64,7 +64,7 @@ def test_traces_are_kept_of_the_first_people(make_trial, pretend, traces):
 def test_shard_is_read_back(make_trial, pretend, tmp_path):
     trial = make_trial()
     with trial_folder(tmp_path / "out", trial) as folder:
-        run_here(folder, pretend(trial), lambda people: None)
+        run_here(folder, pretend(trial))
         total = no_counts(trial)
         for index in range(trial.shards):
             add_counts(folder.shard(index), trial, index, total)
@@ -87,11 +87,3 @@ def test_shard_is_read_back(make_trial, pretend, tmp_path):
     np.testing.assert_array_equal(total["mpc"]["insulin"], everybody.insulin_counts)
     for quantity, counts in total["mpc"].items():
         assert counts.shape == (times(trial)[quantity].size, edges(trial)[quantity].size - 1)
-
-
-def test_progress_counts_people_under_each_controller(make_trial, pretend, tmp_path):
-    told = []
-    with trial_folder(tmp_path / "out", make_trial()) as folder:
-        run_here(folder, pretend(folder.trial), told.append)
-    assert sum(told) == 600
-    assert told[-1] == 44

@@ -112,13 +112,9 @@ def asked():
         days=3,
         sensor=[],
         controller="basal",
-        estimators=["moving-horizon"],
-        estimates_by={
-            "name": "meal-mpc",
-            "meals_per_h": 0.05,
-            "disturbance_variance": 0.1,
-            "fast_meals": 0.0,  # nobody's gut is another than the model's, and without noise nothing else tells so
-        },
+        # nobody's gut is another than the model's, and without noise nothing else tells so
+        estimators=["moving-horizon, fast_meals=0"],
+        estimates_by={"name": "meal-mpc", "meals_per_h": 0.05, "disturbance_variance": 0.1},
     )
 
 
@@ -168,8 +164,8 @@ def test_the_example_is_the_first_day(result):
 
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
-    meals = result.by_estimator["moving-horizon"].tables["meals"].to_numpy(structured=True)
-    summary = findings(asked, result).plain["estimators"]["moving-horizon"]
+    meals = result.by_estimator["moving-horizon, fast_meals=0"].tables["meals"].to_numpy(structured=True)
+    summary = findings(asked, result).plain["estimators"]["moving-horizon, fast_meals=0"]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))
     error = meals["estimated_g"] - meals["carbs_g"]
@@ -203,9 +199,9 @@ def test_a_test_is_read_again_from_its_tree(asked):
 
 def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
     one, many = configured(Detection), configured(Detection, people=30, population="parker2000", seed=3)
-    assert (one.people, one.number_of_days, one.estimators) == (1, 100, ("moving-horizon", "kalman"))
+    assert (one.people, one.number_of_days, list(one.tried)) == (1, 100, ["moving-horizon", "kalman"])
     assert (many.people, many.number_of_days) == (30, 1)
-    assert [case.tuning["estimator"] for case in one.trial.cases] == list(one.estimators)
+    assert [case.tuning["estimator"].name for case in one.trial.cases] == list(one.tried)
     twice = dataclasses.replace(many, days=2)
     person, day_of, infeasible = who_and_when(twice)
     assert day_of.tolist() == [0, 1] * (person.size // 2)
@@ -227,18 +223,23 @@ def test_settings_of_the_estimator_are_not_the_controllers():
     ("keys", "sentence"),
     [
         ({"estimators": []}, "--estimator names none; give one or more of moving-horizon, kalman"),
-        ({"estimators": ["kalmen"]}, "--estimator has the unknown 'kalmen'; did you mean 'kalman'?"),
-        ({"estimators": ["kalman", "kalman"]}, "--estimator has 'kalman' twice; leave one out"),
+        ({"estimators": ["kalmen"]}, "unknown estimator 'kalmen'; did you mean 'kalman'?"),
+        ({"estimators": ["kalman", "kalman"]}, "--estimator is kalman, one of them twice; leave one out"),
         ({"threshold": 0.0}, "threshold is 0; give a number above 0 and below 1"),
         ({"threshold": 1.0}, "threshold is 1; give a number above 0 and below 1"),
         ({"days": 0}, "days is 0; give"),
         ({"days": 366, "people": 1000}, "366 days of 1000 people are too many; give at most 100000 days in all"),
         ({"controller": "meal-mpc, estimator=kalman"}, "the controller meal-mpc is tried with each of the estimators"),
+        (
+            {"estimates_by": "meal-mpc, estimator=kalman"},
+            "the controller meal-mpc is tried with each of the estimators",
+        ),
         ({"announce_meals": False}, "announce_meals is no part of a test of estimators"),
         ({"duration_min": 100.0}, "duration_min is no part of a test of estimators"),
         ({"controller": "mcp"}, "unknown controller 'mcp'"),
         ({"controller": "basal, move_weight=1"}, "the controller basal has no setting 'move_weight'"),
-        ({"estimates_by": {"name": "meal-mpc", "meal_horizon": 2.5}}, "meal_horizon is 2.5; give a whole number"),
+        ({"estimators": [{"name": "moving-horizon", "horizon": 2.5}]}, "horizon is 2.5; give a whole number"),
+        ({"estimators": ["kalman, horizon=3"]}, "the estimator kalman has no setting 'horizon'"),
         ({"estimates_by": {"name": "pid"}}, "--estimates-by is pid; give settings of meal-mpc"),
         ({"controller": ["basal", "imc"]}, "there are 2 controllers (basal, imc); give one"),
         ({"sample_time_min": 7.0}, "a horizon of 1440 min is not a whole number of samples of 7 min"),

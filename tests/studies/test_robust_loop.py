@@ -133,7 +133,7 @@ def test_a_search_goes_on_to_the_same_candidates(monkeypatch):
     search = configured(
         Search, controller={"name": "meal-mpc", **FIXED, "move_weight": "0.1:20"}, duration_min=MINUTES, people=2,
         people_seed=1, seeds=2, first_seed=0, check_people=2, check_people_seed=2, check_seeds=2, batch=4,
-        sampler_seed=1, rounds=2, beside=[],
+        sampler="tpe, seed=1", rounds=2, beside=[],
     )  # fmt: skip
     assert [of.name for of in search.space] == ["move_weight"]
     engine = SearchEngine(search)

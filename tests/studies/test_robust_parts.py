@@ -8,9 +8,10 @@ import polars as pl
 import pytest
 
 from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.parts.samplers import SAMPLERS
 from glucoloop.studies.robust import BOTH, RANGES
 from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
-from glucoloop.tuning.samplers import Evaluated, make_sampler
+from glucoloop.tuning.samplers import Evaluated
 
 
 def test_ranges_are_read_as_they_are_written():
@@ -103,10 +104,14 @@ def trade(point):
     return Evaluated(values=(far + point["y"] ** 2, far + (point["y"] - 2.0) ** 2), violation=(point["y"] - 1.5,))
 
 
+def sampled(name, seed, **known):
+    return SAMPLERS.find(name)(seed=seed).made(space=TWO, **known)
+
+
 @pytest.mark.parametrize("name", ["tpe", "nsga2", "random"])
 def test_samplers_stay_within_bounds_and_repeat_themselves(name):
     def tried(rounds):
-        sampler = make_sampler(name, TWO, 3, batch=8, start={"x": 2.0, "y": 1.0})
+        sampler = sampled(name, 3, batch=8, start={"x": 2.0, "y": 1.0})
         for _ in range(rounds):
             asked = sampler.ask(8)
             sampler.tell([trade(point) for point in asked])
@@ -122,7 +127,7 @@ def test_samplers_stay_within_bounds_and_repeat_themselves(name):
 
 def test_tpe_learns():
     def best(name):
-        sampler, found = make_sampler(name, TWO, 0, batch=16), []
+        sampler, found = sampled(name, 0, batch=16), []
         for _ in range(6):
             asked = sampler.ask(16)
             found += [told for told in map(trade, asked) if told.violation[0] <= 0.0]
@@ -133,7 +138,7 @@ def test_tpe_learns():
 
 
 def test_a_tuning_without_a_controller_is_told_too():
-    sampler = make_sampler("tpe", TWO, 0, batch=2)
+    sampler = sampled("tpe", 0, batch=2)
     sampler.ask(2)
     sampler.tell([Evaluated((np.nan, np.nan), (1e9,)), Evaluated((1.0, 1.0), (0.0,))])
     assert len(sampler.ask(2)) == 2
@@ -141,8 +146,8 @@ def test_a_tuning_without_a_controller_is_told_too():
 
 def test_chance_needs_no_optuna(monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    assert len(make_sampler("random", TWO, 0, batch=4).ask(4)) == 4
+    assert len(sampled("random", 0, batch=4).ask(4)) == 4
     with pytest.raises(ValueError, match=r"needs optuna; install it with: pip install 'glucoloop\[search\]'"):
-        make_sampler("tpe", TWO, 0, batch=4)
+        sampled("tpe", 0, batch=4)
     with pytest.raises(ValueError, match="unknown sampler 'x'"):
-        make_sampler("x", TWO, 0, batch=4)
+        sampled("x", 0, batch=4)

@@ -14,8 +14,7 @@ from typing import Final
 import glucoloop
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import catching_interrupts
-from glucoloop.cli.mistakes import BUG, interrupted, mistake, sentence
-from glucoloop.cli.results import forgotten
+from glucoloop.cli.mistakes import BUG, RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.screen import note, width_of_text
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
@@ -75,7 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     _prepare_streams()
-    with forgotten(), only_code(_is_allowed(arguments)):
+    RESULTS.set(None)
+    with only_code(_is_allowed(arguments)):
         if any("\0" in argument for argument in arguments):
             mistake("an argument holds a NUL character, which no name or number does; leave it out")
         try:
@@ -134,15 +134,13 @@ def _carry_out(arguments: Sequence[str]) -> int:
 def program() -> None:
     """The command as a process: like `main`, but an interrupted one ends at once.
 
-    A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes; and it
-    would wait for a query that was left behind and does not stop.
+    A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes.
     """
     try:
         main()
     except SystemExit as leaving:
-        queries = sys.modules.get("glucoloop.storage.trials.query")
-        if leaving.code != 130 and not (queries is not None and queries.has_unstopped_work()):
+        if leaving.code != 130:
             raise
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(leaving.code if isinstance(leaving.code, int) else 0)
+        os._exit(130)

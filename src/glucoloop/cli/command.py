@@ -17,7 +17,6 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PANELS
 
 _INDENT: Final = 24
-_NUMBER: Final = re.compile(r"-[0-9.]")
 
 
 @dataclass(frozen=True)
@@ -34,14 +33,7 @@ class Command:
 
     def given(self, arguments: Sequence[str]) -> Given:
         """The options that were given, by key; Refusal for an unknown one, one without a value, or one given twice."""
-        takes_value = {option.flag for option in self.options if option.metavar is not None}
-        joined: list[str] = []
-        for argument in arguments:  # a value that begins with a minus belongs to its option
-            if joined and joined[-1] in takes_value and _NUMBER.match(argument):
-                joined[-1] = f"{joined[-1]}={argument}"
-            else:
-                joined.append(argument)
-        found = vars(_Parser(f"glucoloop {self.name}", self.options).parse_args(joined))
+        found = vars(_Parser(f"glucoloop {self.name}", self.options).parse_args(arguments))
         return {key: value for key, value in found.items() if value is not None}
 
     def help(self) -> str:
@@ -93,6 +85,7 @@ class _Once(argparse.Action):
 class _Parser(argparse.ArgumentParser):
     def __init__(self, prog: str, options: Sequence[CommandOption]) -> None:
         super().__init__(prog=prog, add_help=False, allow_abbrev=False)
+        self._negative_number_matcher = re.compile(r"-[0-9.]")  # of all numbers, also -1e3 and -.5h
         self._by_flag = {option.flag: option for option in options}
         for option in options:
             if option.is_argument:

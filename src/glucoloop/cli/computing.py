@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from glucoloop.cli.option import DASK, WORKERS, Given
 from glucoloop.cli.progress import counted
 from glucoloop.cli.screen import note, stage
+from glucoloop.parts.setting import About, Default, declared_setting
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from glucoloop.cohorts.trial import Trial
     from glucoloop.storage.trials.folder import TrialFolder
 
-_MOST_WORKERS: Final = 4096
-_DIGITS: Final = 10
+_NUMBER: Final = declared_setting(
+    WORKERS.flag, Annotated[int, About("Number of workers.", at_least=1, at_most=4096)], Default(None)
+)
 _MOST_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
 
@@ -34,12 +35,7 @@ class Computing:
     def of(cls, typed: Given) -> Computing:
         """The place that is given."""
         given, dask = typed.get(WORKERS.key), typed.get(DASK.key)
-        workers = None
-        if given is not None:
-            is_number = given.isascii() and given.isdigit() and len(given) < _DIGITS
-            workers = int(given) if is_number else 0
-            if not 1 <= workers <= _MOST_WORKERS:
-                raise Refusal(f"--workers is {given}; give a whole number from 1 to {_MOST_WORKERS}")
+        workers = None if given is None else _NUMBER.check(_NUMBER.read(given))
         if dask is not None and dask != "local" and "://" not in dask:
             raise Refusal(f"--dask is {dask!r}; give local, or the address of a scheduler like tcp://10.0.0.1:8786")
         if dask not in (None, "local") and workers is not None:
@@ -63,30 +59,29 @@ class Computing:
         note(engine_notes(prepared.engines))
         if not missing:
             return
-        if self.dask is not None:
-            self._compute_on_cluster(folder, self.dask)
-            return
-        from glucoloop.storage.trials.computing import run_here
+        from glucoloop.storage.trials.computing import connected, run_here, run_on_cluster
 
-        with _people_counted(folder) as done:
+        with contextlib.ExitStack() as stack:
+            client = None
+            if self.dask is not None:
+                with stage("Connecting to the cluster"):
+                    client = stack.enter_context(connected(self.dask, self.workers))
+                if not client.nthreads():
+                    note([f"No worker has come to {self.dask} yet; waiting for one."])
+            more = stack.enter_context(counted(folder.trial.people, folder.people_done(), "people"))
+
+            def done(people: int) -> None:
+                more(people / len(folder.trial.cases))  # which come once under each controller
+
+            if client is not None:
+                run_on_cluster(folder, client, done)
+                return
             run_here(
                 folder,
                 lambda label, person, traces: run_people(
                     prepared, label, person, traces=traces, threads=self.workers, done=done
                 ),
-                lambda people: None,
             )
-
-    def _compute_on_cluster(self, folder: TrialFolder, address: str) -> None:
-        from glucoloop.storage.trials.computing import connected, run_on_cluster
-
-        with contextlib.ExitStack() as stack:
-            with stage("Connecting to the cluster"):
-                client = stack.enter_context(connected(address, self.workers))
-            if not client.nthreads():
-                note([f"No worker has come to {address} yet; waiting for one."])
-            with _people_counted(folder) as done:
-                run_on_cluster(folder, client, done)
 
 
 def _begun(trial: Trial) -> str:
@@ -97,10 +92,3 @@ def _begun(trial: Trial) -> str:
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
     return f"{begun}; a decision of {' and of '.join(slow)} takes long." if slow else f"{begun}."
-
-
-@contextlib.contextmanager
-def _people_counted(folder: TrialFolder) -> Iterator[Callable[[int], None]]:
-    """Show the number of finished people; the engine reports people under one controller each."""
-    with counted(folder.trial.people, folder.people_done(), "people") as more:
-        yield lambda people: more(people / len(folder.trial.cases))

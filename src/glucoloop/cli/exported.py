@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glucoloop.control import Controller
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.exported import Exported
@@ -18,23 +16,21 @@ from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.parts.models import FilePart
-from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import json_text, read_text, with_version
 from glucoloop.storage.folder import OutputFolder
-from glucoloop.storage.model_file import ModelFile
 from glucoloop.studies.closed_loop import model_arguments, model_for
 from glucoloop.studies.exported import Export, exported_controller, name_of
 
 
-@dataclass(frozen=True)
 class Made:
-    """Designed controller, its C, and the situation of its samples."""
+    """A designed controller and its C."""
 
-    exported: Exported
-    controller: Controller
-    situation: Situation
-    model: ModelFile | None
+    def __init__(self, asked: Export) -> None:
+        self.asked, case = asked, asked.case
+        self.model = model_for(asked, case)
+        self.controller = controller_of(asked, case, **model_arguments(self.model))
+        self.exported = exported_controller(asked, case, self.controller, stepper_of(asked, 0))
 
     @functools.cached_property
     def computing(self) -> tuple[Init, Step]:
@@ -47,31 +43,21 @@ class Made:
     def recorded(self, samples: int, seed: int) -> SampleRecord:
         """Samples of a closed loop, with the decisions of the controller's C on this computer."""
         init, step = self.computing
-        return record(self.exported, self.controller, self.situation, init, step, samples=samples, seed=seed)
-
-
-def made_of(asked: Export) -> Made:
-    """Design a controller and write it in C."""
-    case = asked.case
-    model = model_for(asked, case)
-    controller = controller_of(asked, case, **model_arguments(model))
-    exported = exported_controller(asked, case, controller, stepper_of(asked, 0))
-    return Made(exported, controller, asked, model)
+        return record(self.exported, self.controller, self.asked, init, step, samples=samples, seed=seed)
 
 
 def write(asked: Export, folder: OutputFolder) -> tuple[Exported, list[Rung]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
-    made, chip = made_of(asked), chip_of(asked.target)
+    made, chip = Made(asked), chip_of(asked.target)
     exported = made.exported
-    of_loop = made.recorded(asked.samples, asked.seed)
-    chips = [] if chip is None else [chip]
+    chips, of_loop = [] if chip is None else [chip], made.recorded(asked.samples, asked.seed)
     rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
     for file, text in code_files(exported, of_loop, chip).items():
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
     name, guarded = name_of(asked, asked.case), asked.case.guard is not None
     checks = [rung.as_dict() for rung in rungs]
-    folder.write("README.md", readme(exported, name, made.situation.sample_time_min, chip, checks, guarded=guarded))
+    folder.write("README.md", readme(exported, name, asked.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
     folder.write("manifest.json", json_text(with_version(report(asked, exported, rungs))) + "\n")
     used, given = asked.tree(whole=True), asked.tree()
@@ -99,18 +85,17 @@ def report(asked: Export, exported: Exported, rungs: Sequence[Rung]) -> dict[str
 
 def check(asked: Export, folder: Path) -> list[Rung]:
     """Design the controller of a folder again, and run the whole ladder."""
-    made = made_of(asked)
-    of_loop = made.recorded(asked.samples, asked.seed)
-    rungs, form = [_same_file(made.exported, folder)], made.exported.source.form
-    return [*rungs, *ladder(made.exported, of_loop, chips_for(chip_of(asked.target)), samples=CHECKED[form], deep=True)]
-
-
-def _same_file(exported: Exported, folder: Path) -> Rung:
-    name = "the design of the folder gives its C file again"
-    written = read_text(folder / "controller.c", "a controller")
-    if written == exported.source.code:
-        return Rung(name, True, f"design {exported.source.design[:16]}", {})
-    return Rung(name, False, "controller.c is another file than the one that this version of glucoloop writes", {})
+    made = Made(asked)
+    exported, name = made.exported, "the design of the folder gives its C file again"
+    same = read_text(folder / "controller.c", "a controller") == exported.source.code
+    found = f"design {exported.source.design[:16]}"
+    if not same:
+        found = "controller.c is another file than the one that this version of glucoloop writes"
+    chips, of_loop = chips_for(chip_of(asked.target)), made.recorded(asked.samples, asked.seed)
+    return [
+        Rung(name, same, found, {}),
+        *ladder(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
+    ]
 
 
 def print_rungs(rungs: Sequence[Rung]) -> None:

@@ -53,3 +53,10 @@ def raise_if_interrupted() -> None:
     """Raise KeyboardInterrupt if one was swallowed: Python ignores what is raised in a garbage collector's callback."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
+
+
+def leave_to_the_system() -> None:
+    """Let Ctrl-C end the process at once, for the rest of a command that writes nothing."""
+    raise_if_interrupted()
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)

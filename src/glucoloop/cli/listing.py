@@ -11,7 +11,8 @@ from glucoloop.parts.listing import listed, listing
 from glucoloop.studies.catalogue import STUDIES
 
 HELP: Final = (
-    "List what there is: patients, sensors, pumps, faults, controllers, guards, models and metrics.\n\n"
+    "List what there is: patients, meal models, sensors, pumps, faults, controllers, estimators of meals, guards, "
+    "metrics, samplers and models.\n\n"
     "With the name of a kind those of the kind are listed, and with the name of one its settings: their usual values, "
     "bounds and units. With the name of a command every setting of it is listed, and with case what each controller "
     "has beside its own settings. What other packages add is listed too.\n\n"

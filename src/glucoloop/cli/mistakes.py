@@ -5,18 +5,23 @@ All errors of all commands pass through here, so that each kind is worded in one
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import traceback
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final, NoReturn, TypeVar
 
-from glucoloop.cli import results
 from glucoloop.printable import one_line, printable
 from glucoloop.refusal import Refusal
 
+T = TypeVar("T")
 _LONGEST: Final = 2000
+RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
+"""State of the results of the command as part of a sentence; None for one that says it itself."""
 BUG: Final = (
     "This is a bug, of glucoloop or of the code of your own that the last lines name. Report it with these lines and "
     "the command."
@@ -46,6 +51,16 @@ def sentence(error: BaseException) -> str | None:
     if isinstance(error, OSError):
         return _of_the_system(error)
     return str(error) if isinstance(error, Refusal) else None
+
+
+@contextlib.contextmanager
+def written_whole(folder: contextlib.AbstractContextManager[T], out: Path | None) -> Iterator[T]:
+    """An output folder that is written at the end of the block or not at all."""
+    RESULTS.set("nothing was written")
+    with folder as entered:
+        yield entered
+    if out is not None:
+        RESULTS.set(f"the results are in {out}")
 
 
 def mistake(message: str) -> NoReturn:
@@ -79,7 +94,7 @@ def _of_the_system(error: OSError) -> str | None:
 
 def _with_results(message: str) -> str:
     """Sentence with the state of the results appended, if it is known."""
-    known = results.known()
+    known = RESULTS.get()
     return message if known is None else f"{message}, {known}"
 
 

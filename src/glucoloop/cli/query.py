@@ -4,94 +4,69 @@ from __future__ import annotations
 
 import csv
 import itertools
-import math
 import sys
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
+from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import fits, note, show
-from glucoloop.parts.number_text import number_of
+from glucoloop.cli.screen import note, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
-    from glucoloop.storage.trials.query import Answer, TrialTables
+    from glucoloop.storage.trials.query import Answer
 
 HELP: Final = (
     "Query the folder of a trial in SQL, in the dialect of DuckDB.\n\n"
     "Its tables are people (one row per person and controller), counts and bands (glucose and insulin over time), "
     "summary, and traces if they were kept; without a query their columns are listed. From a trial "
-    "that is not finished, the finished shards are read. Nothing is written. A query ends at Ctrl-C, or after the time "
-    "of --timeout.\n\n"
+    "that is not finished, the finished shards are read. Nothing is written. "
+    "A query ends at Ctrl-C.\n\n"
     "  glucoloop query trial 'select controller, avg(undershoot_mg_dl) from people group by all'\n\n"
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
 _MOST_SHOWN: Final = 1000
-_MOST_RECORDS: Final = 20
-"""Most rows that are shown one column below the other."""
 
 
 def _query(typed: Given) -> None:
     """Run the query and print the answer."""
-    folder, sql, timeout = str(typed["folder"]), typed.get("sql"), typed.get("timeout")
+    folder, sql = str(typed["folder"]), typed.get("sql")
     if typed.get("json") and typed.get("csv"):
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
-    seconds = None if timeout is None else _seconds(timeout)
     from glucoloop.storage.files import json_text
-    from glucoloop.storage.trials.query import trial_tables
+    from glucoloop.storage.trials.query import VIEWS, Answer, trial_tables
 
+    leave_to_the_system()
     with trial_tables(Path(folder)) as tables:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
         if sql is None and typed.get("json"):
             print(json_text(tables.views))
             return
-        if sql is None:
-            _list(tables)
-            return
-        answer = tables.query(sql, timeout_s=seconds)
+        held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
+        answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
         if typed.get("csv"):
             writer = csv.writer(sys.stdout, lineterminator="\n")
             writer.writerow(answer.columns)
             writer.writerows(answer.rows)
         elif typed.get("json"):
-            print(json_text({"columns": answer.columns, "rows": [list(map(_plain, row)) for row in answer.rows]}))
+            plain = {"columns": answer.columns, "rows": list(answer.rows)}
+            print(json_text(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value)))
         else:
             _print_table(answer)
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = number_of(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise Refusal(f"--timeout is {text!r}; give a number of seconds above 0")
-    return seconds
-
-
-def _list(tables: TrialTables) -> None:
-    from rich import box
-    from rich.table import Table
-
-    from glucoloop.storage.trials.query import VIEWS
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("Table", "What it holds", "Columns"):
-        table.add_column(name, overflow="fold")
-    for name, columns in tables.views.items():
-        table.add_row(name, VIEWS[name], ", ".join(columns))
-    show(table)
 
 
 def _print_table(answer: Answer) -> None:
     from rich import box
     from rich.table import Table
+
+    from glucoloop.report.columns import FittingTable
 
     shown = list(itertools.islice(answer.rows, _MOST_SHOWN + 1))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -100,37 +75,16 @@ def _print_table(answer: Answer) -> None:
         table.add_column(name, justify="right" if numbers else "left")
     for row in shown[:_MOST_SHOWN]:
         table.add_row(*_cells(row))
-    most = _MOST_SHOWN
-    if fits(table):
-        show(table)
-    else:
-        most = _MOST_RECORDS
-        for row in shown[:most]:  # one column below the other
-            record = Table(box=None, pad_edge=False, show_header=False)
-            for name, cell in zip(answer.columns, _cells(row), strict=True):
-                record.add_row(name, cell)
-            record.add_row()
-            show(record)
-        if not shown:
-            note(["No row answers the question."])
-    if len(shown) > most:
-        note([f"The first {most} rows; --csv prints all."])
+    show(FittingTable(table))
+    if not shown:
+        note(["No row answers the question."])
+    if len(shown) > _MOST_SHOWN:
+        note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:
     for value in row:
         yield "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    """A value as JSON has it; other types become text."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    return float(value) if type(value).__name__ == "Decimal" else str(value)
 
 
 QUERY: Final = Command(
@@ -141,9 +95,6 @@ QUERY: Final = Command(
         CommandOption("sql", "SQL", "One SELECT, PIVOT, DESCRIBE or SUMMARIZE.", metavar="SQL", required=False),
         CommandOption("json", "--json", "Print one JSON object: columns, and a list of rows."),
         CommandOption("csv", "--csv", "Print lines of comma-separated values, however many."),
-        CommandOption(
-            "timeout", "--timeout", "Longest time that the answer may take, in seconds; any by default.", metavar="S"
-        ),
     ),
     _query,
 )

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from glucoloop.cli.mistakes import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
-from glucoloop.cli.results import written_whole
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.parts.part import Part

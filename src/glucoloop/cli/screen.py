@@ -7,16 +7,11 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
 _PIPED: Final = 200
-_WIDEST: Final = 100_000
 _WIDEST_TEXT: Final = 100
 
 
@@ -55,23 +50,11 @@ def note(texts: Iterable[str]) -> None:
 
 def show(table: object) -> None:
     """Print a table on standard output; piped, it is plain text of up to 200 characters a line."""
-    _console().print(table)
-
-
-def fits(table: Table) -> bool:
-    """Whether a table is shown without anything cut off or broken into lines."""
-    from rich.measure import Measurement
-
-    console = _console()
-    return Measurement.get(console, console.options.update(max_width=_WIDEST), table).maximum <= console.width
-
-
-def _console() -> Console:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else _PIPED
     # No markup: square brackets and colons in a label or an answer are its own.
-    return Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout)
+    Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout).print(table)
 
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: Iterable[str] = ()) -> None:

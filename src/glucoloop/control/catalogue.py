@@ -37,7 +37,7 @@ TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tun
 """Controllers of which `glucoloop tune` tries a grid."""
 SEARCHED: Final = next(entry for entry in CONTROLLERS.values() if entry.searched)
 """The controller for which `glucoloop robust` searches a tuning."""
-ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if entry.estimator_settings)
+ESTIMATING: Final = next(entry for entry in CONTROLLERS.values() if hasattr(entry, "estimator"))
 """The controller whose estimators of meals `glucoloop detect` tries."""
 
 

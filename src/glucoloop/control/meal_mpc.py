@@ -27,8 +27,6 @@ from glucoloop.estimation.unknown_meal import (
     MealEstimator,
     MealHabits,
     Sensed,
-    design_meal_horizon,
-    design_meal_kalman,
 )
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
@@ -37,10 +35,10 @@ from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, g
 from glucoloop.models.nonlinear import FedModel, IndividualModel, individual_model
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
+from glucoloop.parts.estimators import EstimatorPart, MovingHorizonSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
-ESTIMATORS: Final = ("moving-horizon", "kalman")
 _LEAST_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
 _DOUBTED_VARIANCE: Final = 1.0
@@ -324,18 +322,9 @@ def design_meal_mpc(
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
     habits: MealHabits | None = None,
-    estimator: str = "moving-horizon",
-    meal_horizon: int = 6,
-    fast_horizon: int = 4,
+    estimator: EstimatorPart | None = None,
     disturbance_variance: float = 8.0,
     measurement_variance: float = 1.45,
-    largest_disturbance_mg_min: float = 100.0,
-    noise_pace: float = 0.05,
-    ends_unseen: float = 0.3,
-    noise_patience: float = 2.0,
-    failures_per_h: float = 0.002,
-    failure_min: float = 90.0,
-    fast_meals: float = 0.1,
     dead_time_samples: int = 0,
 ) -> MealMPC:
     """Predictive control on a nonlinear model, with estimated and announced meals.
@@ -375,48 +364,32 @@ def design_meal_mpc(
         As for `design_mpc_se`, with a `MealTuning`.
     habits : MealHabits, optional
         Prior knowledge of meals.
-    estimator : {"moving-horizon", "kalman"}
-    meal_horizon : int
-        Samples over which the moving-horizon estimator searches for the beginning or the end of a meal.
+    estimator : EstimatorPart, optional
+        One of `parts.estimators`; the moving horizon by default.
+    disturbance_variance : float
+        Variance of the change of unexplained glucose per sample, (mg/min)^2.
     measurement_variance : float
         R of a reading, (mg/dl)^2.
-    fast_horizon and others
-        Settings of the moving-horizon estimator, as for `design_meal_horizon`.
     dead_time_samples : int
         Dead time of the readings that the controller knows of.
 
     Raises
     ------
     ValueError
-        For an unknown estimator, a value outside its bounds, or a dead time that is negative.
+        For a value outside its bounds, or a dead time that is negative.
     """
     habits = MealHabits() if habits is None else habits
-    if estimator not in ESTIMATORS:
-        raise Refusal(f"unknown estimator {estimator!r}; the known ones are: {', '.join(ESTIMATORS)}")
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     tuning, usual = or_suited(tuning, MealTuning())
     tuning = suited(tuning, *response_at_rest(model), usual=usual)
     individual = individual_model(model, model.insulin_mU_min)
-    chosen: MealEstimator
-    if estimator == "kalman":
-        chosen = design_meal_kalman(individual, habits, measurement_variance=measurement_variance)
-    else:
-        chosen = design_meal_horizon(
-            individual,
-            habits,
-            horizon=meal_horizon,
-            fast_horizon=fast_horizon,
-            disturbance_variance=disturbance_variance,
-            measurement_variance=measurement_variance,
-            largest_disturbance_mg_min=largest_disturbance_mg_min,
-            noise_pace=noise_pace,
-            ends_unseen=ends_unseen,
-            noise_patience=noise_patience,
-            failures_per_h=failures_per_h,
-            failure_min=failure_min,
-            fast_meals=fast_meals,
-        )
+    chosen: MealEstimator = (MovingHorizonSettings() if estimator is None else estimator).made(
+        model=individual,
+        habits=habits,
+        disturbance_variance=disturbance_variance,
+        measurement_variance=measurement_variance,
+    )
     return MealMPC(
         model=individual,
         estimator=chosen,
@@ -450,16 +423,7 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         case.limits,
         habits=settings.habits(),
         estimator=settings.estimator,
-        meal_horizon=settings.meal_horizon,
-        fast_horizon=settings.fast_horizon,
         disturbance_variance=settings.disturbance_variance,
         measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
-        largest_disturbance_mg_min=settings.largest_disturbance_mg_min,
-        noise_pace=settings.noise_pace,
-        ends_unseen=settings.ends_unseen,
-        noise_patience=settings.noise_patience,
-        failures_per_h=settings.failures_per_h,
-        failure_min=settings.failure_min,
-        fast_meals=settings.fast_meals,
         dead_time_samples=case.dead_time_samples,
     )

@@ -10,6 +10,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart, NoisePace
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.sensors import LONGEST_LAG_MIN
 from glucoloop.parts.setting import About, usual
@@ -49,15 +50,6 @@ GlucoseFloor = Annotated[
 ]
 FloorWeight = Annotated[float, About("Weight on the violation of the floor, w.", above=0.0)]
 MeasurementVariance = Annotated[float, About("Variance of a reading that the filter assumes, R.", above=0.0)]
-NoisePace = Annotated[
-    float,
-    About(
-        "Pace at which the size of a correlated error of the sensor is learned, in mg/dl per innovation; "
-        "0: the noise is as told.",
-        at_least=0.0,
-        at_most=1.0,
-    ),
-]
 SensorLag = Annotated[
     float,
     About(
@@ -86,6 +78,7 @@ class MPCTuning(ControllerPart):
     move_weight: MoveWeight = usual(default=0.0, noisy=1.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if 0 < self.prediction_horizon < self.move_horizon:
             raise Refusal(
                 f"a prediction horizon of {self.prediction_horizon} is not possible with a move horizon of "
@@ -264,32 +257,8 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         Tuned("floor_weight", 0.5, 50.0, log=True, unasked=False),
         Tuned("measurement_variance", 0.3, 30.0, log=True, unasked=False),
     )
-    estimator_settings: ClassVar = (
-        "meal_horizon",
-        "fast_horizon",
-        "meals_per_h",
-        "meals_by_time",
-        "mean_carbs_g",
-        "fast_meals",
-        "ends_unseen",
-        "disturbance_variance",
-        "largest_disturbance_mg_min",
-        "measurement_variance",
-        "noise_pace",
-        "noise_patience",
-        "failures_per_h",
-        "failure_min",
-        "sensor_lag_min",
-    )
 
-    estimator: Annotated[
-        Literal["moving-horizon", "kalman"],
-        About("Estimator of meals: their beginning and end, over a horizon; or their rate, by a Kalman filter."),
-    ] = "moving-horizon"
-    meal_horizon: Annotated[
-        int, About("Samples over which the beginning or end of a meal is searched for, L.", at_least=2)
-    ] = 6
-    fast_horizon: Annotated[int, About("The same for meals through a fast gut, F.", at_least=2)] = 4
+    estimator: Annotated[EstimatorPart, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
     meals_per_h: Annotated[
         float, About("Expected number of meals per hour; more is quicker and less certain.", above=0.0)
     ] = 0.57
@@ -308,34 +277,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         float,
         About("Variance of a reading that the filter assumes, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
     ] = 0.0
-    largest_disturbance_mg_min: Annotated[
-        float,
-        About("Largest unexplained appearance of glucose that is believed, to either side, in mg/min.", above=0.0),
-    ] = 100.0
-    noise_pace: NoisePace = 0.05
     sensor_lag_min: SensorLag = 0.0
-    ends_unseen: Annotated[
-        float,
-        About(
-            "Probability that a meal ends in a sample without a reading, if above the usual.", at_least=0.0, below=1.0
-        ),
-    ] = 0.3
-    noise_patience: Annotated[
-        float,
-        About(
-            "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
-            at_least=0.0,
-        ),
-    ] = 2.0
-    failures_per_h: Annotated[
-        float,
-        About("Expected number of times per hour at which insulin ceases to arrive, unreported.", at_least=0.0),
-    ] = 0.002
-    failure_min: Annotated[float, About("Mean time until insulin arrives again, in min.", above=0.0)] = 90.0
-    fast_meals: Annotated[
-        float,
-        About("Share of the meals that go through a gut of 30 min in place of 60 min.", at_least=0.0, below=1.0),
-    ] = 0.1
     individual_by: Annotated[
         Literal["record", "basal", "none"],
         About("Source of gain and lag of insulin in a design for each person, beside the basal rate."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import jax
 import numpy as np
@@ -12,6 +12,13 @@ import numpy as np
 from glucoloop._pytree import pytree, static
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.refusal import Refusal
+
+_EVERYDAY: Final = (
+    *("time_70_180_pct", "time_above_180_pct", "time_above_250_pct", "time_below_70_pct", "time_below_54_pct", "gri"),
+    *("mean_mg_dl", "cv_pct", "undershoot_mg_dl", "minimum_mg_dl", "peak_mg_dl", "settling_2pct_min"),
+    *("insulin_total_mU", "insulin_off_min"),
+)
+"""Results in the short table of ``print(metrics)``."""
 
 
 @pytree
@@ -76,7 +83,7 @@ def short_table(metrics: Mapping[str, Any]) -> str:
     """The most used metrics with units: of one person, or their distribution over people."""
     people = np.shape(metrics["minimum_mg_dl"])
     lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []
-    for result in filter(lambda result: result.everyday, RESULTS):
+    for result in filter(lambda result: result.name in _EVERYDAY, RESULTS):
         values = np.asarray(metrics[result.name], float) / result.divisor
         finite = values[np.isfinite(values)]
         shown = np.percentile(finite, [5, 50, 95]) if people and finite.size else values.reshape(-1)[:1]

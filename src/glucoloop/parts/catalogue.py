@@ -20,8 +20,10 @@ HOMES: Final = {
     "pump": "glucoloop.parts.pumps:PUMPS",
     "fault": "glucoloop.parts.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
+    "estimator": "glucoloop.parts.estimators:ESTIMATORS",
     "guard": "glucoloop.parts.guard:GUARDS",
     "metric": "glucoloop.parts.metrics:METRICS",
+    "sampler": "glucoloop.parts.samplers:SAMPLERS",
     "model": "glucoloop.parts.models:MODELS",
 }
 """Catalogue of each kind, as ``module:attribute``."""

@@ -46,9 +46,6 @@ class ControllerPart(Part):
     """Whether a decision takes so long that studies of many loops use fewer and shorter ones with this controller."""
     searched: ClassVar[tuple[Tuned, ...]] = ()
     """Settings that `glucoloop robust` can search, with their usual ranges."""
-    estimator_settings: ClassVar[tuple[str, ...]] = ()
-    """Settings of the estimator of unknown meals in the controller, which `glucoloop detect` tries. The controller then
-    has a setting ``estimator``, and a ``model`` and an ``estimator`` as `control.MealMPC` has them."""
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -57,6 +54,11 @@ class ControllerPart(Part):
                 raise TypeError(f"{place!r} of the controller {cls.name} is no place; write it like module:function")
         if cls.tunable and not hasattr(cls, "move_horizon"):
             raise TypeError(f"the controller {cls.name} cannot be tunable: it lacks one of {', '.join(_TUNED)}")
+
+    def __post_init__(self) -> None:
+        for name, setting in self.settings().items():
+            if setting.is_part:
+                object.__setattr__(self, name, getattr(self, name).completed())
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""

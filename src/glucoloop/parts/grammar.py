@@ -93,7 +93,7 @@ def part_text(tree: Mapping[str, Any]) -> str:
 
 def _value_text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return f"({part_text(value)})"
+        return part_text(value) if value.keys() == {NAME} else f"({part_text(value)})"
     if isinstance(value, bool):
         return "true" if value else "false"
     text = repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PatientPart
-from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.parts.setting import About
 from glucoloop.plausible import ANY_SETTING, GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
@@ -114,8 +114,7 @@ class GuardSettings(Part, name="usual"):
         ValueError
             For an unknown route.
         """
-        if insulin_route not in OF_ROUTE:
-            raise Refusal(f"unknown route of insulin {insulin_route!r}; the known ones are: {', '.join(OF_ROUTE)}")
+        route_of(insulin_route)
         return cls(**OF_ROUTE[insulin_route])
 
     def __post_init__(self) -> None:

@@ -65,7 +65,8 @@ def described(part: type[Part]) -> dict[str, Any]:
 def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_part:
-        usual, possible = {}, f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
+        usual = {"": setting.default.noise_free.called} if isinstance(setting.default.noise_free, Part) else {}
+        possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)
     elif setting.kind in (int, float):
@@ -109,19 +110,8 @@ def _whole(part: dict[str, Any]) -> Iterator[tuple[str, int]]:
         for name, summary in part.get(key, {}).items():
             yield f"  {what} {name}: {summary}", 4
     if "insulin_route" in part:
-        usual = part["usual"]
         yield f"  Route of insulin: {part['insulin_route']}", 4
-        yield (
-            f"  Usual pump: {usual['min_insulin_mU_min']:g} to {usual['max_insulin_mU_min']:g} mU/min, changed by at "
-            f"most {usual['max_change_mU_min']:g} mU/min from one sample to the next",
-            4,
-        )
-        yield (
-            f"  Usual identification: pulses of {usual['pulse_mU_min']:g} mU/min, a memory of "
-            f"{usual['memory_min']:g} min, {usual['laguerre_functions']} Laguerre functions with a pole of "
-            f"{usual['laguerre_pole']:g} at 5-min samples",
-            4,
-        )
+        yield f"  Usual: {', '.join(f'{name} {value:g}' for name, value in part['usual'].items())}", 4
     for setting in part["settings"]:
         usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
         yield f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})", 6

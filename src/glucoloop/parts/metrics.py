@@ -43,8 +43,6 @@ class Result:
     """Whether it is a concentration of glucose; one below 0 is not valid."""
     fall: bool = False
     """Whether it is a fall of glucose below the setpoint; one to below 0 is not valid."""
-    everyday: bool = False
-    """Whether it is in the short table of ``print(metrics)``."""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
@@ -120,13 +118,12 @@ METRICS: Final = Catalogue(
                 "time_70_180_pct",
                 "from 70 to 180 mg/dl",
                 more=", both included; with those below 70 and above 180 it makes 100",
-                everyday=True,
             ),
-            _share("time_above_180_pct", "above 180 mg/dl", everyday=True),
-            _share("time_above_250_pct", "above 250 mg/dl", everyday=True),
-            _share("time_below_70_pct", "below 70 mg/dl", everyday=True),
+            _share("time_above_180_pct", "above 180 mg/dl"),
+            _share("time_above_250_pct", "above 250 mg/dl"),
+            _share("time_below_70_pct", "below 70 mg/dl"),
             _share("time_below_60_pct", "below 60 mg/dl"),
-            _share("time_below_54_pct", "below 54 mg/dl", everyday=True),
+            _share("time_below_54_pct", "below 54 mg/dl"),
             _share(
                 "time_below_validity_pct",
                 "below the valid range of the patient's model",
@@ -134,7 +131,7 @@ METRICS: Final = Catalogue(
                 "; a value above 0 means severe hypoglycemia",
                 seldom=True,
             ),
-            Result("gri", "Glycemia risk index.", "Glycemia risk index", everyday=True),
+            Result("gri", "Glycemia risk index.", "Glycemia risk index"),
         ),
         _metric(
             "low-events",
@@ -147,15 +144,12 @@ METRICS: Final = Catalogue(
             "mean-and-variation",
             "Glycemia",
             "Mean glucose and its variation.",
-            Result(
-                "mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", concentration=True, everyday=True
-            ),
+            Result("mean_mg_dl", "Mean glucose over the grid.", "Mean glucose", "mg/dl", concentration=True),
             Result(
                 "cv_pct",
                 "Coefficient of variation: standard deviation (n - 1) in percent of the mean.",
                 "Coefficient of variation",
                 "%",
-                everyday=True,
             ),
             Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
         ),
@@ -170,27 +164,11 @@ METRICS: Final = Catalogue(
             "extremes",
             "Regulation",
             "Least and greatest glucose.",
-            Result(
-                "undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True, everyday=True
-            ),
-            Result(
-                "minimum_mg_dl",
-                "Least glucose of the run.",
-                "Least glucose",
-                "mg/dl",
-                concentration=True,
-                everyday=True,
-            ),
+            Result("undershoot_mg_dl", "Setpoint minus the least glucose.", "Undershoot", "mg/dl", fall=True),
+            Result("minimum_mg_dl", "Least glucose of the run.", "Least glucose", "mg/dl", concentration=True),
             _minutes("minimum_t_min", "Time from the start of the run at which the minimum is first reached.", "  at"),
             Result("overshoot_mg_dl", "Greatest glucose minus the setpoint.", "Overshoot", "mg/dl"),
-            Result(
-                "peak_mg_dl",
-                "Greatest glucose of the run.",
-                "Greatest glucose",
-                "mg/dl",
-                concentration=True,
-                everyday=True,
-            ),
+            Result("peak_mg_dl", "Greatest glucose of the run.", "Greatest glucose", "mg/dl", concentration=True),
             _minutes("peak_t_min", "Time from the start of the run at which the peak is first reached.", "  at"),
         ),
         _metric(
@@ -204,7 +182,6 @@ METRICS: Final = Catalogue(
                 "takes the place of that minute.",
                 "Settling, 2 % band",
                 exact_if="settled_2pct",
-                everyday=True,
             ),
             Result("settled_2pct", "Whether glucose is within 2 % of the setpoint at the end."),
             _minutes(
@@ -238,13 +215,11 @@ METRICS: Final = Catalogue(
                 "U",
                 digits=2,
                 divisor=MU_PER_U,
-                everyday=True,
             ),
             _minutes(
                 "insulin_off_min",
                 "Time of the samples at which the pump delivered no insulin at all.",
                 "Time without insulin",
-                everyday=True,
             ),
             _minutes(
                 "longest_insulin_off_min", "Longest time without insulin that no delivery interrupts.", "  longest"

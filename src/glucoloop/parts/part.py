@@ -159,6 +159,9 @@ class Part:
         """Text from which the same part is read, with every setting."""
         return part_text(self.tree(whole=True))
 
+    def __str__(self) -> str:
+        return self.text
+
 
 def _inherit_annotations(part: type[Part]) -> None:
     """A default that a class gives without a description is one of the setting that it inherits."""

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import Part
-from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS
+from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.parts.setting import About, Default, Tunings, known_names
 from glucoloop.refusal import Refusal
 
@@ -84,14 +84,9 @@ class PatientPart(Part):
         super().__init_subclass__(**more)
         if not cls.model:
             return
-        if cls.insulin_route not in ROUTES:
-            raise Refusal(
-                f"the patient {cls.name or cls.__name__} has insulin by the route {cls.insulin_route!r}; the known "
-                f"ones are: {', '.join(ROUTES)}"
-            )
+        route = route_of(cls.insulin_route)
         if not (cls.operating_points and hasattr(cls, "pulse_mU_min")):
             raise TypeError(f"the patient {cls.__name__} lacks operating_points or pulse_mU_min; add them")
-        route = ROUTES[cls.insulin_route]
         usual = {
             "max_change_mU_min": route.pump.max_change_mU_min,
             "min_insulin_mU_min": route.pump.min_mU_min,

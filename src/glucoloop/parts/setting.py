@@ -112,12 +112,6 @@ class Default:
         """Value for a run with or without noise."""
         return self.noisy if noisy and self.noisy is not None else self.noise_free
 
-    @property
-    def text(self) -> str:
-        """Text for help: ``8`` or ``8, with noise 10``."""
-        noisy = "" if self.noisy in (None, self.noise_free) else f", with noise {value_text(self.noisy)}"
-        return f"{value_text(self.noise_free)}{noisy}"
-
 
 Tunings = Mapping[str, Mapping[str, Default]]
 """Usual values of settings for a patient, by controller and setting, where they differ from the controller's own."""
@@ -174,7 +168,7 @@ class Setting:
         if self.kind is bool:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
-            return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) else text
+            return int(text) if re.fullmatch(r"[-+]?[0-9]{1,400}", text) else text
         found = _NUMBER.fullmatch(text) if self.kind is float else None
         if found is None:
             return text

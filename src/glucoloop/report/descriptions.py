@@ -228,7 +228,7 @@ def setting_in_words(key: str, value: Value) -> str:
     if isinstance(value, bool):
         return name if value else f"not {name}"
     name = {DURATION: "", PER_DAY: "", START: "from", LATEST: "up to"}.get(key, name)
-    number = value if isinstance(value, str) else f"{value:g}"
+    number = f"{value:g}" if isinstance(value, int | float) else str(value)
     return " ".join(filter(None, (name, number, "a day" if key == PER_DAY else unit)))
 
 

@@ -221,12 +221,6 @@ def made_folders(path: Path) -> Iterator[None]:
         raise
 
 
-def make_folder(path: Path) -> None:
-    """Make a folder unless there is one; ValueError if something else stands there."""
-    if not is_folder(path):
-        os.mkdir(path)
-
-
 def sync(folder: Path) -> None:
     """Flush changes of the names in a folder to the disk; Windows does so by itself and opens no folders."""
     if os.name == "nt":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,9 +59,9 @@ def stored_json(path: Path, mend: str) -> dict[str, Any]:
     return found
 
 
-def json_text(value: object) -> str:
-    """Indented JSON of plain values; a number that is not finite becomes null."""
-    return json.dumps(_finite(value), indent=2, allow_nan=False, ensure_ascii=False)
+def json_text(value: object, other: Callable[[Any], object] | None = None) -> str:
+    """Indented JSON of plain values, and of others as `other` makes them plain; a number that is not finite is null."""
+    return json.dumps(_finite(value), indent=2, allow_nan=False, ensure_ascii=False, default=other)
 
 
 def with_version(report: Mapping[str, Any]) -> dict[str, Any]:

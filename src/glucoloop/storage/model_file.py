@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 import glucoloop
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
+from glucoloop.parts.setting import shown
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.situations.toml import deeper_than
@@ -21,7 +22,6 @@ from glucoloop.storage.files import json_text, read_text
 _ROUNDING: Final = 1e-9
 _DEEPEST: Final = 10
 _MOST_STATES: Final = 100
-_LONGEST_VALUE: Final = 60
 _LARGEST_RESPONSE: Final = 1e6
 """Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
@@ -207,18 +207,17 @@ def _sentence(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     kind, value, message = first["type"], first["input"], first["msg"]
     name = ".".join(map(str, first["loc"])) or "it"
-    shown = repr(value) if len(repr(value)) <= _LONGEST_VALUE else f"{repr(value)[:_LONGEST_VALUE]}..."
     match kind, first["loc"]:
         case "value_error", _:
             return f"it has {first['ctx']['error']}; identify it again"
         case "literal_error", ("version",):
-            return f"its format version is {shown}, but this glucoloop reads version 1; identify it again"
+            return f"its format version is {shown(value)}, but this glucoloop reads version 1; identify it again"
         case "literal_error", ("format",):
-            return f"its format is {shown} and not 'glucoloop-model'; write one with glucoloop identify"
+            return f"its format is {shown(value)} and not 'glucoloop-model'; write one with glucoloop identify"
         case "missing", _:
             return f"{name} is missing; add it"
         case "extra_forbidden", _:
             return f"{name} is not a known key; leave it out"
         case "json_invalid", _:
             return f"this is not JSON: {first['ctx']['error']}"
-    return f"{name} is {shown}; {message.replace('Input', 'it', 1).replace('List', 'it', 1)}"
+    return f"{name} is {shown(value)}; {message.replace('Input', 'it', 1).replace('List', 'it', 1)}"

@@ -60,7 +60,7 @@ def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Itera
     before, now = _flat(earlier), _flat(current)
     for name in dict.fromkeys([*now, *before]):
         one, other = before.get(name), now.get(name)
-        if _text(one) != _text(other):
+        if json_text(one, str) != json_text(other, str):  # TOML also has dates, which no configuration has
             yield name, "not given" if one is None else one, "not given" if other is None else other
 
 
@@ -81,11 +81,3 @@ def _flat(config: Mapping[str, Any]) -> dict[str, object]:
 
 def _are_cases(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(case, dict) and "label" in case for case in value)
-
-
-def _text(value: object) -> str:
-    """Text of a value for comparison; TOML also has dates, which no configuration has."""
-    try:
-        return json_text(value)
-    except TypeError:
-        return str(value)

@@ -226,8 +226,8 @@ class ResumableFolder(ABC):
         for name, text in zip(self._files, (self.recorded.text(), configuration), strict=False):
             if not (disk.is_file(self.path / name) and disk.read_bytes(self.path / name) == text.encode()):
                 disk.put_file(self.path / name, text.encode())
-        if self.in_parts:
-            disk.make_folder(self.path / self._results)
+        if self.in_parts and not disk.is_folder(self.path / self._results):
+            (self.path / self._results).mkdir()
 
     def _digests(self) -> dict[str, str]:
         return {**self._file_digests(), **self._part_digests()}

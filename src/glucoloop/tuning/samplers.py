@@ -1,4 +1,4 @@
-"""Samplers that propose the next tunings: random draws, or Optuna from the results so far.
+"""Samplers that propose the next tunings, declared in `parts.samplers`.
 
 A sampler is asked for a round of tunings at a time and gets the result of each, in order. It depends only on its seed,
 on the size of a round and on these results, so that an interrupted search resumes by passing them again.
@@ -16,10 +16,6 @@ import numpy as np
 
 from glucoloop._extras import needed_for
 from glucoloop.parts.ranges import Tuned
-from glucoloop.refusal import Refusal
-
-SAMPLERS: Final = ("tpe", "nsga2", "random")
-"""Names of the samplers: Parzen estimators, an evolutionary algorithm, and random draws."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +38,10 @@ class Sampler(Protocol):
         """Take the results of the tunings that were asked for last, in their order."""
 
 
-def make_sampler(
-    name: str, space: Sequence[Tuned], seed: int, *, batch: int, start: dict[str, float] | None = None
-) -> Sampler:
-    """A sampler by name, asked for `batch` tunings at a time; the tuning `start` is tried first."""
-    if name not in SAMPLERS:
-        raise Refusal(f"unknown sampler {name!r}; the known ones are: {', '.join(SAMPLERS)}")
-    if name == "random":
-        return _Chance(space, seed, start)
-    return _Optuna(name, space, seed, batch, start)
+class RandomDraws:
+    """Sampler of random draws, each uniform between its bounds, or its logarithm; `start` is tried first."""
 
-
-class _Chance:
-    """Random draws, each uniform between its bounds, or its logarithm."""
-
-    def __init__(self, space: Sequence[Tuned], seed: int, start: dict[str, float] | None) -> None:
+    def __init__(self, space: Sequence[Tuned], seed: int, start: dict[str, float] | None = None) -> None:
         self._space, self._start = space, start
         self._random = np.random.default_rng(seed)
 
@@ -75,28 +60,28 @@ class _Chance:
         """Ignore the results, since the draws do not depend on them."""
 
 
+def tpe(space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None = None) -> Sampler:
+    """Sampler by Parzen estimators; the first of the rounds of `batch` tunings is random."""
+    return _Optuna(space, start, "TPESampler", seed=seed, multivariate=True, constant_liar=True, n_startup_trials=batch)
+
+
+def nsga2(space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None = None) -> Sampler:
+    """Sampler by NSGA-II with a population of `batch` tunings."""
+    return _Optuna(space, start, "NSGAIISampler", seed=seed, population_size=batch)
+
+
 class _Optuna:
     """Sampler by an Optuna study in memory."""
 
-    def __init__(
-        self, name: str, space: Sequence[Tuned], seed: int, batch: int, start: dict[str, float] | None
-    ) -> None:
-        self._optuna = library()
-        optuna, self._space = self._optuna, space
+    def __init__(self, space: Sequence[Tuned], start: dict[str, float] | None, sampler: str, **settings: Any) -> None:
+        with needed_for("a sampler other than random"):
+            import optuna
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        self._optuna, self._space = optuna, space
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what it calls experimental
-            sampler = (
-                optuna.samplers.TPESampler(
-                    seed=seed,
-                    multivariate=True,
-                    constant_liar=True,
-                    n_startup_trials=batch,
-                    constraints_func=_violation,
-                )
-                if name == "tpe"
-                else optuna.samplers.NSGAIISampler(seed=seed, population_size=batch, constraints_func=_violation)
-            )
-            self._study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
+            made = getattr(optuna.samplers, sampler)(**settings, constraints_func=_violation)
+            self._study = optuna.create_study(directions=["minimize", "minimize"], sampler=made)
             if start is not None:
                 self._study.enqueue_trial(start)
         self._asked: list[Any] = []
@@ -135,11 +120,3 @@ _VIOLATION: Final = "violation"
 def _violation(trial: Any) -> Sequence[float]:
     found: Sequence[float] = trial.user_attrs[_VIOLATION]
     return found
-
-
-def library() -> Any:
-    """The library of all samplers but random draws, asked for before a search that would do other things first."""
-    with needed_for("a sampler other than random"):
-        import optuna
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    return optuna

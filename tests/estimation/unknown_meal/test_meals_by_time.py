@@ -13,10 +13,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.expectation import expectation
-from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier
+from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier, parse_daily
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.experiments.designs import controller_of
-from glucoloop.parts.number_text import parse_daily
+from glucoloop.parts.estimators import MovingHorizonSettings
 from glucoloop.situations.situation import configured
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0
@@ -164,7 +164,7 @@ def test_at_any_hour_it_doses_as_if_the_rate_of_that_hour_were_that_of_all(two_s
         )
 
     by_time, same = (
-        design_meal_mpc(two_states, habits=habits, meal_horizon=3)
+        design_meal_mpc(two_states, habits=habits, estimator=MovingHorizonSettings(horizon=3))
         for habits in (MealHabits(0.3, 24.0, TABLE), MealHabits(rate, 24.0))
     )
     assert by_time.needs_time_of_day

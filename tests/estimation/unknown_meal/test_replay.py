@@ -12,6 +12,7 @@ from glucoloop.control import Observation, design_meal_mpc
 from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, design_meal_kalman
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
 from glucoloop.models.sensor_lag import behind_lag
+from glucoloop.parts.estimators import MovingHorizonSettings
 from glucoloop.sensors.delay import lagged
 
 N = 30
@@ -19,7 +20,7 @@ N = 30
 
 @pytest.mark.long
 def test_it_says_what_the_controller_was_told(two_states):
-    controller = design_meal_mpc(two_states, meal_horizon=5, dead_time_samples=2)
+    controller = design_meal_mpc(two_states, estimator=MovingHorizonSettings(horizon=5), dead_time_samples=2)
     rng = np.random.default_rng(2)
     readings = 80.0 + np.cumsum(rng.normal(0.3, 1.0, N))
     readings[7:9] = np.nan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +13,13 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
-from glucoloop.parts.number_text import DailyValues, parse_daily, time_of_day_text
+from glucoloop.parts.number_text import number_of, parse_time_of_day
 from glucoloop.refusal import Refusal
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, MIN_PER_H
+
+DailyValues = tuple[tuple[float, float], ...]
+"""Times of day in minutes after midnight, in their order, and the value from each of them on until the next."""
+_DAILY: Final = "write values and times, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour"
 
 
 @pytree
@@ -103,8 +107,9 @@ class MealHabits:
                 raise Refusal(f"{value:g} {what} are not possible; give a finite value above 0")
         for start_min, value in self._by_time:
             if not value > 0.0:
+                hours, minutes = divmod(int(start_min), int(MIN_PER_H))
                 raise Refusal(
-                    f"{value:g} meals per hour from {time_of_day_text(start_min)} on are not possible; give a finite "
+                    f"{value:g} meals per hour from {hours:02d}:{minutes:02d} on are not possible; give a finite "
                     "value above 0, like 0.01 where hardly anybody eats"
                 )
 
@@ -147,3 +152,40 @@ class MealHabits:
 
 def _begins(meals_per_h: float, sample_time_min: float) -> float:
     return -math.expm1(-meals_per_h * sample_time_min / 60.0)
+
+
+def parse_daily(text: str) -> DailyValues:
+    """Values by time of day from a text; the last of them holds until the first time of the next day.
+
+    The text holds values with times, ``0.6@06:30 0.02@22:00``, or 24 numbers, one for each hour.
+    """
+    items = text.split()
+    if not items:
+        raise Refusal(f"there is no value for any time of day; {_DAILY}")
+    timed = ["@" in item for item in items]
+    if not any(timed):
+        numbers = list(map(_finite, items))
+        if len(numbers) != HOURS_PER_DAY:
+            count = "1 number is" if len(numbers) == 1 else f"{len(numbers)} numbers are"
+            raise Refusal(f"{count} not one for each hour of the day; {_DAILY}")
+        return tuple((hour * MIN_PER_H, number) for hour, number in enumerate(numbers))
+    if not all(timed):
+        raise Refusal(f"{items[timed.index(False)]!r} has no time of day, unlike others; {_DAILY}")
+    values: dict[float, float] = {}
+    for item in items:
+        value, _, time = item.partition("@")
+        start_min = parse_time_of_day(time)
+        if start_min in values:
+            raise Refusal(f"the time {time} has two values; leave one out")
+        values[start_min] = _finite(value)
+    return tuple(sorted(values.items()))
+
+
+def _finite(text: str) -> float:
+    try:
+        value = number_of(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise Refusal(f"{text!r} is no finite number; {_DAILY}")
+    return value

@@ -374,12 +374,12 @@ def design_meal_horizon(
 ) -> MealHorizon:
     """Design the estimator for a model.
 
-    Settings have the meanings, units and bounds of those of the same names in `control.settings.MealMPCSettings`.
+    Settings have the meanings, units and bounds of those of the same names in `parts.estimators`.
 
     Parameters
     ----------
     horizon, fast_horizon : int
-        L and F, there `meal_horizon` and `fast_horizon`, up to 100 samples.
+        L and F, from 2 to 100 samples.
     measurement_variance : float
         R, (mg/dl)^2, above 0.
     noise_patience : float

@@ -26,9 +26,6 @@ from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import Simulate, compute_shard
 
-Progress = Callable[[int], None]
-"""Callback with the number of people simulated since the last one."""
-
 LOCAL: Final = "local"
 RETRIES: Final = 3
 """Number of times that Dask tries a shard again before the trial stops."""
@@ -38,17 +35,15 @@ _CONNECT_S: Final = 30
 _designing = threading.Lock()
 
 
-def run_here(folder: TrialFolder, simulate: Simulate, progress: Progress) -> None:
+def run_here(folder: TrialFolder, simulate: Simulate) -> None:
     """Compute the shards that are missing in this process, and write each while the next is computed.
 
     A ValueError tells that one cannot be written.
     """
-    trial = folder.trial
     with ThreadPoolExecutor(1, thread_name_prefix="writer") as writer:
         writing: Future[None] | None = None
         for index in folder.missing():
-            people = trial.shard(index).size
-            files = compute_shard(trial, index, simulate, lambda people=people: progress(people))  # type: ignore[misc]
+            files = compute_shard(folder.trial, index, simulate)
             if writing is not None:
                 writing.result()  # one at a time, so that what waits does not pile up
             writing = writer.submit(folder.put, index, files)
@@ -82,7 +77,6 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
         trial,
         index,
         lambda label, person, traces: engine.run_people(prepared, label, person, traces=traces, threads=1),
-        lambda: None,
     )
 
 
@@ -135,9 +129,10 @@ def _ignoring_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def run_on_cluster(folder: TrialFolder, client: Any, progress: Progress) -> None:
+def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], None]) -> None:
     """Compute the missing shards on the workers of a cluster, and put them into the folder as they arrive.
 
+    `progress` is called with the number of people simulated since the last call, under each controller.
     A ValueError tells that a shard fails repeatedly, or cannot be written; finished shards stay.
     """
     trial, identity = folder.trial, arithmetic.identity()

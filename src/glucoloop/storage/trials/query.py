@@ -1,25 +1,18 @@
 """Queries to the folder of a trial, in SQL.
 
 DuckDB reads the Parquet files in place. A query only reads: SELECT, PIVOT, DESCRIBE or SUMMARIZE; nothing is written,
-and no other file is read. Data that does not fit in memory goes to a temporary folder, up to a limit; the folder is
-removed with the query, and that of a killed process with the next query.
+and no other file is read.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
-import os
 import re
-import shutil
 import tempfile
-import threading
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, wait
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import polars as pl
 
@@ -41,22 +34,11 @@ VIEWS: Final = {
     "summary": "how each metric is spread, by controller",
     "traces": "glucose and insulin of those whose traces were kept",
 }
-_MEMORY: Final = "1GB"
-_SPILL: Final = "4GB"
-_SCRATCH: Final = "glucoloop-query-"
-"""Prefix of the temporary folder; the number of the process follows."""
+_MEMORY: Final = "4GB"
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
 _LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
 """DuckDB's words for a Python package that it needs to hand over a value, before a traceback."""
-_GRACE_S: Final = 0.5
-"""Time to wait for a query that was asked to stop."""
-_AGAIN_S: Final = 0.02
-_LOOK_S: Final = 0.05
-UNSTOPPED: Final = "glucoloop left this behind"
-"""Name of a thread that did not stop."""
-T = TypeVar("T")
-_Rows = list[tuple[Any, ...]]
 _SPACES: Final = dict.fromkeys(map(ord, "\t\n\r"), " ")
 """White space that a query over several lines may hold."""
 
@@ -79,40 +61,25 @@ class TrialTables:
     done: int
     shards: int
 
-    def query(self, sql: str, *, timeout_s: float | None = None) -> Answer:
-        """Answer a query; the time limit is for the answer and all of its rows.
-
-        A ValueError tells of a text that is not one query that only reads, of a query that DuckDB refuses, or of an
-        answer that takes too long.
-        """
+    def query(self, sql: str) -> Answer:
+        """Answer a query; ValueError for a text that is not one query that only reads, or that DuckDB refuses."""
         if not is_printable(sql.translate(_SPACES)):
             raise Refusal(f"{one_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
-        try:
+        with _refusing():
             statements = self.connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise Refusal(
                     f"{one_line(sql)!r} is not one question that only reads; give one SELECT, "
                     'like "select controller, avg(undershoot_mg_dl) from people group by all"'
                 )
-        except duckdb.Error as error:
-            raise Refusal(_refusal(error)) from None
-        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
+            first = self.connection.execute(statements[0]).fetchmany(_ROWS)
+        return Answer([column[0] for column in self.connection.description], self._rows(first))
 
-        def part(query: Callable[[], Any]) -> _Rows:
-            try:
-                return stoppable(lambda: query().fetchmany(_ROWS), self.connection.interrupt, until)
-            except TimeoutError:
-                raise Refusal(f"the answer took more than {timeout_s:g} s; ask for less, or allow more time") from None
-            except (duckdb.Error, OverflowError) as error:
-                raise Refusal(_refusal(error)) from None
-
-        def rows(found: _Rows) -> Iterator[tuple[Any, ...]]:
-            while found:
-                yield from found
-                found = part(lambda: self.connection)
-
-        first = part(lambda: self.connection.execute(statements[0]))
-        return Answer([column[0] for column in self.connection.description], rows(first))
+    def _rows(self, found: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        while found:
+            yield from found
+            with _refusing():
+                found = self.connection.fetchmany(_ROWS)
 
     def _only_reads(self, statement: Any) -> bool:
         """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
@@ -128,45 +95,6 @@ class TrialTables:
         return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
 
 
-def stoppable(work: Callable[[], T], stop: Callable[[], None], until: float = math.inf) -> T:
-    """Return what a piece of work returns; Ctrl-C ends it at once, and so does a TimeoutError at a monotonic time.
-
-    DuckDB checks for an interrupt between chunks of rows, so a function that works for minutes on one value notices
-    neither a timer nor Ctrl-C. Therefore the work is done in a thread of its own, which is left behind if it does not
-    stop; `program` in the command line then ends the process without waiting for it.
-    """
-    answer: Future[T] = Future()
-
-    def carry_out() -> None:
-        try:
-            answer.set_result(work())
-        except BaseException as error:
-            answer.set_exception(error)
-
-    thread = threading.Thread(target=carry_out, daemon=True)
-    try:
-        thread.start()
-        while time.monotonic() < until:
-            # Where a signal reaches another thread, a wait without end would not be woken.
-            if wait([answer], _LOOK_S).done:
-                return answer.result()
-        raise TimeoutError
-    except BaseException:
-        # Repeatedly, since the work may not have begun at the first request.
-        given_up_s = time.monotonic() + _GRACE_S
-        while not answer.done() and time.monotonic() < given_up_s:
-            stop()
-            wait([answer], _AGAIN_S)
-        if not answer.done():
-            thread.name = UNSTOPPED
-        raise
-
-
-def has_unstopped_work() -> bool:
-    """Whether there is work that did not stop and for which the end of the process would wait."""
-    return any(thread.name == UNSTOPPED for thread in threading.enumerate())
-
-
 @contextlib.contextmanager
 def trial_tables(folder: Path) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
@@ -177,18 +105,17 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
     place = folder.resolve()
     if _SPECIAL & set(str(place)):
         raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
-    with _connected() as connection, _scratch() as scratch:
+    with duckdb.connect(":memory:") as connection:
         try:
             for name, statement in _views([place / SHARDS / shard.name for shard in shards], place, final).items():
                 connection.execute(f"create view {name} as {statement}")
             if SUMMARY in final:
-                table = f"{scratch}/summary.parquet"
-                _summary(folder).write_parquet(table)
-                connection.execute("create table summary as from read_parquet(?)", [table])
+                with tempfile.TemporaryDirectory() as scratch:
+                    _summary(folder).write_parquet(f"{scratch}/summary.parquet")
+                    connection.execute("create table summary as from read_parquet(?)", [f"{scratch}/summary.parquet"])
             settings = {
                 "memory_limit": _MEMORY,
-                "temp_directory": scratch,
-                "max_temp_directory_size": _SPILL,
+                "temp_directory": "",
                 "allowed_directories": [str(place)],
                 "enable_external_access": False,
                 "lock_configuration": True,
@@ -204,38 +131,6 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
         columns = dict(found)
         views = {name: columns[name] for name in VIEWS if name in columns}
         yield TrialTables(connection, views, len(shards), origin.shards)
-
-
-@contextlib.contextmanager
-def _connected() -> Iterator[Any]:
-    """A database in memory. One with work left behind is not closed, since closing would wait for it."""
-    connection = duckdb.connect(":memory:")
-    try:
-        yield connection
-    finally:
-        if not has_unstopped_work():
-            connection.close()
-
-
-@contextlib.contextmanager
-def _scratch() -> Iterator[str]:
-    """A temporary folder of this process; those of processes that were killed are removed."""
-    for old in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
-        number = old.name.removeprefix(_SCRATCH).partition("-")[0]
-        if number.isdecimal() and not _is_running(int(number)):
-            shutil.rmtree(old, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-", ignore_cleanup_errors=True) as scratch:
-        yield scratch
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        return True  # somebody else's
-    return True
 
 
 def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
@@ -270,13 +165,19 @@ def _summary(folder: Path) -> pl.DataFrame:
         raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
 
 
-def _refusal(error: Exception) -> str:
+@contextlib.contextmanager
+def _refusing() -> Iterator[None]:
+    """Refuse, in a sentence, what DuckDB refuses in the block."""
+    try:
+        yield
+    except (duckdb.Error, OverflowError) as error:
+        raise Refusal(_sentence(error)) from None
+
+
+def _sentence(error: Exception) -> str:
     """DuckDB's own message in a line, without the part that points into the text."""
     if isinstance(error, duckdb.OutOfMemoryException):
-        return (
-            f"the question needs more than {_MEMORY} of memory and {_SPILL} of disk; ask for fewer rows or columns, or "
-            "group them"
-        )
+        return f"the question needs more than {_MEMORY} of memory; ask for fewer rows or columns, or group them"
     if isinstance(error, OverflowError):
         return "the answer holds a span of time that is too long to be shown; cast it to varchar"
     lacked = _LACKED.search(str(error))

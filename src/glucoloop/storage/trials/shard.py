@@ -67,17 +67,14 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
     return found
 
 
-def compute_shard(trial: Trial, index: int, simulate: Simulate, done: Callable[[], None]) -> dict[str, bytes]:
-    """Simulate the people of a shard under each controller; `done` is called after each.
+def compute_shard(trial: Trial, index: int, simulate: Simulate) -> dict[str, bytes]:
+    """Simulate the people of a shard under each controller.
 
     The contents of the files, by name, are the same to the bit on every machine.
     """
     person = trial.shard(index)
     traced = trial.traced(person)
-    results: dict[str, PeopleResult] = {}
-    for case in trial.cases:
-        results[case.label] = simulate(case.label, person, bool(traced.any()))
-        done()
+    results = {case.label: simulate(case.label, person, bool(traced.any())) for case in trial.cases}
     files = {
         PEOPLE: parquet(pl.concat([_people_table(label, result) for label, result in results.items()])),
         BANDS: parquet(pl.concat(_count_tables(trial, results))),

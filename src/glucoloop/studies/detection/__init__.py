@@ -10,8 +10,9 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.limits import MOST_DAYS
 from glucoloop.parts.controllers import ControllerPart
+from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart
+from glucoloop.parts.grammar import part_text
 from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
-from glucoloop.parts.setting import known_names
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
@@ -20,7 +21,6 @@ from glucoloop.studies.study import PlainStudy
 if TYPE_CHECKING:
     from glucoloop.meals.plan import MealPlan
 
-ESTIMATORS: Final = ESTIMATING.setting("estimator").choices
 USUAL_DAYS: Final = 100
 """Usual number of days of one person; of several people, one day each."""
 MOST_RUNS: Final = 100_000
@@ -60,9 +60,9 @@ class Detection(Trial):
         ),
     ] = None
     estimators: Annotated[
-        tuple[str, ...],
-        _estimators(f"{', '.join(ESTIMATORS)}; repeat it for more.", flag="--estimator", default="both"),
-    ] = ESTIMATORS
+        tuple[EstimatorPart, ...],
+        _estimators("Estimator with its settings, like 'moving-horizon, fast_meals=0'; repeat it.", flag="--estimator"),
+    ] = tuple(part.partial({}) for part in ESTIMATORS.values())
     threshold: Annotated[
         float,
         _estimators("Probability of a meal above which it counts as detected.", metavar="P", above=0.0, below=1.0),
@@ -79,14 +79,11 @@ class Detection(Trial):
         super().__post_init__()
         if not self.estimators:
             raise Refusal(f"--estimator names none; give one or more of {', '.join(ESTIMATORS)}")
-        for name in self.estimators:
-            if name not in ESTIMATORS:
-                raise Refusal(f"--estimator has the unknown {name!r}; {known_names(name, ESTIMATORS)}")
-            if self.estimators.count(name) > 1:
-                raise Refusal(f"--estimator has {name!r} twice; leave one out")
-        if "estimator" in self.case.controller.given:
+        if len(self.tried) < len(self.estimators):
+            raise Refusal(f"--estimator is {'; '.join(self.tried)}, one of them twice; leave one out")
+        if "estimator" in {**self.case.controller.given, **getattr(self.estimates_by, "given", {})}:
             raise Refusal(
-                f"the controller {self.case.controller.called} is tried with each of the estimators; leave its "
+                f"the controller {ESTIMATING.name} is tried with each of the estimators; leave its "
                 "estimator out, and name them by --estimator"
             )
         if self.estimates_by is not None and self.estimates_by.name != ESTIMATING.name:
@@ -96,6 +93,11 @@ class Detection(Trial):
                 f"{self.number_of_days} days of {self.people} people are too many; give at most {MOST_RUNS} days in all"
             )
         _ = self.estimating  # refuses settings that are at odds
+
+    @functools.cached_property
+    def tried(self) -> dict[str, EstimatorPart]:
+        """The estimators by their texts."""
+        return {part_text(part.tree()): part for part in self.estimators}
 
     @property
     def number_of_days(self) -> int:
@@ -111,14 +113,14 @@ class Detection(Trial):
 
     @functools.cached_property
     def trial(self) -> Trial:
-        """The trial of one day, with a case for each estimator, by its name, where the controller rests on it."""
+        """The trial of one day, with a case for each estimator, by its text, where the controller rests on it."""
         case = self.case
         cases: tuple[Case, ...] = (case,)
-        if case.controller.estimator_settings:
+        if hasattr(case.controller, "estimator"):
             controller: Any = case.controller
             cases = tuple(
-                dataclasses.replace(case, label=name, controller=dataclasses.replace(controller, estimator=name))
-                for name in self.estimators
+                dataclasses.replace(case, label=label, controller=dataclasses.replace(controller, estimator=part))
+                for label, part in self.tried.items()
             )
         return self.with_cases(cases, days=1)
 

@@ -160,7 +160,7 @@ def with_estimates(
     """Days with the estimates of an estimator, with the settings of the controller that uses it."""
     trial, t_min = detection.trial, jnp.asarray(detection.trial.grid.t_min)
     known, estimating = trial.cases[0].known_dead_time, detection.estimating
-    controller = dataclasses.replace(typing.cast(Any, estimating), estimator=name)
+    controller = dataclasses.replace(typing.cast(Any, estimating), estimator=detection.tried[name])
     case = Case(label=name, controller=controller, known_dead_time=known).completed_in(trial)
     controller, late = controller_of(trial, case), trial.dead_time_samples if known else 0
 
@@ -240,7 +240,7 @@ def evaluate(detection: Detection, progress: Callable[[str], None]) -> Scores:
     recorded: dict[str, dict[bool, Days]] = {}
     cases = {case.label: case for case in detection.trial.cases}
     scores = {}
-    for name in detection.estimators:
+    for name in detection.tried:
         case = cases.get(name, detection.trial.cases[0])
         if case.label not in recorded:
             recorded[case.label] = recorded_days(detection, case, person, day, progress)

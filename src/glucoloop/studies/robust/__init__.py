@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
@@ -13,6 +13,7 @@ from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.parts.samplers import SAMPLERS, SamplerPart
 from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.parts.setting import About
 from glucoloop.refusal import Refusal
@@ -77,10 +78,9 @@ class Search(Trial):
         "mpc-se",
     )
     sampler: Annotated[
-        Literal["tpe", "nsga2", "random"],
-        _search("Sampler of the candidates: tpe, Parzen estimators; nsga2, evolution; random, which needs no Optuna."),
-    ] = "tpe"
-    sampler_seed: Annotated[int, _search("Seed of the sampler.", at_least=0, at_most=LARGEST_SEED)] = 0
+        SamplerPart,
+        _search("Sampler of the candidates: tpe, nsga2 or random, which needs no Optuna.", default=SAMPLERS.usual),
+    ] = SAMPLERS[SAMPLERS.usual].partial({})
     batch: Annotated[int, _search("Number of candidates that are proposed at a time.", at_least=1, at_most=4096)] = 64
     rounds: Annotated[int, _search("Number of rounds in all.", at_least=1, at_most=10_000)] = 4
     prefer: Annotated[
@@ -226,7 +226,7 @@ ROBUST: Final = SearchStudy(
         "panel": {"population": "People and noise"},
         "rare": dict.fromkeys(
             (
-                *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "sampler_seed", "batch"),
+                *("people_seed", "first_seed", "check_people_seed", "check_first_seed", "batch"),
                 *("prefer", "top", "announce_meals"),
             ),
             True,

@@ -38,7 +38,7 @@ from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, Search
-from glucoloop.tuning.samplers import Evaluated, make_sampler
+from glucoloop.tuning.samplers import Evaluated
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]
@@ -406,16 +406,16 @@ class SearchEngine:
         start = None
         if all(setting.holds(asked.initial[setting.name]) for setting in asked.space):
             start = {setting.name: setting.rounded(asked.initial[setting.name]) for setting in asked.space}
-        sampler = make_sampler(asked.sampler, asked.space, asked.sampler_seed, batch=asked.batch, start=start)
+        sampler = asked.sampler.made(space=asked.space, batch=asked.batch, start=start)
         for first in range(0, asked.rounds * asked.batch, asked.batch):
             tunings = sampler.ask(asked.batch)
             held = known[first : first + asked.batch]
             for candidate, tuning in zip(held, tunings, strict=False):
                 if tuning_of(asked, candidate) != tuning:
                     raise Refusal(
-                        f"candidate {candidate['candidate']} of the search was another tuning than {asked.sampler} "
-                        "proposes now; go on with the libraries with which it was begun, or begin again with "
-                        "--overwrite"
+                        f"candidate {candidate['candidate']} of the search was another tuning than "
+                        f"{asked.sampler.called} proposes now; go on with the libraries with which it was begun, or "
+                        "begin again with --overwrite"
                     )
             todo = tunings[len(held) :]
             runs = self._loop(asked.tuned).run(self.subjects, todo) if todo else ()

@@ -23,7 +23,6 @@ from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
-from glucoloop.tuning.samplers import library
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -38,8 +37,7 @@ def notes(asked: Search) -> tuple[str, ...]:
     for text, (name, _) in zip(asked.at_most, asked.bounds, strict=True):
         if name not in OBJECTIVES:
             raise Refusal(f"--at-most is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
-    if asked.sampler != "random":
-        library()
+    asked.sampler.made(space=asked.space, batch=asked.batch)  # refuses a library that is missing
     return ()
 
 
