@@ -17,6 +17,7 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -162,11 +163,12 @@ def impulse_response(model: LinearModel, samples: int) -> Array:
     """Response ``h_i = C Phi^(i-1) Gamma`` to a unit input held over the first sample [mg/dl per mU/min]."""
     if samples < 1:
         raise Refusal(f"A response needs at least 1 sample, but {samples} were asked for.")
+    return _impulse_response(model.Phi, model.Gamma, model.C, samples)
 
-    def step(x: Array, _: None) -> tuple[Array, Array]:
-        return model.Phi @ x, model.C @ x
 
-    _, h = jax.lax.scan(step, model.Gamma, None, length=samples)
+@partial(jax.jit, static_argnames="samples")
+def _impulse_response(Phi: Array, Gamma: Array, C: Array, samples: int) -> Array:
+    _, h = jax.lax.scan(lambda x, _: (Phi @ x, C @ x), Gamma, None, length=samples)
     return h
 
 
