@@ -91,7 +91,7 @@ def test_interrupt_from_the_keyboard(tmp_path, delay_s):
     with subprocess.Popen(
         [*arguments, "--out", "out"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
     ) as running:
-        while not any(tmp_path.iterdir()):  # the folder in the making
+        while not any(tmp_path.iterdir()) and running.poll() is None:  # the folder in the making
             time.sleep(0.05)
         time.sleep(delay_s)
         running.send_signal(signal.SIGINT)

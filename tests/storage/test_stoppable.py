@@ -33,7 +33,7 @@ def work(request):
     work.goes_on.set()
     for thread in threading.enumerate():
         if thread.name == UNSTOPPED:
-            thread.join(5)
+            thread.join(60)
     assert not has_unstopped_work()
 
 
