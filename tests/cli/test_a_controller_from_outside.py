@@ -153,6 +153,7 @@ def test_every_command_takes_it(outside, glucoloop, command):
     assert answer.code == (1 if command == "verify" else 0), answer.err
 
 
+@pytest.mark.long
 def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, outside):
     asked = ("trial", "--people", 2, "--controller", NAME, *SHORT, "--out", "people")
     assert glucoloop(*asked).code == 0

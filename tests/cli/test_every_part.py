@@ -43,6 +43,7 @@ def given_to(part):
     return st.fixed_dictionaries({}, optional={name: of for name, of in found.items() if of is not None})
 
 
+@pytest.mark.long
 @of_every_part
 @settings(max_examples=25)  # of each of fifty parts
 @given(data=st.data())
