@@ -52,6 +52,7 @@ def test_simulation_does_what_the_plan_says(best, scenario):
     assert plan.peak_mg_dl == pytest.approx(float(trace.fine_glucose_mg_dl.max()), abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known_after_min", [0.0, 10.0])
 def test_no_allowed_change_of_the_doses_comes_closer(best, scenario, known_after_min):
     plan = best(known_after_min)

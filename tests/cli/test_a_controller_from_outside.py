@@ -135,11 +135,11 @@ def test_a_setting_that_does_not_say_what_it_means_is_refused():
 
 
 COMMANDS = {
-    "trial": ("--people", "8", *SHORT),
+    "trial": ("--people", "2", *SHORT),
     "stress": ("--people", "4", "--fault", "missing, start_min=20, duration_min=30", *SHORT),
     "adversary": ("--people", "4", "--generations", "2", "--error", "10", *SHORT),
     "verify": ("--loops", "20"),
-    "detect": ("--days", "2"),
+    "detect": ("--days", "1"),
 }
 WITH_FOLDER = ("trial", "stress", "adversary")
 
@@ -153,6 +153,7 @@ def test_every_command_takes_it(outside, glucoloop, command):
     assert answer.code == (1 if command == "verify" else 0), answer.err
 
 
+@pytest.mark.long
 def test_a_folder_goes_on_only_with_the_code_that_began_it(glucoloop, refused, outside):
     asked = ("trial", "--people", 2, "--controller", NAME, *SHORT, "--out", "people")
     assert glucoloop(*asked).code == 0

@@ -94,12 +94,12 @@ COMMANDS = {
     "compare": "--controller pid --controller mpc-se",
     "bound": "--duration 300",
     "tune": "--controller 'mpc, move_horizon=1:2, prediction_horizon=24'",
-    "trial": "--people 20 --controller mpc --duration 600 --meal 50g@50min",
+    "trial": "--people 4 --controller mpc --duration 600 --meal 50g@50min",
     "stress": "--people 4 --controller pid --fault 'missing, start_min=60, duration_min=30'",
-    "verify": "--loops 20 --controller pid",
-    "detect": "--days 2",
-    "robust": "--people 4 --seeds 2 --check-people 4 --check-seeds 2 --rounds 1 --batch 4",
-    "adversary": "--controller pid --people 10 --generations 2 --error 10",
+    "verify": "--loops 4 --controller pid",
+    "detect": "--days 1",
+    "robust": "--people 2 --seeds 1 --check-people 2 --check-seeds 1 --rounds 1 --batch 2",
+    "adversary": "--controller pid --people 2 --generations 2 --error 10",
 }
 WITH_FOLDER = ("trial", "stress", "robust", "adversary")
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.parts.catalogue import catalogues
@@ -43,7 +43,9 @@ def given_to(part):
     return st.fixed_dictionaries({}, optional={name: of for name, of in found.items() if of is not None})
 
 
+@pytest.mark.long
 @of_every_part
+@settings(max_examples=25)  # of each of fifty parts
 @given(data=st.data())
 def test_text_table_json_and_toml_of_a_part_are_read_as_the_same_part(kind, name, data):
     catalogue = KINDS[kind]

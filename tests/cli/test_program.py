@@ -73,7 +73,7 @@ def test_without_arguments_it_helps(glucoloop):
 @pytest.mark.long
 def test_one_json_object_and_exit_codes(tmp_path):
     cache = tmp_path / "cache"
-    done = shell("run", "--json", "--noise", "1.45", folder=tmp_path, cache=cache)
+    done = shell("run", "--json", "--controller", "pid", "--duration", "100", folder=tmp_path, cache=cache)
     assert done.returncode == 0
     assert json.loads(done.stdout)["version"] == glucoloop.__version__
     assert any(cache.iterdir())
@@ -91,7 +91,7 @@ def test_interrupt_from_the_keyboard(tmp_path, delay_s):
     with subprocess.Popen(
         [*arguments, "--out", "out"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
     ) as running:
-        while not any(tmp_path.iterdir()):  # the folder in the making
+        while not any(tmp_path.iterdir()) and running.poll() is None:  # the folder in the making
             time.sleep(0.05)
         time.sleep(delay_s)
         running.send_signal(signal.SIGINT)

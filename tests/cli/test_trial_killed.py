@@ -9,7 +9,7 @@ import time
 import pytest
 
 TRIAL = (
-    *("trial", "--people", "60", "--shard-people", "1", "--seed", "2", "--traces", "3"),
+    *("trial", "--people", "16", "--shard-people", "1", "--seed", "2", "--traces", "3"),
     *("--controller", "basal", "--duration", "300", "--meal", "50g@50min"),
 )
 PATIENCE_S = 120.0
@@ -28,7 +28,7 @@ def digests(folder):
 def test_kill_at_any_moment_loses_nothing(glucoloop, tmp_path):
     killed = tmp_path / "killed"
     done = [0]
-    for moment in (0, 60):
+    for moment in (0, 16):
         with subprocess.Popen(
             [sys.executable, "-m", "glucoloop", *TRIAL, "--out", str(killed)], stderr=subprocess.PIPE, text=True
         ) as running:
@@ -46,10 +46,10 @@ def test_kill_at_any_moment_loses_nothing(glucoloop, tmp_path):
         assert done[-1] >= moment
     assert done == sorted(done)  # nothing was begun again
     # What a kill in the middle of a shard leaves, whichever moment the kills above met.
-    (killed / "shards/.00059.part").mkdir(exist_ok=True)
+    (killed / "shards/.00015.part").mkdir(exist_ok=True)
     answer = glucoloop(*TRIAL, "--out", "killed")
     assert answer.code == 0
-    assert "60 of 60 shards of killed are there already; going on." in answer.err
+    assert "16 of 16 shards of killed are there already; going on." in answer.err
     assert glucoloop(*TRIAL, "--out", "whole").code == 0
     assert digests(killed) == digests(tmp_path / "whole")
     assert not (killed / "lock").exists()

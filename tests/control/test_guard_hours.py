@@ -155,6 +155,7 @@ def test_a_bolus_counts_whole_at_once(every):
     assert on_board > 0.9 * SKIN.max_on_board
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", SAMPLE_TIMES_MIN)
 def test_an_hour_of_any_sample_time_gets_what_it_may(every):
     n = samples_for(every)

@@ -67,6 +67,7 @@ def test_the_papers_patient_keeps_the_papers_horizon(identified_81, identified_2
     assert design_linear_mpc(identified_22.model).horizons == (2, 8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SLOW)
 def test_designs_on_the_equations_see_what_the_patient_shows(name):
     person = gl.patient(name)

@@ -88,9 +88,9 @@ def test_grid_that_would_fill_the_memory_is_refused(refusal):
 @pytest.mark.parametrize("text", ["1" * 200_000, "50" + " " * 200_000 + "x", "50@50" + " " * 200_000 + "x"])
 def test_long_text_that_is_no_meal_is_refused_at_once(refusal, text):
     """Backtracking would take minutes."""
-    began = time.perf_counter()
+    began = time.thread_time()
     assert refusal(parse_meal, text) is not None
-    assert time.perf_counter() - began < 1.0
+    assert time.thread_time() - began < 1.0
 
 
 @given(st.text())

@@ -141,7 +141,8 @@ def test_what_is_no_lag_is_refused(lag):
 # --------------------------------------------------------------------------------------------- controllers
 
 
-@pytest.mark.parametrize("name", ["mpc-se", "nlqdmc-se", pytest.param("meal-mpc", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["mpc-se", "nlqdmc-se", "meal-mpc"])
 def test_a_controller_is_told_of_a_lag_by_a_setting(name):
     sizes = []
     for lag in (0.0, LAG):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from glucoloop.optimize import limit_moves, minimise_many_moves, minimise_moves, minimise_two_moves, solve_qp
 
 U_MAX = 66.9
-solve_many = jax.jit(minimise_many_moves)
+solve_many, solve = jax.jit(minimise_many_moves), jax.jit(minimise_moves)
 
 
 def controller_program(m, p, penalty, error, tau=54.0):
@@ -192,11 +192,11 @@ def test_a_cohort_is_its_people(m):
     rng = np.random.default_rng(1)
     H = np.stack([controller_program(m, 10, penalty, np.ones(10))[0] for penalty in (0.0, 0.3, 1.0)], axis=-1)
     f, u_prev = 50 * rng.normal(size=(m, 3)), rng.uniform(0, U_MAX, 3)
-    together = minimise_moves(H, f, u_prev, max_move=16.7, u_min=0.0, u_max=U_MAX)
+    together = solve(H, f, u_prev, max_move=16.7, u_min=0.0, u_max=U_MAX)
     assert together.converged.shape == (3,)
     assert np.all(together.converged)
     for i in range(3):
-        alone = minimise_moves(H[..., i], f[:, i], u_prev[i], max_move=16.7, u_min=0.0, u_max=U_MAX)
+        alone = solve(H[..., i], f[:, i], u_prev[i], max_move=16.7, u_min=0.0, u_max=U_MAX)
         np.testing.assert_allclose(together.moves[:, i], alone.moves, rtol=0, atol=1e-7)
 
 

@@ -14,7 +14,7 @@ from glucoloop.optimize import minimise_moves, minimise_moves_above_floor, soft_
 U_MAX = 66.9
 LIMITS = {"u_min": 0.0, "u_max": U_MAX}
 P = 13
-solve = jax.jit(minimise_moves_above_floor)
+solve, solve_plain = jax.jit(minimise_moves_above_floor), jax.jit(minimise_moves)
 
 
 def dynamic_matrix(m, tau, late):
@@ -82,7 +82,7 @@ def test_no_allowed_moves_are_better(m, people, seeds):
             gain = largest_gain(d, *one, vertices(m, u[i], rate[i]))
             scale = np.sum((w * short[:, i]) ** 2) + np.sum(np.abs(f[:, i])) * rate[i]
             assert gain <= (1e-12 if m < 3 else 1e-9) * scale
-        plain = minimise_moves(H, f, u, max_move=rate, **LIMITS)
+        plain = solve_plain(H, f, u, max_move=rate, **LIMITS)
         bound += int(np.sum(np.any(plain.moves != found.moves, axis=0)))
         rounds.append(int(np.max(found.iterations)))
     assert bound > 0.3 * people * seeds  # the floor counts in many of them

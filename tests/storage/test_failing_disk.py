@@ -10,17 +10,11 @@ import shutil
 
 import pytest
 
-from glucoloop.situations.situation import configured
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
 from glucoloop.storage.parquet_size import parquet_size
-from glucoloop.storage.resumable import Work
-from glucoloop.storage.rows import rows_folder
 from glucoloop.storage.trials.folder import TrialOrigin, done_shards
-from glucoloop.studies.robust import ROBUST
-from glucoloop.studies.robust.search import NO_SCORES
-from glucoloop.studies.robust.study import rows
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
 OPERATIONS = (
@@ -172,73 +166,50 @@ def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
     assert fails_at > 50
 
 
-def robust_folder(path, asked, *, overwrite=False):
-    work = Work(
-        command=ROBUST.name, what="search", keys=asked.tree(whole=True), given=asked.tree(),
-        final=(*ROBUST.files, ROBUST.summary),
-    )  # fmt: skip
-    return rows_folder(path, work, rows(asked), overwrite=overwrite)
-
-
-def search(path, asked, candidates, *, overwrite):
-    with robust_folder(path, asked, overwrite=overwrite) as folder:
-        if not folder.finished:
-            for candidate in candidates[len(folder.rows) :]:
-                folder.add(candidate)
-            folder.finish({"best.toml": b"", "robust.json": b"{}"})
-
-
-def searched(seeds):
-    asked = configured(ROBUST.request, {"people": 2, "seeds": seeds, "batch": 2, "rounds": 1})
-    scores = {**dict.fromkeys(NO_SCORES, 1.0), "undershoot_p95_mg_dl": float(seeds)}
-    numbers = {**dict.fromkeys(asked.initial, 0.5), **scores}
-    return asked, [{"candidate": number, "round": 0, **numbers} for number in range(2)]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("begun", "error"),
     [("other", "dies"), *(("begun", error) for error in ERRORS)],
 )
-def test_each_operation_of_a_search(tmp_path, monkeypatch, error, begun):
-    """As of a trial, whose folder it shares."""
-    asked, candidates = searched(3)
+def test_each_operation_of_a_folder_of_rows(tmp_path, counting, monkeypatch, error, begun):
+    """As of a trial, whose folder a search and every other study share."""
+    count, other = counting(), counting(keys={"seed": 2})
     out, start = tmp_path / "out", tmp_path / "start"
-    search(tmp_path / "whole", asked, candidates, overwrite=False)
+    count.run(tmp_path / "whole")
     expected = contents(tmp_path / "whole")
     if begun == "other":
-        search(start, *searched(2), overwrite=False)
+        other.run(start)
     else:
-        with robust_folder(start, asked) as folder:
-            folder.add(candidates[0])
+        with count.opened(start) as folder:
+            folder.add(0)
     for fails_at in range(1, 10_000):
         if out.exists():
             shutil.rmtree(out)
         shutil.copytree(start, out)
         with failing(monkeypatch, fails_at, ERRORS[error]) as broken, contextlib.suppress(*EXPECTED):
-            search(out, asked, candidates, overwrite=begun == "other")
+            count.run(out, overwrite=begun == "other")
         if broken.calls < fails_at:
             break
         if begun == "begun":
-            with robust_folder(out, asked) as folder:
-                assert len(folder.rows) >= 1, "a candidate that was kept is lost"
-        search(out, asked, candidates, overwrite=begun == "other")
+            with count.opened(out) as folder:
+                assert len(folder.rows) >= 1, "a row that was kept is lost"
+        count.run(out, overwrite=begun == "other")
         assert contents(out) == expected, f"after operation {fails_at}"
     assert fails_at > 50
 
 
-def test_candidates_of_other_arithmetic_are_not_mixed(tmp_path):
-    asked, candidates = searched(3)
-    with robust_folder(tmp_path / "out", asked) as folder:
-        folder.add(candidates[0])
+def test_rows_of_other_arithmetic_are_not_mixed(tmp_path, counting):
+    count = counting()
+    with count.opened(tmp_path / "out") as folder:
+        folder.add(0)
     place = tmp_path / "out/origin.json"
     found = json.loads(place.read_text())
     other = {**found, "arithmetic": {**found["arithmetic"], "jax": "0.0.1"}}
     for text in (json.dumps(other), "nonsense", "[]"):
         place.write_text(text)
         with pytest.raises(ValueError, match=r"was computed with jax 0\.0\.1, and here it is|is damaged"):
-            search(tmp_path / "out", asked, candidates, overwrite=False)
-    search(tmp_path / "out", asked, candidates, overwrite=True)
+            count.run(tmp_path / "out")
+    count.run(tmp_path / "out", overwrite=True)
     assert json.loads(place.read_text()) == found
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import json
 import os
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.shard import compute_shard
 
 pytest.importorskip("distributed")
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 
 
 def contents(path):
@@ -49,9 +50,9 @@ def test_worker_that_is_killed_costs_nothing(tmp_path, make_trial):
         first = stack.enter_context(dask(*worker, "--name", "first", log=tmp_path / "1"))
         stack.enter_context(dask(*worker, "--name", "second", log=tmp_path / "2"))
         until = time.monotonic() + PATIENCE_S
-        while not place.exists() and time.monotonic() < until:
+        while not (place.exists() and place.read_text().endswith("\n}")) and time.monotonic() < until:
             time.sleep(0.05)
-        address = importlib.import_module("json").loads(place.read_text())["address"]
+        address = json.loads(place.read_text())["address"]
         client = stack.enter_context(connected(address))
         client.wait_for_workers(2, timeout=PATIENCE_S)
         done = []

@@ -14,7 +14,7 @@ from typing import Final
 import glucoloop
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import catching_interrupts
-from glucoloop.cli.mistakes import BUG, RESULTS, interrupted, mistake, sentence
+from glucoloop.cli.mistakes import BUG, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.screen import note, width_of_text
 from glucoloop.parts.code import loaded, only_code
 from glucoloop.parts.setting import known_names
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit: 0 for success, 2 for a mistake of the user, 130 for an interrupt; a bug raises (1)."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     _prepare_streams()
-    RESULTS.set(None)
+    KEPT_RESULTS.set(None)
     with only_code(_is_allowed(arguments)):
         if any("\0" in argument for argument in arguments):
             mistake("an argument holds a NUL character, which no name or number does; leave it out")

@@ -20,7 +20,7 @@ from glucoloop.refusal import Refusal
 
 T = TypeVar("T")
 _LONGEST: Final = 2000
-RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
+KEPT_RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
 """State of the results of the command as part of a sentence; None for one that says it itself."""
 BUG: Final = (
     "This is a bug, of glucoloop or of the code of your own that the last lines name. Report it with these lines and "
@@ -56,11 +56,11 @@ def sentence(error: BaseException) -> str | None:
 @contextlib.contextmanager
 def written_whole(folder: contextlib.AbstractContextManager[T], out: Path | None) -> Iterator[T]:
     """An output folder that is written at the end of the block or not at all."""
-    RESULTS.set("nothing was written")
+    KEPT_RESULTS.set("nothing was written")
     with folder as entered:
         yield entered
     if out is not None:
-        RESULTS.set(f"the results are in {out}")
+        KEPT_RESULTS.set(f"the results are in {out}")
 
 
 def mistake(message: str) -> NoReturn:
@@ -94,7 +94,7 @@ def _of_the_system(error: OSError) -> str | None:
 
 def _with_results(message: str) -> str:
     """Sentence with the state of the results appended, if it is known."""
-    known = RESULTS.get()
+    known = KEPT_RESULTS.get()
     return message if known is None else f"{message}, {known}"
 
 

@@ -16,6 +16,7 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -162,11 +163,13 @@ def impulse_response(model: LinearModel, samples: int) -> Array:
     """Response ``h_i = C Phi^(i-1) Gamma`` to a unit input held over the first sample [mg/dl per mU/min]."""
     if samples < 1:
         raise Refusal(f"A response needs at least 1 sample, but {samples} were asked for.")
+    h: Array = _response(model.Phi, model.Gamma, model.C, samples)
+    return h
 
-    def step(x: Array, _: None) -> tuple[Array, Array]:
-        return model.Phi @ x, model.C @ x
 
-    _, h = jax.lax.scan(step, model.Gamma, None, length=samples)
+@functools.partial(jax.jit, static_argnames="samples")
+def _response(Phi: Array, Gamma: Array, C: Array, samples: int) -> Array:
+    _, h = jax.lax.scan(lambda x, _: (Phi @ x, C @ x), Gamma, None, length=samples)
     return h
 
 

@@ -8,6 +8,7 @@ predictive control", Automatica 30(4), 1994, 707-717.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, Final, Self
 
 import jax
@@ -183,6 +184,12 @@ def lagged_inputs(insulin_deviation: ArrayLike, memory: int) -> Array:
             f"An insulin sequence of shape {insulin.shape} is not one-dimensional: "
             "give one value per sample, and use jax.vmap for several sequences."
         )
+    past: Array = _lagged(insulin, memory)
+    return past
+
+
+@functools.partial(jax.jit, static_argnames="memory")
+def _lagged(insulin: Array, memory: int) -> Array:
     padded = jnp.concatenate([jnp.zeros(memory), insulin])
     reading = jnp.arange(insulin.shape[0] + 1)[:, None]
     lag = jnp.arange(1, memory + 1)[None, :]
