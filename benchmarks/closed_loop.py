@@ -128,6 +128,7 @@ def warm() -> dict[str, float]:
     from glucoloop.sensors import IdealSensor
     from glucoloop.simulation import Exponential, closed_loop, simulate
     from glucoloop.simulation.loop import Loop
+    from glucoloop.simulation.parts import apart
     from glucoloop.simulation.plant import SampleGrid
 
     person, controller, scenario = prepare()
@@ -137,15 +138,17 @@ def warm() -> dict[str, float]:
     day = median_of(run)
 
     plant, meals = integrator.prepare(person, scenario.absorbed_by(person), grid)
-    start, key = closed_loop._start(person, scenario), jax.random.key(0)
+    start, key = closed_loop.start_of(person, scenario), jax.random.key(0)
     loop = Loop(
         plant=plant, controller=controller, sensor=IdealSensor(), pump=pump, setpoint_mg_dl=start.setpoint_mg_dl
     )
-    arguments = (loop, start, meals, closed_loop._eaten(scenario, grid), key)
+    arguments = (*apart(loop), start, meals, closed_loop.on_the_grid(scenario, grid), key)
     scan = lambda: jax.block_until_ready(closed_loop._run(*arguments))  # noqa: E731
     scan()
     looping = median_of(scan)
-    ready = median_of(lambda: jax.block_until_ready(integrator.prepare(person, scenario.absorbed_by(person), grid)[1]))
+    ready = median_of(
+        lambda: jax.block_until_ready(integrator.prepare(person, scenario.absorbed_by(person), grid)[1].moments)
+    )
 
     @jax.jit
     def step(plant: Any, controller: Any, x: Any, state: Any, in_pump: Any, delivered: Any, meal: Any) -> Any:
@@ -173,7 +176,7 @@ def warm() -> dict[str, float]:
         )
         return x, controller.init(observation), pump.init(delivered, key), delivered
 
-    each = [meals[k] for k in range(288)]
+    each = [jax.tree.map(lambda part, k=k: part[k], meals) for k in range(288)]
     durations = []
     for _ in range(2):  # the first round compiles
         durations.clear()
