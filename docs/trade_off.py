@@ -149,16 +149,18 @@ def _label(axes, places, side):
 
 
 def main(place):
-    searches, told = Searches(Path(place)), f"\nThe table was {made(place)}.\n"
+    searches = Searches(Path(place))
+    targets, rules, drawn = target_rows(searches), rule_rows(searches), draw(searches)
+    told = f"\nThe table was {made(place)}.\n"
     head = [
         "`fall_mg_dl`, `error_mg_dl`",
         *(f"{name}: peak, mg/dl" for name in NAMES.values()),
         *(f"{name}: min below 54 (lowest), ±{WORST_PCT:g} %" for name in NAMES.values()),
     ]
-    (GUIDE / "guard_trade_off.md").write_text(table(head, target_rows(searches)) + told, encoding="utf-8")
+    (GUIDE / "guard_trade_off.md").write_text(table(head, targets) + told, encoding="utf-8")
     head = ["", *(f"{NAMES[name]}, ±{error:g} %" for name in NAMES for error in SEARCH["errors_pct"])]
-    (GUIDE / "guard_rules.md").write_text(table(head, rule_rows(searches)) + told, encoding="utf-8")
-    draw(searches).savefig(GUIDE / "guard_trade_off.png", dpi=150)
+    (GUIDE / "guard_rules.md").write_text(table(head, rules) + told, encoding="utf-8")
+    drawn.savefig(GUIDE / "guard_trade_off.png", dpi=150)
 
 
 if __name__ == "__main__":

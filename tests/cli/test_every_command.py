@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.cli.app import command_of, names
+from glucoloop.cli.option import SET
 from glucoloop.cli.request import request_of
 from glucoloop.parts.setting import Setting
 from glucoloop.refusal import Refusal
@@ -40,6 +41,14 @@ def test_every_option_is_a_sentence(command):
     assert len(flags) == len(set(flags))
     for option in command_of(command).options:
         assert option.help.endswith("."), option.flag
+
+
+@pytest.mark.parametrize("command", [name for name in ASKING if SET in command_of(name).options])
+def test_the_example_of_a_setting_by_its_path_is_one_that_the_command_takes(command):
+    [example] = re.findall(r"like (\S+);", SET.help)
+    given = command_of(command).given([SET.flag, example])
+    read = read_root(root_of(command), request_of(given, command_of(command).options).tree)
+    assert read.patient.operating_point == "fasting-81"
 
 
 @pytest.mark.parametrize("command", names())

@@ -87,9 +87,12 @@ MISTAKES = {
     "run --controller mpc,move_weight": ["'move_weight' in 'mpc,move_weight' is no setting with a value"],
     "run --controller mpc,move_weight=1,move_weight=2": ["move_weight is given twice"],
     "run --move-weight 1": ["there is no option --move-weight; write --controller 'move_weight=...'"],
-    "run --set controller.move_weigt=1": ["--set: the controller mpc has no setting 'move_weigt'; did you mean"],
-    "run --set seed": ["--set 'seed' has no value; write it like --set controller.move_weight=.2"],
-    "run --set wobble=1": ["--set: a run has no setting 'wobble'"],
+    "run --set controller.move_weigt=1": [
+        "--set controller.move_weigt: the controller mpc has no setting 'move_weigt'; did"
+    ],
+    "run --set seed": ["--set 'seed' has no value; write it like --set patient.operating_point=fasting-81"],
+    "run --set wobble=1": ["--set wobble: a run has no setting 'wobble'"],
+    "bound --set controller.move_weight=1": ["--set controller.move_weight is no part of a bound; leave it out"],
     "run --integrator euler": ["--integrator is 'euler'", "give fast or adaptive"],
     "run --start 25:00": ["'25:00' is no time of day; write it like 07:30"],
     "run --pump max_insulin_mU_min=0": ["--pump: max_insulin_mU_min is 0 mU/min; give", "above 0"],

@@ -140,7 +140,8 @@ def test_record_may_have_a_mark_of_its_encoding_other_ends_of_lines_and_empty_ro
     ("text", "told"),
     [
         (f"{HEAD},t_min\n0,1,90,9\n", "has the column 't_min' twice; leave one out"),
-        (f"{HEAD}\n0,1_0,90\n5,1,90\n", "'1_0' in the record is not a number"),
+        (f"{HEAD}\n0,1_0,90\n5,1,90\n", "is '1_0': it must be a number"),
+        (f"{HEAD}\n0,1,٩٠\n5,1,90\n", "is '٩٠': it must be a number"),
         (f"{HEAD}\n0,1e5,90\n5,1,90\n", "at least 0 and at most 10000"),
         (f"{HEAD}\n2e9,1,90\n", "from -1e+09 to 1e+09 min"),
     ],

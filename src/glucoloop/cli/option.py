@@ -118,7 +118,7 @@ CONFIG: Final = CommandOption(
 SET: Final = CommandOption(
     "set",
     "--set",
-    "Any one setting by its path, like controller.move_weight=.2 or precision=float32; repeat it for more.",
+    "Any one setting by its path, like patient.operating_point=fasting-81; repeat it for more.",
     metavar="PATH=VALUE",
     many=True,
 )

@@ -97,13 +97,13 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
     for text in typed.get(SET.key, ()):
         path_to, equals, value = map(str.strip, text.partition("="))
         if not equals or not value:
-            raise Refusal(f"--set {text!r} has no value; write it like --set controller.move_weight=.2")
+            raise Refusal(f"--set {text!r} has no value; write it like --set patient.operating_point=fasting-81")
         named = by_key.get(path_to)
         if named is not None:  # as the option would read it
             leaf = _leaf(dataclasses.replace(named, flag=f"{SET.flag} {path_to}"), [value] if named.many else value)
             tree = _laid_over(tree, {path_to: leaf})
         else:
-            tree = put(tree, path_to, value, SET.flag)
+            tree = put(tree, path_to, value, f"{SET.flag} {path_to}")
     return Request(tree, output, path, lower, used)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.identification import _check, _unusual
+from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0
@@ -197,11 +199,12 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
     try:
         if isinstance(column, np.ma.MaskedArray):
             column = np.ma.filled(column.astype(float), np.nan)
-        numbers = np.asarray(column, dtype=float)
+        values = np.asarray(column, dtype=object)
+        numbers = np.asarray([_number(value) for value in values] if values.ndim == 1 else column, dtype=float)
     except (TypeError, ValueError, OverflowError):
         for row, value in enumerate(np.asarray(column, dtype=object)):
             try:
-                float(value)
+                float(_number(value))
             except (TypeError, ValueError, OverflowError):
                 raise Refusal(
                     f"The {name} in row {row}{FROM_ZERO} is {value!r}: it must be a number; leave the row out, "
@@ -211,6 +214,11 @@ def _numbers(name: str, column: ArrayLike | Sequence[object]) -> Floats:
     if numbers.ndim != 1:
         raise Refusal(f"The {name} column has shape {numbers.shape}: it must be one-dimensional, one value per row.")
     return numbers
+
+
+def _number(value: Any) -> Any:
+    """A value, a text as a number: NumPy would take one with underscores or with digits of another script."""
+    return number_of(value) if isinstance(value, str) else value
 
 
 def _refuse_rows(refused: NDArray[np.bool_], name: str, values: Floats, bound: str, mend: str) -> None:

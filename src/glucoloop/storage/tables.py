@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.identification import Record
+from glucoloop.parts.number_text import number_of
 from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
@@ -164,9 +165,6 @@ def _number(text: str | None) -> object:
     if text is None or not text.strip():
         return float("nan")
     try:
-        number = float(text)
+        return number_of(text)
     except ValueError:
         return text
-    if "_" in text:  # Python reads 1_0 as ten, but no program writes it so
-        raise Refusal(f"the value {text!r} in the record is not a number; write it without underscores")
-    return number
