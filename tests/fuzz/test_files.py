@@ -237,12 +237,6 @@ def test_question_is_refused(asked, trial, question):
     assert asked("query", str(trial), question, "--csv").code == 2
 
 
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "soon"])
-def test_time_limit_that_is_not_possible_is_refused(asked, trial, seconds):
-    answer = asked("query", str(trial), "select 1", f"--timeout={seconds}")
-    assert "give a number of seconds above 0" in answer.err
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("how", [(), ("--json",), ("--csv",)])
 def test_question_is_answered_whatever_the_cells_hold(asked, trial, how):

@@ -46,7 +46,7 @@ class SampleGrid:
 
 @pytree
 class Exogenous:
-    """What reaches a patient in one sample besides insulin; in several with an axis of samples first."""
+    """Inputs of a patient in one sample besides insulin; in several with an axis of samples first."""
 
     t_min: jax.Array
     """Time since the start, at the sample."""
