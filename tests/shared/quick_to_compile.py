@@ -50,19 +50,10 @@ def keep_compiled(folder):
 
 
 def share_dialects():
-    """Have all programs of this process take their dialects from one context, which costs 3 ms to fill for each.
-
-    A program that is made while another is gets a context of its own: in the same one, it would become a part of that.
-    """
+    """Have all programs of this process take their dialects from one context, which costs 4 ms to fill for each."""
     inner = jax._src.interpreters.mlir
-    if not hasattr(inner, "make_ir_context"):
-        return
-    make, shared = inner.make_ir_context, functools.cache(inner.make_ir_context)
-
-    def context():
-        return shared() if inner.ir.Context.current is None else make()
-
-    inner.make_ir_context = context
+    if hasattr(inner, "make_ir_context"):
+        inner.make_ir_context = functools.cache(inner.make_ir_context)
 
 
 def _known(flag):
