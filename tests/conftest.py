@@ -20,7 +20,7 @@ from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.pumps import Delivery
 from glucoloop.simulation import Adaptive, simulate
-from quick_to_compile import CACHE, keep_compiled, set_flags, share_dialects
+from quick_to_compile import CACHE, keep_compiled, set_flags
 
 
 def pytest_configure(config):
@@ -31,7 +31,6 @@ def pytest_configure(config):
         config.add_cleanup(lambda: os.environ.pop(CACHE))
     set_flags(os.environ[CACHE])  # workers are started with them
     keep_compiled(os.environ[CACHE])  # for commands that tests start, too
-    share_dialects()
     gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage
 
 

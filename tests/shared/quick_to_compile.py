@@ -1,12 +1,10 @@
 """Programs that run once: XLA compiles them quickly rather than well, which takes a third of the time."""
 
-import functools
 import mmap
 import os
 from pathlib import Path
 
 import jax
-import jax._src.interpreters.mlir
 import jaxlib
 
 FLAGS = (
@@ -47,13 +45,6 @@ def keep_compiled(folder):
     for name, value in cache.items():
         jax.config.update(name, value)
         os.environ[name.upper()] = str(value)
-
-
-def share_dialects():
-    """Have all programs of this process take their dialects from one context, which costs 4 ms to fill for each."""
-    inner = jax._src.interpreters.mlir
-    if hasattr(inner, "make_ir_context"):
-        inner.make_ir_context = functools.cache(inner.make_ir_context)
 
 
 def _known(flag):
