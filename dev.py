@@ -94,9 +94,7 @@ def tests(env: Environment, which: str, workers: int) -> None:
 def quick_checks(env: Environment) -> None:
     check(env, "ruff format --check", [env.program("ruff"), "format", "--check"])
     check(env, "ruff check", [env.program("ruff"), "check"])
-    with check_beside(
-        env, "mypy", [env.program("mypy")]
-    ):  # which without its cache has one processor for half a minute
+    with check_beside(env, "mypy", [env.program("mypy")]):  # which has one processor for half a minute
         check(env, "lint-imports", [env.program("lint-imports"), "--no-logo"])
         tests(env, QUICK, workers=2)
     say("\nAll quick checks passed.")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from glucoloop.cli.command import Command
 from glucoloop.cli.computing import Computing
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.option import DASK, JSON, MMOL, OUTPUT, WORKERS, CommandOption, Given, options_of, reworded
+from glucoloop.cli.option import DASK, JSON, MMOL, OUTPUT, SET, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
 from glucoloop.cli.screen import note, print_json, show, stage, where_written
@@ -50,7 +50,9 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
     if not isinstance(study, PlainStudy):
         out = f"Folder of {study.what}; an unfinished one is resumed."
         help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
-    options += (JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else OUTPUT
+    nested = any(option.key == "patient" for option in options)  # others have no setting that is not an option
+    output = tuple(option for option in OUTPUT if nested or option is not SET)
+    options += (JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else output
     options += (MMOL,) if study.in_mmol else ()
     rare = {**dict.fromkeys(_SELDOM, True), **study.option_texts.get("rare", {})}
     texts = {**study.option_texts, "help": {**help_of_output, **study.option_texts.get("help", {})}, "rare": rare}
