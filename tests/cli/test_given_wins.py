@@ -83,9 +83,7 @@ def test_a_setting_of_one_of_several_controllers_is_named_by_its_label(read, com
         ValueError, match=r"the settings name no controller, and there are several \(a, b\); write --set"
     ):
         read(command, "--controller", "move_weight=3", cases=TWO)
-    with pytest.raises(
-        ValueError, match=r"^--set controller\.c\.move_weight: controller has no 'c'; the known ones are: a, b"
-    ):
+    with pytest.raises(ValueError, match=r"^--set controller.c.move_weight: .* no 'c'; the known ones are: a, b"):
         read(command, "--set", "controller.c.move_weight=3", cases=TWO)
 
 
