@@ -204,7 +204,7 @@ def test_options_are_those_of_the_settings_and_of_what_is_shared():
     alone = {option.key for option in study_options(dataclasses.replace(PLAIN, keeps_files=False))}
     assert alone == {"factor", "steps", "json"}
     assert {option.key for option in study_options(SEARCH)} == {
-        *("factor", "steps", "config", "set", "allow_code", "out", "overwrite", "json")
+        *("factor", "steps", "config", "allow_code", "out", "overwrite", "json")
     }
     trial = dataclasses.replace(
         SEARCH, request=Tried, option_texts={"help": {"seed": "A seed."}, "rare": {"days": True}}
@@ -214,4 +214,4 @@ def test_options_are_those_of_the_settings_and_of_what_is_shared():
     assert "meals" not in options
     assert (options["people"].default, options["seed"].help) == ("7", "A seed.")
     assert (options["days"].rare, options["people"].rare) == (True, False)
-    assert options.keys() >= {"noise", "dead_time", "sensor"}
+    assert options.keys() >= {"noise", "dead_time", "sensor", "set"}
