@@ -38,6 +38,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
+from glucoloop.simulation.plant import Exogenous
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, configured
 from page_loops import TRACED, Loops, by_jax, numbers_of, run_of, side_by_side, traces_of
@@ -62,7 +63,8 @@ class Definition:
             return begin(self.loop(person), own["x"], own["insulin_mU_min"], jnp.zeros(()), rng)[0]
 
         def step(person, carry, own, shared, rng):
-            state, happened = sample(self.loop(person), carry, own, jnp.zeros(()), rng[0], rng[1])
+            outside = Exogenous(t_min=jnp.zeros(()), moments=own)
+            state, happened = sample(self.loop(person), carry, outside, jnp.zeros(()), rng[0], rng[1])
             return state, (
                 happened.glucose_mg_dl,
                 happened.reading.glucose_mg_dl,
