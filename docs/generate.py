@@ -26,6 +26,7 @@ from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRE
 from glucoloop.parts.faults import FAULTS, TIMING
 from glucoloop.parts.metrics import RESULTS
 from glucoloop.parts.patients import PATIENTS
+from glucoloop.parts.setting import Default, value_text
 from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES
 
@@ -160,7 +161,7 @@ def controllers() -> str:
         rows = [
             [
                 code(setting.name),
-                setting.default.text,
+                default_text(setting.default),
                 "; ".join(elsewhere(entry.name, setting.name)),
                 setting.summary,
             ]
@@ -173,6 +174,12 @@ def controllers() -> str:
     return "\n".join(parts)
 
 
+def default_text(default: Default) -> str:
+    """Text of a default: ``8`` or ``8, with noise 10``."""
+    noisy = "" if default.noisy in (None, default.noise_free) else f", with noise {value_text(default.noisy)}"
+    return f"{value_text(default.noise_free)}{noisy}"
+
+
 def elsewhere(controller: str, setting: str) -> Iterator[str]:
     """Where a setting has another default than the controller's own: a patient, or one of its operating points."""
     for patient in PATIENTS.values():
@@ -181,7 +188,7 @@ def elsewhere(controller: str, setting: str) -> Iterator[str]:
             *((point.name, point.tunings) for point in patient.operating_points),
         ):
             if setting in tunings.get(controller, {}):
-                yield f"{place}: {tunings[controller][setting].text}"
+                yield f"{place}: {default_text(tunings[controller][setting])}"
 
 
 def metrics() -> str:
@@ -244,7 +251,7 @@ def faults() -> str:
             entry.part,
             entry.summary,
             "; ".join(
-                f"`{s.name}={s.default.text}`: {lowered(s.summary)}"
+                f"`{s.name}={default_text(s.default)}`: {lowered(s.summary)}"
                 for s in entry.settings().values()
                 if s.name not in SHARED
             ),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from glucoloop.printable import how_many
+from glucoloop.printable import how_many, percent
 
 
 @pytest.mark.parametrize(
@@ -17,3 +17,18 @@ from glucoloop.printable import how_many
 )
 def test_number_with_its_noun(words, told):
     assert how_many(*words) == told
+
+
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [
+        (100.0 - 2e-14, "100 %"),
+        (2e-14, "0 %"),
+        (99.995, "> 99.99 %"),
+        (0.005, "< 0.01 %"),
+        (99.5, "99.50 %"),
+        (12.34, "12.3 %"),
+    ],
+)
+def test_percentage_that_is_neither_a_few_nor_nearly_all(share, told):
+    assert percent(share) == told

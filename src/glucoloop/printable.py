@@ -54,6 +54,7 @@ def percent(share: float) -> str:
     """Shortest text of a percentage that does not round a few to none."""
     if not math.isfinite(share):
         return NOT_AVAILABLE
+    share = round(share, 9)  # what is left of a sum of shares is neither a few nor nearly all
     if 0.0 < share < 0.01:
         return "< 0.01 %"
     if 99.99 < share < 100.0:
