@@ -106,6 +106,7 @@ LARGEST_RATE_UNDER_THE_SKIN: Final = dataclasses.replace(LARGEST_RATE, most=600.
 """The same under the skin, where pumps give up to 35 U/h."""
 LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
 RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, _RATES)
+FITTED_STEP: Final = Quantity("a lasting step of a rate", "mU/min", 1.0, 500.0, _RATES, zero=True)
 RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, _RATES)
 MEAL: Final = Quantity("a meal", "g", 1.0, 300.0, others_of("g", "mg", "kg"))
 SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, _SECONDS_OR_HOURS)
@@ -113,6 +114,24 @@ DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, _SECONDS_OR_HOURS, 
 DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, _HOURS)
 NOISE_VARIANCE: Final = Quantity("the variance of noise on readings", "(mg/dl)²", 0.0, 900.0)
 PID_GAIN: Final = Quantity("the gain of a PID controller", "mU/min per mg/dl", 0.001, 100.0, zero=True)
+CARB_RATIO: Final = Quantity("a carbohydrate ratio", "g per U", 1.0, 150.0, zero=True)
+CORRECTION: Final = Quantity(
+    "a correction factor", "mg/dl per U", 8.0, 400.0, others_of("mg/dl per U", "mmol/l per U"), zero=True
+)
+LARGEST_BOLUS: Final = Quantity("the largest bolus of a pump", "U", 0.1, 100.0, _MU)
+BOLUS_STEP: Final = Quantity("the least bolus of a pump, or its step,", "U", 0.001, 5.0, _MU, zero=True)
+LAG: Final = Quantity("the lag of a sensor", "min", 0.5, 60.0, _SECONDS_OR_HOURS, zero=True)
+ACTION_TIME: Final = Quantity("the time for which insulin acts", "min", 15.0, 900.0, _HOURS)
+WAITING_TIME: Final = Quantity("the time for which a guard waits", "min", 1.0, 600.0, _SECONDS_OR_HOURS, zero=True)
+GLUCOSE_RISE: Final = Quantity(
+    "the fastest rise of a reading",
+    "mg/dl per min",
+    0.4,
+    30.0,
+    others_of("mg/dl per min", "mmol/l per min", "mg/dl per h"),
+)
+GLUCOSE_ERROR: Final = Quantity("a difference of glucose", "mg/dl", 1.0, 300.0, _MMOL, zero=True)
+GLUCOSE_FALL: Final = Quantity("glucose above the setpoint", "mg/dl", 10.0, 500.0, _MMOL)
 ANY_SETTING: Final = Quantity("the number of a setting", "", -1e6, 1e6)
 NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, _MMOL)
 
