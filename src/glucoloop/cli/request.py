@@ -46,7 +46,6 @@ class Output:
     out: Path | None
     overwrite: bool = False
     json: bool = False
-    mmol: bool = False
 
     @property
     def place(self) -> Path | None:
@@ -84,7 +83,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
         if typed.get(key) == "":
             raise Refusal(f"--{key} is empty; give a path")
     out, path = (Path(typed[key]) if key in typed else None for key in ("out", "config"))
-    output = Output(out, **{key: bool(typed.get(key)) for key in ("overwrite", "json", "mmol")})
+    output = Output(out, **{key: bool(typed.get(key)) for key in ("overwrite", "json")})
     by_key = {option.key: option for option in options if option.setting is not None}
     lower, used = _of_file(path)
     whole_names = {option.setting.name_without_unit: key for key, option in by_key.items() if option.setting}

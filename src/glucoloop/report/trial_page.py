@@ -21,7 +21,7 @@ from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
-from glucoloop.units import MG_DL_PER_MMOL_L
+from glucoloop.shown_units import OTHERS, other_value
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
 """Lower and upper quantile of each band."""
@@ -76,8 +76,10 @@ def trial_page(report: TrialReport) -> str:
 def _headlines(cases: Sequence[CaseReport]) -> Iterator[MetricRow]:
     for name, unit in cases[0].table:
         values = [case.table[name, unit] for case in cases]
-        in_mmol_l = [_text(value if isinstance(value, str) else value / MG_DL_PER_MMOL_L) for value in values]
-        yield MetricRow("", name, unit, list(map(_text, values)), in_mmol_l if unit == "mg/dl" else None)
+        others = [
+            _text(value if isinstance(value, str) else other_value(value, unit)) for value in values if unit in OTHERS
+        ]
+        yield MetricRow("", name, unit, list(map(_text, values)), others or None)
 
 
 def _text(value: float | str) -> str:
@@ -94,7 +96,7 @@ def _text(value: float | str) -> str:
 def _in_mmol_l(name: str) -> str:
     """Name of a range, with its limits in mmol/l."""
     parts = name.split()
-    return " ".join(f"{float(word) / MG_DL_PER_MMOL_L:.1f}" if word.isdigit() else word for word in parts)
+    return " ".join(f"{other_value(float(word), 'mg/dl'):.1f}" if word.isdigit() else word for word in parts)
 
 
 def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats]) -> tuple[Panel, Panel]:
