@@ -20,10 +20,10 @@ _CHOSEN: ContextVar[frozenset[str]] = ContextVar("units of what is shown", defau
 _NUMBER: Final = r"\d+(?:\.\d+)?"
 _AMOUNT: Final = re.compile(
     rf"(?<![\w.])(?<!e[-+])(?P<numbers>{_NUMBER}(?:(?: to | – | and | or ){_NUMBER})?) (?P<unit>mg/dl|mU/min)"
-    r"(?![²/]| per )(?: \((?P<same>[^()]* U/h)\))?"
+    r"(?!²| per m[gU])(?: \((?P<same>[^()]* U/h)\))?"
 )
 """One or two numbers with their unit; where the same stands behind it in U/h, with that."""
-_UNIT: Final = re.compile(r"(?<!per )(mg/dl|mU/min)(?!\)?²|/| per )")
+_UNIT: Final = re.compile(r"(?<!per )(mg/dl|mU/min)(?!\)?²| per m[gU])")
 
 
 @contextlib.contextmanager
@@ -80,9 +80,8 @@ def in_both_units(text: str) -> Iterator[tuple[str, str, str]]:
         unit = match["unit"]
 
         def other(number: re.Match[str], unit: str = unit) -> str:
-            digits = len(number[0].partition(".")[2])
-            value = other_value(float(number[0]), unit)
-            return f"{value:.3g}" if unit == "mU/min" else f"{value:.{min(2, digits + 1)}f}"
+            value, digits = other_value(float(number[0]), unit), len(number[0].partition(".")[2]) + 1
+            return f"{value:.{min(2, digits)}f}" if unit == "mg/dl" and value >= 1.0 else f"{value:.3g}"
 
         yield "", text[place : match.start()], ""
         yield unit, match[0], match["same"] or f"{re.sub(_NUMBER, other, match['numbers'])} {OTHERS[unit]}"

@@ -230,7 +230,7 @@ class FittingTable:
 
 
 class MetricRow(NamedTuple):
-    """One metric of one run or of several, in the other unit too where it has two; in the terminal with a `statistic`."""
+    """One metric of one run or several, also in the other unit if there is one; in the terminal with a `statistic`."""
 
     section: str
     name: str

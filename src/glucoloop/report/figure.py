@@ -17,7 +17,7 @@ from glucoloop.report._runs import Floats, PlottedRun, labelled_runs, limits_pas
 from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
 from glucoloop.simulation import Trace
-from glucoloop.units import u_h_from_mu_min
+from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -34,6 +34,7 @@ def plot(
     *,
     title: str | None = None,
     width: Width = "double",
+    mmol: bool = False,
     units_per_hour: bool = False,
     limits: DoseLimits = PARKER_1999_LIMITS,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
@@ -52,6 +53,8 @@ def plot(
     title : str, optional
     width : {"single", "double"}
         Width of a printed column: 88 or 180 mm.
+    mmol : bool
+        Whether a second axis shows glucose in mmol/l.
     units_per_hour : bool
         Whether a second axis shows insulin in U/h, as pumps do that give it under the skin. Where boluses were given,
         the second axis is theirs, and the legend tells the basal rate in U/h.
@@ -96,6 +99,8 @@ def plot(
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)
     _style.mark_meals(above, meals, horizon_min, width)
+    if mmol:
+        _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):
         _draw_boluses(below, runs, divisor, entries)
     elif units_per_hour:

@@ -21,7 +21,7 @@ from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
-from glucoloop.shown_units import OTHERS, other_value
+from glucoloop.shown_units import OTHERS, other_value, shown_unit
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
 """Lower and upper quantile of each band."""
@@ -164,7 +164,9 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
     result, cases = result_named(metric), {label: case.metric_counts[metric] for label, case in report.cases.items()}
     occupied = np.flatnonzero(np.sum([part.counts for part in cases.values()], axis=0))
     first, last = (int(occupied[0]), int(occupied[-1])) if occupied.size else (0, 0)
-    shown = np.asarray(next(iter(cases.values())).edges, float)[first : last + 2] / result.divisor
+    unit = shown_unit(result.unit)
+    scale = (1.0 if unit == result.unit else other_value(1.0, result.unit)) / result.divisor
+    shown = scale * np.asarray(next(iter(cases.values())).edges, float)[first : last + 2]
     alike = first == last and all(result.text(part.p5) == result.text(part.p95) for part in cases.values())
     zero = all(map(_all_zero, cases.values()))
     notes, outlines = {}, []
@@ -172,7 +174,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
         counts = np.asarray(part.counts)[first : last + 1]
         notes[label] = "0 for everybody" if _all_zero(part) else "the same for everybody" if alike else ""
         there = counts.any() and not notes[label]
-        values = [part.p5 / result.divisor, part.median / result.divisor, part.p95 / result.divisor]
+        values = [scale * part.p5, scale * part.median, scale * part.p95]
         outlines.append({"counts": counts.tolist(), "values": values} if there else None)
     axis = [] if zero or alike else [float(f"{edge:.6g}") for edge in shown]
     return {
@@ -180,7 +182,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
         "parts": cases,
         "notes": notes,
         "drawn": {"edges": axis, "outlines": outlines},
-        "unit": "" if zero else result.unit,
+        "unit": "" if zero else unit,
     }
 
 
