@@ -63,7 +63,7 @@ def _run(study: Study, typed: Given) -> None:
     """Check the request, carry it out or go on with it, and print the results."""
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
-    with showing(typed.get(UNITS.key, UNITS.default)):
+    with showing(typed.get(UNITS.key, "mg/dl")):
         _carry_out(study, request, typed)
 
 

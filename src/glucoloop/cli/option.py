@@ -135,9 +135,8 @@ JSON: Final = CommandOption("json", "--json", "Print one JSON object instead of 
 UNITS: Final = CommandOption(
     "units",
     "--units",
-    "Units of words, tables, figures and pages, like mmol/l,U/h; data files keep mg/dl and mU/min.",
+    "Show results in mmol/l, U/h or both; data files keep mg/dl and mU/min.",
     metavar="UNIT,UNIT",
-    default="mg/dl,mU/min",
 )
 OUTPUT: Final = (CONFIG, SET, ALLOW_CODE, OUT, OVERWRITE, JSON)
 WORKERS: Final = CommandOption(

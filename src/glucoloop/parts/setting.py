@@ -123,6 +123,16 @@ def value_text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def number_with_unit(text: str, unit: str) -> float | None:
+    """Number in a unit from its text, which may have that unit or another of its quantity; None if it has not."""
+    found = _NUMBER.fullmatch(text)
+    factor = None if found is None else factor_to(unit, found["unit"] or unit)
+    if found is None or factor is None:
+        return None
+    number = float(found["number"])
+    return number if factor == 1.0 else WithUnit(number * factor, text)
+
+
 @dataclass(frozen=True)
 class Setting:
     """A declared setting of a part."""
@@ -178,11 +188,8 @@ class Setting:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
             return int(text) if re.fullmatch(r"[-+]?[0-9]{1,400}", text) else text
-        found = _NUMBER.fullmatch(text) if self.kind is float else None
-        if found is None:
-            return text
-        number, factor = float(found["number"]), factor_to(self.unit, found["unit"] or self.unit)
-        return text if factor is None else number if factor == 1.0 else WithUnit(number * factor, text)
+        found = number_with_unit(text, self.unit) if self.kind is float else None
+        return text if found is None else found
 
     def has_type(self, value: object) -> bool:
         """Whether a single value is of the type of the setting; 2.0 is no whole number, and True is no number."""

@@ -117,8 +117,8 @@ _60, _54, _LOWEST = pl.col("time_below_60_pct"), pl.col("time_below_54_pct"), pl
 _MORE, _PERSON = pl.col("more_pct"), pl.col("person")
 _WORSE: Final = _MORE > MOST_MORE_PCT
 _worse_off = functools.partial(Column, group="Worse off", strong=lambda row: bool(row["worse"]))
-_below_60 = functools.partial(Column, group="Time below 60 (%)", short_text=terse_percent)
-_below_54 = functools.partial(Column, group="Time below 54 (%)", short_text=terse_percent)
+_below_60 = functools.partial(Column, group="Time below 60 mg/dl (%)", short_text=terse_percent)
+_below_54 = functools.partial(Column, group="Time below 54 mg/dl (%)", short_text=terse_percent)
 _ever_below = functools.partial(Column, group="People ever below (%)")
 _glucose = functools.partial(Column, group="Glucose (mg/dl)", text=whole_glucose)
 _events = functools.partial(Column, group="Events", text=whole)
@@ -134,8 +134,8 @@ COLUMNS: Final = (
     _below_60(name="below_60_worst_pct", value=_60.max(), head="longest", short="<60\nlongest"),
     _below_54(name="below_54_mean_pct", value=_54.mean(), head="mean"),
     _below_54(name="below_54_worst_pct", value=_54.max(), head="longest", short="<54\nlongest"),
-    _ever_below(name="ever_below_60_pct", value=100.0 * (_LOWEST < 60.0).mean(), head="60"),
-    _ever_below(name="ever_below_54_pct", value=100.0 * (_LOWEST < 54.0).mean(), head="54"),
+    _ever_below(name="ever_below_60_pct", value=100.0 * (_LOWEST < 60.0).mean(), head="60 mg/dl"),
+    _ever_below(name="ever_below_54_pct", value=100.0 * (_LOWEST < 54.0).mean(), head="54 mg/dl"),
     Column(
         name="people_below_validity",
         value=(pl.col("time_below_validity_pct") > 0.0).sum(),
