@@ -156,7 +156,7 @@ def test_what_passes_and_what_fails_is_counted(make_stress):
         "run)."
     )
     assert harm == "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
-    assert "imc: 0 % and 151 → 153; mpc: 0 % and 151 → 153." in quiet
+    assert "imc: 0 % and 151 → 153 mg/dl; mpc: 0 % and 151 → 153 mg/dl." in quiet
     # 1 + 6.66 + 0.004 + 0.25
     assert quiet.endswith("The guard then acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc.")
     assert beyond.startswith(

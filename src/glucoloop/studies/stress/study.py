@@ -344,15 +344,16 @@ def _without_a_fault(grid: Grid) -> Iterator[str]:
         pair = [row for row in grid.pair(controller, NO_FAULT) if row["people"]]
         if pair:
             below = _change([percent(row["below_60_worst_pct"]) for row in pair])
-            texts.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
+            highest = _change([whole_glucose(row["highest_mg_dl"]) for row in pair])
+            texts.append(f"{controller}: {below} and {highest} mg/dl")
             # each sample has one status
             acted = [sum(float(row[f"{act}_pct"]) for act in _ACTS) for row in pair if row["guarded"]]
             acts += [f"{percent(share)} with {controller}" for share in acted]
     if texts:
         how = " (without → with the guard)" if len(grid.guards) > 1 else ""
         yield (
-            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest glucose in "
-            f"mg/dl{how}, were {'; '.join(texts)}."
+            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest "
+            f"glucose{how}, were {'; '.join(texts)}."
             + (f" The guard then acted at this percentage of the samples: {'; '.join(acts)}." if acts else "")
         )
 
