@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.control.basal_bolus import design_basal_bolus
 from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.grammar import given as given_values
 from glucoloop.parts.grammar import part_text, part_tree
 from glucoloop.parts.part import read
 from glucoloop.parts.setting import WithUnit
+from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.units import OTHER_UNITS, factor_to
@@ -100,3 +102,19 @@ def test_what_is_laid_over_has_another_spelling_of_the_same_name():
     of_file = given_values({"setpoint": "5.5 mmol/l"}, "a.toml")
     typed = given_values({"setpoint_mg_dl": 100.0}, "--setpoint")
     assert read(Run, {**of_file, **typed}).setpoint_mg_dl == 100.0
+
+
+def test_python_takes_a_unit_too_and_asks():
+    assert Run(setpoint_mg_dl="5.5 mmol/l").setpoint_mg_dl == pytest.approx(99.0858)
+    with pytest.raises(Refusal, match="looks like mmol/l"):
+        Run(setpoint_mg_dl=5.5).scenario()
+    with pytest.raises(
+        Refusal, match=r"max_mU_min is 4 mU/min; that looks like U/h: 4 U/h is 66\.7 mU/min.*allow_unusual"
+    ):
+        dose_limits(max_mU_min=4.0)
+    assert dose_limits(max_mU_min=4.0, allow_unusual=True).max_mU_min == 4.0
+    assert dose_limits(max_mU_min=1e6, max_change_mU_min=1e6).max_mU_min == 1e6
+    for asked in ({"basal_mU_min": 1.2}, {"basal_mU_min": 6.7, "correction_mg_dl_U": 2.5}):
+        with pytest.raises(Refusal, match=r"looks like (U/h|mmol/l per U)"):
+            design_basal_bolus(**asked)
+        design_basal_bolus(**asked, allow_unusual=True)

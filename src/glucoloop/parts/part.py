@@ -218,7 +218,8 @@ def _taken(part: type[Part], name: str, value: Any) -> Any:
     setting = part.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
         return setting.check(value)
-    of_python = type(value) in _SCALARS or value is None
+    value = setting.read(value) if _has_unit(setting, value) else value
+    of_python = type(value) in (*_SCALARS, WithUnit) or value is None
     if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
 
@@ -271,8 +272,12 @@ def _value(setting: Setting, leaf: Any) -> Any:
     if not isinstance(value, str):
         return value
     typed = isinstance(leaf, GivenValue) and leaf.text
-    with_unit = setting.kind is float and not value.rstrip()[-1:].isdecimal()  # a file may write "10h" too
-    return setting.read(value) if typed or with_unit else value
+    return setting.read(value) if typed or _has_unit(setting, value) else value
+
+
+def _has_unit(setting: Setting, value: Any) -> bool:
+    """Whether a value is a text with a unit, such as ``"10h"``, which files and Python may hold too."""
+    return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
 
 
 def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
