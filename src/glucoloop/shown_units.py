@@ -67,10 +67,16 @@ def other_value(value: float, unit: str) -> float:
     return value / OTHER_UNITS[unit][OTHERS[unit]]
 
 
-def other_number(text: str, value: float, unit: str) -> str:
-    """Text of a value in the other unit, with a digit more than its text has; a text that is no number stays."""
-    found = re.fullmatch(r"-?\d+(?:\.(\d+))?(\+?)", text)
-    return text if found is None else f"{other_value(value, unit):z.{len(found[1] or '') + 1}f}{found[2]}"
+def other_number(text: str, value: float | None, unit: str) -> str:
+    """Text of a value in the other unit, with a digit more than its text has; a text that is no number stays.
+
+    Without the value, that of its text is taken.
+    """
+    found = re.fullmatch(r"(-?\d+(?:\.(\d+))?)(\+?)", text)
+    if found is None:
+        return text
+    other = other_value(float(found[1]) if value is None else value, unit)
+    return f"{other:z.{len(found[2] or '') + 1}f}{found[3]}"
 
 
 def in_both_units(text: str) -> Iterator[tuple[str, str, str]]:

@@ -326,6 +326,7 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[MetricRow]) -> 
             table.add_row(Text(section, "bold"))
         for row in rows_of_section:
             name, unit = f"{'  ' if section else ''}{in_shown_units(row.name)}", shown_unit(row.unit)
-            values = row.values if row.other is None or unit == row.unit else row.other
+            others = row.other or [other_number(text, None, row.unit) for text in row.values if unit != row.unit]
+            values = row.values if unit == row.unit else others
             table.add_row(name, *([row.statistic] if statistics else []), *values, unit)
     return table

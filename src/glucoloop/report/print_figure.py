@@ -81,7 +81,11 @@ def _show_units(figure: Figure) -> None:
                 axis.set_ticks(axis.get_ticklocs(), labels=numbers)
             elif isinstance(formatter, ScalarFormatter):
                 axis.set_major_locator(_InOtherUnit(locator, unit))
-                axis.set_major_formatter(FuncFormatter(lambda at, _, unit=unit: f"{other_value(at, unit):.6g}"))
+                axis.set_major_formatter(
+                    FuncFormatter(
+                        lambda at, _, unit=unit: f"{other_value(at, unit):.6g}".replace("-", "\N{MINUS SIGN}")
+                    )
+                )
     for text in figure.findobj(Text):
         words = text.get_text()
         if words != in_shown_units(words):
