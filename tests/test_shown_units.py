@@ -87,15 +87,15 @@ def test_tables_are_in_the_units_that_are_shown():
 
 
 def test_a_figure_has_round_ticks_in_the_unit_that_is_shown():
-    figure = _style.new_figure("single", 60.0, None)
+    with showing("mmol/l"):
+        figure = _style.new_figure("single", 60.0, None)
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [60.0, 200.0])
     axes.set_ylabel("Glucose (mg/dl)")
     axes.axhline(70.0)
     axes.text(0.5, 70.0, "70 mg/dl")
-    with showing("mmol/l"):
-        figure.draw_without_rendering()
-        figure.draw_without_rendering()  # nothing is converted twice
+    figure.draw_without_rendering()
+    figure.draw_without_rendering()  # nothing is converted twice
     assert axes.get_ylabel() == "Glucose (mmol/l)"
     assert axes.texts[0].get_text() == "3.9 mmol/l"
     ticks = axes.get_yticks() / MG_DL_PER_MMOL_L

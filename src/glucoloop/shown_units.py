@@ -28,7 +28,7 @@ _UNIT: Final = re.compile(r"(?<!per )(mg/dl|mU/min)(?!\)?²| per m[gU])")
 
 @contextlib.contextmanager
 def showing(units: str) -> Iterator[None]:
-    """Show results in other units within a block: ``with gl.showing("mmol/l, U/h"): gl.plot(trace)``.
+    """Show what is drawn and printed within a block in other units: ``with gl.showing("mmol/l, U/h"): ...``.
 
     Parameters
     ----------
@@ -60,6 +60,11 @@ def shown_unit(unit: str) -> str:
     """Unit in which a quantity is shown, by that in which it is computed."""
     other = OTHERS.get(unit, unit)
     return other if other in _CHOSEN.get() else unit
+
+
+def units_shown() -> str:
+    """The units that are shown, as `showing` takes them."""
+    return ",".join(map(shown_unit, OTHERS))
 
 
 def other_value(value: float, unit: str) -> float:

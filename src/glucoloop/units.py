@@ -7,9 +7,16 @@ constant to convert, divide to convert back. Functions take numbers and arrays a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
-Number = TypeVar("Number", bound=Any)
+
+class _Scalable(Protocol):
+    def __mul__(self, factor: float, /) -> Self: ...
+    def __truediv__(self, divisor: float, /) -> Self: ...
+
+
+Number = TypeVar("Number", bound=_Scalable)
+"""Any number or array."""
 
 MOLAR_MASS_GLUCOSE_G_MOL = 180.156
 
@@ -76,29 +83,29 @@ def _spelt(unit: str) -> str:
 
 def mmol_l_from_mg_dl(glucose_mg_dl: Number) -> Number:
     """Glucose concentration in mmol/l."""
-    return glucose_mg_dl / MG_DL_PER_MMOL_L  # type: ignore[no-any-return]
+    return glucose_mg_dl / MG_DL_PER_MMOL_L
 
 
 def mg_dl_from_mmol_l(glucose_mmol_l: Number) -> Number:
     """Glucose concentration in mg/dl."""
-    return glucose_mmol_l * MG_DL_PER_MMOL_L  # type: ignore[no-any-return]
+    return glucose_mmol_l * MG_DL_PER_MMOL_L
 
 
 def u_h_from_mu_min(insulin_mU_min: Number) -> Number:
     """Insulin rate in U/h, the unit of pump displays."""
-    return insulin_mU_min * MIN_PER_H / MU_PER_U  # type: ignore[no-any-return]
+    return insulin_mU_min * MIN_PER_H / MU_PER_U
 
 
 def mu_min_from_u_h(insulin_U_h: Number) -> Number:
     """Insulin rate in mU/min, the unit of the equations."""
-    return insulin_U_h * MU_PER_U / MIN_PER_H  # type: ignore[no-any-return]
+    return insulin_U_h * MU_PER_U / MIN_PER_H
 
 
 def pmol_min_from_mu_min(insulin_mU_min: Number) -> Number:
     """Insulin rate in pmol/min, the unit of many physiological models."""
-    return insulin_mU_min / MU_MIN_PER_PMOL_MIN  # type: ignore[no-any-return]
+    return insulin_mU_min / MU_MIN_PER_PMOL_MIN
 
 
 def mu_min_from_pmol_min(insulin_pmol_min: Number) -> Number:
     """Insulin rate in mU/min, from pmol/min."""
-    return insulin_pmol_min * MU_MIN_PER_PMOL_MIN  # type: ignore[no-any-return]
+    return insulin_pmol_min * MU_MIN_PER_PMOL_MIN

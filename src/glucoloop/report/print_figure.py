@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, ScalarFormatter
 
-from glucoloop.shown_units import OTHERS, heading_shown, in_shown_units, other_value
+from glucoloop.shown_units import OTHERS, heading_shown, in_shown_units, other_value, showing, units_shown
 
 KINDS: Final = ("png", "svg", "pdf")
 """File formats in which a command writes each figure."""
@@ -30,12 +30,15 @@ _UNDATED: Final[dict[str, dict[str, None]]] = {"svg": {"Date": None}, "pdf": {"C
 class _PrintFigure(Figure):
     """A figure that is saved with settings for print, wherever `savefig` is called.
 
-    Its axes and words are in the units that are shown where it is drawn first or saved.
+    Its axes and words are in the units that were shown where it was made.
     """
+
+    units = ""
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure as `matplotlib.figure.Figure.draw` does."""
-        _show_units(self)
+        with showing(self.units):
+            _show_units(self)
         super().draw(renderer)
 
     def savefig(self, fname: Any, *, transparent: bool | None = None, **kwargs: Any) -> None:
@@ -46,7 +49,9 @@ class _PrintFigure(Figure):
 
 def print_figure(size_inch: tuple[float, float]) -> Figure:
     """Make an empty figure that is saved with settings for print: in PDF and PostScript its fonts are TrueType."""
-    return _PrintFigure(figsize=size_inch, dpi=300, layout="constrained")
+    figure = _PrintFigure(figsize=size_inch, dpi=300, layout="constrained")
+    figure.units = units_shown()
+    return figure
 
 
 class _InOtherUnit(Locator):
