@@ -19,7 +19,7 @@ OTHERS: Final = {"mg/dl": "mmol/l", "mU/min": "U/h"}
 _CHOSEN: ContextVar[frozenset[str]] = ContextVar("units of what is shown", default=frozenset())
 _NUMBER: Final = r"\d+(?:\.\d+)?"
 _AMOUNT: Final = re.compile(
-    rf"(?<![\w.])(?<!e[-+])(?P<numbers>{_NUMBER}(?:(?: to | – | and | or | → ){_NUMBER})?) (?P<unit>mg/dl|mU/min)"
+    rf"(?<![\w.])(?<!e[-+])(?P<numbers>{_NUMBER}(?:(?: to | ?– ?| and | or | → ){_NUMBER})?) (?P<unit>mg/dl|mU/min)"
     r"(?!²| per m[gU])(?: \((?P<same>[^()]* U/h)\))?"
 )
 """One or two numbers with their unit; where the same stands behind it in U/h, with that."""

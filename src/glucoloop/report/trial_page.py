@@ -62,7 +62,7 @@ def trial_page(report: TrialReport) -> str:
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),
         distributions=[_distribution(report, metric) for metric in cases[0].metric_counts],
-        ranges={name: _in_mmol_l(name) for name in RANGES},
+        ranges=RANGES,
         range_colours=RANGE_COLOURS,
         grids=[_grid(case, most) for case in cases],
         zone_colours=ZONE_COLOURS,
@@ -91,12 +91,6 @@ def _text(value: float | str) -> str:
         return f"{int(value)}"
     # as many digits as tell it: two beyond the point below ten, one above
     return f"{value:.{1 if abs(value) >= 10.0 else 2 if abs(value) >= 0.01 else 4}f}"
-
-
-def _in_mmol_l(name: str) -> str:
-    """Name of a range, with its limits in mmol/l."""
-    parts = name.split()
-    return " ".join(f"{other_value(float(word), 'mg/dl'):.1f}" if word.isdigit() else word for word in parts)
 
 
 def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats]) -> tuple[Panel, Panel]:
