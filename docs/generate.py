@@ -215,8 +215,13 @@ def printed() -> str:
 
 
 def conversions() -> str:
-    names = [name for name in vars(units) if name.isupper()]
-    return table(["Constant", "Value"], [[code(name), f"{getattr(units, name):.10g}"] for name in names], "lr")
+    values = {name: value for name, value in vars(units).items() if name.isupper() and isinstance(value, float)}
+    return table(["Constant", "Value"], [[code(name), f"{value:.10g}"] for name, value in values.items()], "lr")
+
+
+def other_units() -> str:
+    rows = [[unit, ", ".join(name for name in others)] for unit, others in units.OTHER_UNITS.items()]
+    return table(["Unit of a setting", "May be given in"], rows)
 
 
 def layers(root: Path) -> str:
@@ -365,6 +370,7 @@ def write_all(docs: Path) -> None:
         made / "printed.md": printed(),
         made / "deviations.md": deviations(),
         made / "conversions.md": conversions(),
+        made / "other-units.md": other_units(),
         made / "layers.md": layers(docs.parent),
         made / "commands.md": commands(),
         made / "record-columns.md": record_columns(),

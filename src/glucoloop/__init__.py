@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from glucoloop.refusal import Refusal
     from glucoloop.report import plot
     from glucoloop.sensors import dead_time, white_noise
+    from glucoloop.shown_units import showing
     from glucoloop.simulation import (
         Adaptive,
         Exponential,
@@ -88,6 +89,7 @@ _HOME = {
         "refusal": ("Refusal",),
         "report": ("plot",),
         "sensors": ("dead_time", "white_noise"),
+        "shown_units": ("showing",),
         "simulation": (
             "Adaptive",
             "Explicit",
@@ -144,6 +146,7 @@ __all__ = [
     "plot",
     "population",
     "record_from_samples",
+    "showing",
     "simulate",
     "simulate_people",
     "summarise",

@@ -24,10 +24,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.refusal import Refusal
+from glucoloop.units import UNIT_BY_ENDING, ending_of
 
 T = TypeVar("T", bound=Callable[..., Any])
 
-_UNITS: Final = {"_mg_dl": "mg/dl", "_mU_min": "mU/min", "_mU": "mU", "_min": "min", "_g": "g", "_pct": "percent"}
 _KEY_BOUNDS: Final = (-(2**63), 2**63 - 1)
 
 
@@ -235,7 +235,8 @@ class _Argument:
         return ArgumentTypeError(f"{self.name} is {_described(self.value)}{rest}")
 
     def _unit(self) -> str:
-        return next((f" in {unit}" for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
+        unit = UNIT_BY_ENDING.get(ending_of(self.name), "")
+        return f" in {unit}" if unit else ""
 
 
 def _is_ours(annotation: Any) -> bool:

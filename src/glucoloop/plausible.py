@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from glucoloop.refusal import Refusal
-from glucoloop.units import MG_DL_PER_MMOL_L, MG_PER_G, MIN_PER_H, MU_PER_U, PMOL_PER_U
+from glucoloop.units import OTHER_UNITS
 
 CONFIRM_OPTION: Final = "add --allow-unusual"
 """Way to confirm a value on the command line, wherever it stands."""
@@ -84,31 +84,56 @@ class Quantity:
         )
 
 
-_MMOL: Final = OtherUnit("mmol/l", MG_DL_PER_MMOL_L)
-_U_H: Final = OtherUnit("U/h", MU_PER_U / MIN_PER_H)
-_MU_H: Final = OtherUnit("mU/h", 1.0 / MIN_PER_H)
-_PMOL_MIN: Final = OtherUnit("pmol/min", MU_PER_U / PMOL_PER_U)
-_SECONDS: Final = OtherUnit("s", 1.0 / MIN_PER_H)
-_HOURS: Final = OtherUnit("h", MIN_PER_H)
+def others_of(unit: str, *names: str) -> tuple[OtherUnit, ...]:
+    """Other units of a unit, by name."""
+    return tuple(OtherUnit(name, OTHER_UNITS[unit][name]) for name in names)
 
-SETPOINT: Final = Quantity("a setpoint", "mg/dl", 50.0, 250.0, (_MMOL,))
-GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, (_MMOL,))
-GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, (_MMOL,), zero=True)
-INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, (_U_H, _MU_H), zero=True)
-LARGEST_RATE: Final = Quantity("the greatest rate of a pump", "mU/min", 8.0, 300.0, (_U_H, _MU_H, _PMOL_MIN))
+
+_MMOL: Final = others_of("mg/dl", "mmol/l")
+_RATES: Final = others_of("mU/min", "U/h", "mU/h")
+_SECONDS_OR_HOURS: Final = others_of("min", "s", "h")
+_HOURS: Final = others_of("min", "h")
+_MU: Final = others_of("U", "mU")
+
+SETPOINT: Final = Quantity("a setpoint", "mg/dl", 50.0, 250.0, _MMOL)
+GLUCOSE: Final = Quantity("glucose", "mg/dl", 35.0, 600.0, _MMOL)
+GLUCOSE_BOUND: Final = Quantity("a bound on glucose", "mg/dl", 20.0, 1000.0, _MMOL, zero=True)
+INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, _RATES, zero=True)
+LARGEST_RATE: Final = Quantity(
+    "the greatest rate of a pump", "mU/min", 8.0, 300.0, (*_RATES, *others_of("mU/min", "pmol/min"))
+)
 LARGEST_RATE_UNDER_THE_SKIN: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
 """The same under the skin, where pumps give up to 35 U/h."""
-LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, (_MU_H, _PMOL_MIN))
-RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, (_U_H, _MU_H))
-RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, (_U_H, _MU_H))
-MEAL: Final = Quantity("a meal", "g", 1.0, 300.0, (OtherUnit("mg", 1.0 / MG_PER_G), OtherUnit("kg", 1000.0)))
-SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, (_SECONDS, _HOURS))
-DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, (_SECONDS, _HOURS), zero=True)
-DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, (_HOURS,))
+LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
+RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, _RATES)
+FITTED_STEP: Final = Quantity("a lasting step of a rate", "mU/min", 1.0, 500.0, _RATES, zero=True)
+RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, _RATES)
+MEAL: Final = Quantity("a meal", "g", 1.0, 300.0, others_of("g", "mg", "kg"))
+SAMPLE_TIME: Final = Quantity("a sample time", "min", 0.25, 30.0, _SECONDS_OR_HOURS)
+DEAD_TIME: Final = Quantity("a dead time", "min", 0.5, 60.0, _SECONDS_OR_HOURS, zero=True)
+DURATION: Final = Quantity("the length of a run", "min", 30.0, 366.0 * 1440.0, _HOURS)
 NOISE_VARIANCE: Final = Quantity("the variance of noise on readings", "(mg/dl)²", 0.0, 900.0)
 PID_GAIN: Final = Quantity("the gain of a PID controller", "mU/min per mg/dl", 0.001, 100.0, zero=True)
+CARB_RATIO: Final = Quantity("a carbohydrate ratio", "g per U", 1.0, 150.0, zero=True)
+CORRECTION: Final = Quantity(
+    "a correction factor", "mg/dl per U", 8.0, 400.0, others_of("mg/dl per U", "mmol/l per U"), zero=True
+)
+LARGEST_BOLUS: Final = Quantity("the largest bolus of a pump", "U", 0.1, 100.0, _MU)
+BOLUS_STEP: Final = Quantity("the least bolus of a pump, or its step,", "U", 0.001, 5.0, _MU, zero=True)
+LAG: Final = Quantity("the lag of a sensor", "min", 0.5, 60.0, _SECONDS_OR_HOURS, zero=True)
+ACTION_TIME: Final = Quantity("the time for which insulin acts", "min", 15.0, 900.0, _HOURS)
+WAITING_TIME: Final = Quantity("the time for which a guard waits", "min", 1.0, 600.0, _SECONDS_OR_HOURS, zero=True)
+GLUCOSE_RISE: Final = Quantity(
+    "the fastest rise of a reading",
+    "mg/dl per min",
+    0.4,
+    30.0,
+    others_of("mg/dl per min", "mmol/l per min", "mg/dl per h"),
+)
+GLUCOSE_ERROR: Final = Quantity("a difference of glucose", "mg/dl", 1.0, 300.0, _MMOL, zero=True)
+GLUCOSE_FALL: Final = Quantity("glucose above the setpoint", "mg/dl", 10.0, 500.0, _MMOL)
 ANY_SETTING: Final = Quantity("the number of a setting", "", -1e6, 1e6)
-NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, (_MMOL,))
+NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, _MMOL)
 
 
 def question_about(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> str | None:

@@ -41,7 +41,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
             ("--controller", "your_own_controller:ProportionalIntegral"),
             "your_own_controller:ProportionalIntegral is no controller: make it a class of ControllerPart",
         ),
-        (("--controller", f"{NAME}, integral=9"), "has no setting 'integral'; did you mean 'integral_min'?"),
+        (("--controller", f"{NAME}, integral_h=9"), "has no setting 'integral_h'; did you mean 'integral_min'?"),
         (
             ("--controller", f"{NAME}, integral_min=-1"),
             "--controller: your-own-pi: integral_min is -1 min; give a finite number above 0 min",

@@ -70,7 +70,7 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
         ("no_such_module:X", "no_such_module cannot be imported"),
         ("your_own_pump:SoftTube", "your_own_pump:SoftTube is no pump: make it a class of PumpPart"),
         ("nothing", "unknown pump 'nothing'"),
-        (f"{NAME}, lag=1", "the pump soft-tube has no setting 'lag'; did you mean 'lag_min'?"),
+        (f"{NAME}, lag_h=1", "the pump soft-tube has no setting 'lag_h'; did you mean 'lag_min'?"),
         (f"{NAME}, lag_min=0", "soft-tube: lag_min is 0 min; give a finite number above 0 min"),
         ("resolution, step_mU_min=0.05", "--pump: resolution: step_mU_min is 0.05 mU/min; that looks like U/h"),
         ("expiring, samples=0", "samples is 0; give a whole number of 1 or more"),

@@ -61,7 +61,7 @@ def test_runs_and_trials_keep_it_with_all_its_settings(outside):
         ("no_such_module:X", "no_such_module cannot be imported"),
         ("your_own_sensor:LateSensor", "your_own_sensor:LateSensor is no sensor: make it a class of SensorPart"),
         ("nothing", "unknown sensor 'nothing'"),
-        (f"{NAME}, lag=1", "the sensor late-steps has no setting 'lag'; did you mean 'lag_min'?"),
+        (f"{NAME}, lag_h=1", "the sensor late-steps has no setting 'lag_h'; did you mean 'lag_min'?"),
         (f"{NAME}, lag_min=0", "late-steps: lag_min is 0 min; give a finite number above 0 min"),
         ("white-noise, variance=-1", "variance is -1 (mg/dl)²; give a number from 0 to 10000 (mg/dl)²"),
         ("white-noise, variance=9e4", "--sensor: white-noise: variance is"),

@@ -28,7 +28,7 @@ def test_one_part_is_told_with_its_settings_their_units_bounds_and_usual_values(
     assert horizon["usual"] == {"": 8, "with noise": 10, "under the skin": 0}
     assert horizon["possible"] == "a whole number from 0 to 288"
     text = glucoloop("list", "lag").out
-    assert "lag_min = 10   (a number above 0 min and up to 120 min)" in text
+    assert "lag_min = 10   (a number above 0 min and up to 120 min, or one in h, s or d)" in text
 
 
 def test_a_name_of_two_kinds_is_told_of_both(glucoloop):

@@ -184,13 +184,29 @@ def test_integrators_agree(glucoloop):
     assert fast["peak_mg_dl"] == pytest.approx(adaptive["peak_mg_dl"], abs=1e-3)
 
 
-def test_table_and_mmol(glucoloop):
-    answer = glucoloop("run", "--mmol", "--patient", "operating_point=nominal-22", *SHORT)
-    assert answer.code == 0
-    assert "Undershoot" in answer.out
-    assert "setpoint 5.11 mmol/l" in answer.out
-    assert "--out DIR" in answer.out
-    assert answer.err == ""
+def test_a_run_is_told_in_the_units_that_are_asked_for(glucoloop, tmp_path):
+    plain = glucoloop("run", *SHORT, "--out", "plain")
+    answer = glucoloop("run", *SHORT, "--out", "other", "--units", "mmol/l, U/h")
+    assert (answer.code, answer.err) == (0, "")
+    assert "Least glucose" in answer.out
+    for unit in ("mg/dl", "mU/min"):
+        assert unit in plain.out
+        assert unit not in answer.out.replace("(mg/dl)²", "").replace("gain -2.621 mg/dl per mU/min", "")
+    for name in ("trace.csv", "metrics.json", "run.toml", "glucose_1min.parquet"):
+        assert (tmp_path / "plain" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
+    assert glucoloop("run", *SHORT, "--units", "mg/dl,mmol/l").err.startswith("glucoloop: 'mg/dl,mmol/l' names two")
+    assert "cannot be shown in 'U'; give one or two of mg/dl, mmol/l" in glucoloop("run", "--units", "U").err
+
+
+def test_what_was_given_in_another_unit_is_kept_as_it_was_given(glucoloop, tmp_path):
+    assert glucoloop("run", "--setpoint", "5.5 mmol/l", "--duration", "2h", "--out", "a").code == 0
+    written = (tmp_path / "a/run.toml").read_text()
+    assert 'setpoint_mg_dl = "5.5 mmol/l"' in written
+    assert 'duration_min = "2h"' in written
+    assert "duration_min = 120.0" in written.partition("[used]")[2]
+    (tmp_path / "b.toml").write_text(written.replace("setpoint_mg_dl =", "setpoint =", 1))
+    again = glucoloop("run", "--config", "b.toml", "--duration", 120, "--json").json
+    assert again["metrics"] == glucoloop("run", "--config", "a/run.toml", "--json").json["metrics"]
 
 
 def test_glucose_below_the_validity_of_the_model_is_told(glucoloop):

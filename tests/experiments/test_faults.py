@@ -46,7 +46,7 @@ def test_a_fault_is_read_again_from_its_text(name, when):
     ("text", "sentence"),
     [
         ("mising", "unknown fault 'mising'; did you mean 'missing'?"),
-        ("missing, start=3", "the fault missing has no setting 'start'; did you mean 'start_min'?"),
+        ("missing, starts=3", "the fault missing has no setting 'starts'; did you mean 'start_min'?"),
         ("missing, start_min=soon", "start_min is 'soon'; give a finite number"),
         ("missing, start_min=-5", "start_min is -5 min; give a finite number of 0 min or more"),
         ("missing, duration_min=0", "duration_min is 0 min; give a finite number above 0 min"),

@@ -144,6 +144,6 @@ def test_setting_that_is_not_finite_is_refused_by_its_own_name(refusal, value):
 def test_short_sample_time_is_refused_for_itself_and_not_for_what_follows_from_it(refusal):
     for root in (Run, ModelRequest, Trial):
         assert refusal(read, root, {"sample_time_min": 0.001}) == (
-            "a.toml: sample_time_min is 0.001 min; give a number from 0.1 to 120 min"
+            "a.toml: sample_time_min is 0.001 min; give a number from 0.1 to 120 min, or one in h, s or d"
         )
         assert refusal(read, root, {"sample_time_min": 0.1, "allow_unusual": True}) is None

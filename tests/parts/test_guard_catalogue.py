@@ -46,7 +46,7 @@ def test_a_limit_reaches_the_guard():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("gap=35", "--guard: the guard usual has no setting 'gap'; did you mean 'gap_min'?"),
+        ("gap_mi=35", "--guard: the guard usual has no setting 'gap_mi'; did you mean 'gap_min'?"),
         ("gap_min=long", "--guard: gap_min is 'long'; give a number from 0 to 10000 min"),
         ("usual, gap_min=-1", "--guard: usual: gap_min is -1 min; give a number from 0 to 10000 min"),
     ],

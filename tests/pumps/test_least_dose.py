@@ -72,7 +72,7 @@ def test_a_least_dose_counts_in_whole_steps():
 
 
 def test_the_limits_of_the_pump_inside_are_kept_unless_others_are_given():
-    tight = dose_limits(max_mU_min=4.9)
+    tight = dose_limits(max_mU_min=4.9, allow_unusual=True)
     high = np.full(12, 100.0)
     assert doses_of(with_resolution(1.0, LimitedPump(limits=tight)), 4.5, high).max() == 4.0
     faulty = occlusion(always(), LimitedPump(limits=tight), open_fraction=0.9)

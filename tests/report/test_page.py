@@ -12,6 +12,7 @@ from glucoloop.control import Status
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page
 from glucoloop.report.columns import metric_rows
+from glucoloop.shown_units import showing
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=false"
@@ -19,7 +20,7 @@ FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=fal
 
 def shown(text):
     """Text of HTML in mg/dl, without its tags."""
-    return re.sub(r"<[^>]*>", "", re.sub(r'<span class="mmol">[^<]*</span>', "", text))
+    return re.sub(r"<[^>]*>", "", re.sub(r'<span class="(?:mmol|uh)">[^<]*</span>', "", text))
 
 
 @pytest.fixture(scope="module")
@@ -51,9 +52,27 @@ def test_only_the_script_of_the_page_may_run(page):
 
 
 def test_the_unit_is_that_of_the_command(quiet):
-    shown = interactive_page(quiet, summarise(quiet), mmol=True)
+    with showing("mmol/l"):
+        shown = interactive_page(quiet, summarise(quiet))
     assert 'id="unit-mmol" checked' in shown
     assert 'id="unit-mg">' in shown
+    assert 'id="unit-mu" checked' in shown
+
+
+def test_the_pictures_are_in_the_unit_that_is_shown(quiet, page, plots):
+    with showing("mmol/l, U/h"):
+        shown = interactive_page(quiet, summarise(quiet))
+    for was, panel, factor in zip(
+        plots(interactive_page(quiet, summarise(quiet)))[0]["panels"],
+        plots(shown)[0]["panels"],
+        (1.0 / MG_DL_PER_MMOL_L, 0.06),
+        strict=True,
+    ):
+        assert (panel["unit"], panel["other"]) == (was["other"], was["unit"])
+        assert panel["factor"] == pytest.approx(1.0 / factor)
+        assert panel["step"] == pytest.approx(factor * was["step"])
+        assert panel["range"] == pytest.approx([factor * end for end in was["range"]])
+        assert [line["y"] for line in panel["lines"]] == [line["y"] for line in was["lines"]]
 
 
 def test_the_curves_are_the_runs(page, quiet, noisy, drawn, plots):
@@ -238,7 +257,7 @@ def test_a_glucose_below_0_is_no_number(make_trace, drawn):
     assert np.nanmin(curve.values) >= 0.0
     assert not re.search(r"[-−]\d[\d.]*( mg/dl|</td>)", page.partition("<script>")[0])
     least = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Least glucose")
-    assert least.values == least.mmol_l == ["not valid"]
+    assert least.values == least.other == ["not valid"]
     undershoot = next(row for row in metric_rows({"": summarise(trace)}) if row.name == "Undershoot")
     assert undershoot.values == ["not valid"]
     assert "the patient's model is not valid there" in html.unescape(page)

@@ -20,7 +20,7 @@ STUCK, DRIFT = "stuck, start_min=60, duration_min=90", "drift, mg_dl_h=3"
     [
         (["late, delay_min=15"], ["late"]),
         (["spikes, size_mg_dl=60", "spikes, size_mg_dl=-40"], ["spikes size 60 mg/dl", "spikes size -40 mg/dl"]),
-        (["drift, mg_dl_h=3", "drift, mg_dl_h=-3"], ["drift 3 mg/dl/h", "drift -3 mg/dl/h"]),
+        (["drift, mg_dl_h=3", "drift, mg_dl_h=-3"], ["drift 3 mg/dl per h", "drift -3 mg/dl per h"]),
         (
             ["calibration, gain=1.15", "calibration, gain=1, offset_mg_dl=15", "calibration, gain=1"],
             ["calibration gain 1.15", "calibration offset 15 mg/dl", "calibration gain 1, offset 0 mg/dl"],
@@ -156,7 +156,7 @@ def test_what_passes_and_what_fails_is_counted(make_stress):
         "run)."
     )
     assert harm == "In no combination, with or without a fault, did the guard lengthen the mean time below 60 mg/dl."
-    assert "imc: 0 % and 151 → 153; mpc: 0 % and 151 → 153." in quiet
+    assert "imc: 0 % and 151 → 153 mg/dl; mpc: 0 % and 151 → 153 mg/dl." in quiet
     # 1 + 6.66 + 0.004 + 0.25
     assert quiet.endswith("The guard then acted at this percentage of the samples: 7.9 % with imc; 7.9 % with mpc.")
     assert beyond.startswith(
@@ -187,7 +187,7 @@ def test_only_the_worst_of_many_that_fail_are_listed(make_stress):
     faults = [f"drift, mg_dl_h={rate}" for rate in range(1, 9)]
     bad = {("imc", True, fault): (float(index + 2), [1]) for index, fault in enumerate(faults)}
     _, failing, *_ = conclusions(make_stress(["imc"], faults, bad))
-    assert failing.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl/h (")
+    assert failing.startswith("Combinations that failed with the guard: imc under drift 8 mg/dl per h (")
     assert failing.count("imc under") == 5
     assert failing.endswith("; and 3 more.")
 

@@ -46,10 +46,10 @@ def test_a_value_that_is_missing_is_refused(make_page):
 
 def test_glucose_can_be_shown_in_either_unit(make_page):
     page = make_page(facts={"Setpoint": "81.1 mg/dl, 70 to 180 mg/dl, 3 mg/dl/h, 1.45 (mg/dl)²"})
-    assert '<span class="mg">81.1 mg/dl</span><span class="mmol">4.5 mmol/l</span>' in page
+    assert '<span class="mg">81.1 mg/dl</span><span class="mmol">4.50 mmol/l</span>' in page
     assert (
-        '<span class="mg">70 to 180 mg/dl</span><span class="mmol">3.9 to 10.0 mmol/l</span>, 3 mg/dl/h, 1.45 (mg/dl)²'
-        in page
+        '<span class="mg">70 to 180 mg/dl</span><span class="mmol">3.9 to 10.0 mmol/l</span>, '
+        '<span class="mg">3 mg/dl</span><span class="mmol">0.167 mmol/l</span>/h, 1.45 (mg/dl)²' in page
     )
 
 

@@ -83,7 +83,9 @@ def test_what_is_not_possible_is_refused_even_so():
         asked(Run, setpoint_mg_dl=5000.0, allow_unusual=True)
     with pytest.raises(ValueError, match="a meal of 50000 g is not possible; that looks like mg: 50000 mg is 50 g"):
         asked(Run, meals=["50000g@50min"], allow_unusual=True)
-    with pytest.raises(ValueError, match=r"sample_time_min is 300 min; .* to 120 min; that looks like s: 300 s is 5"):
+    with pytest.raises(
+        ValueError, match=r"sample_time_min is 300 min; .* to 120 min, .*; that looks like s: 300 s is 5"
+    ):
         asked(Run, sample_time_min=300.0)
 
 

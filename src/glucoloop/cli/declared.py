@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from glucoloop.cli.command import Command
 from glucoloop.cli.computing import Computing
 from glucoloop.cli.mistakes import interrupted
-from glucoloop.cli.option import DASK, JSON, MMOL, OUTPUT, SET, WORKERS, CommandOption, Given, options_of, reworded
+from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
 from glucoloop.cli.screen import note, print_json, show, stage, where_written
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.shown_units import in_shown_units, showing
 from glucoloop.situations.request import read_root
 from glucoloop.studies.study import PlainStudy, SearchStudy, Study, TrialStudy
 
@@ -52,8 +53,7 @@ def study_options(study: Study) -> tuple[CommandOption, ...]:
         help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
     nested = any(option.key == "patient" for option in options)  # others have no setting that is not an option
     output = tuple(option for option in OUTPUT if nested or option is not SET)
-    options += (JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else output
-    options += (MMOL,) if study.in_mmol else ()
+    options += ((JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else output) + (UNITS,)
     rare = {**dict.fromkeys(_SELDOM, True), **study.option_texts.get("rare", {})}
     texts = {**study.option_texts, "help": {**help_of_output, **study.option_texts.get("help", {})}, "rare": rare}
     return tuple(reworded(options, **texts))
@@ -63,6 +63,11 @@ def _run(study: Study, typed: Given) -> None:
     """Check the request, carry it out or go on with it, and print the results."""
     request = request_of(typed, study_options(study))
     read_root(study.request, request.tree)
+    with showing(typed.get(UNITS.key, "mg/dl")):
+        _carry_out(study, request, typed)
+
+
+def _carry_out(study: Study, request: Request, typed: Given) -> None:
     if isinstance(study, TrialStudy):
         _run_trial(study, request, Computing.of(typed))
     elif isinstance(study, SearchStudy):
@@ -88,7 +93,7 @@ class _StudyRun:
         asked = completed(request, study.request)
         module: Any = importlib.import_module(study.module)
         run = cls(study, request.output, module, asked)
-        note(run.sentences("notes", asked))
+        note(map(in_shown_units, run.sentences("notes", asked)))
         return run
 
     def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
@@ -127,9 +132,8 @@ class _StudyRun:
 
     def files_of(self, found: Findings) -> dict[str, bytes]:
         """Files of what was found, and of its pages and figures, by name."""
-        shown = {"mmol": self.output.mmol} if self.study.in_mmol else {}
         with stage("Drawing"):
-            return {**found.files(self.study.summary), **self.module.drawn(self.asked, found, **shown)}
+            return {**found.files(self.study.summary), **self.module.drawn(self.asked, found)}
 
     def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
@@ -139,11 +143,12 @@ class _StudyRun:
             return
         for table in self.module.tables(self.asked, found):
             show(table)
-        mmol = self.module.mmol_lines(found) if self.output.mmol else ()
         place = where_written(self.output.out, files) if written is None else written
         conclusions = self.sentences("sentences", self.asked, found)
         how_to_go_on = self.sentences("how_to_go_on", found, files)
-        for line in (*conclusions, *notes, *mmol, *([place] if place else []), *how_to_go_on):
+        for line in (*conclusions, *notes):
+            print(in_shown_units(line))
+        for line in (*([place] if place else []), *how_to_go_on):
             print(line)
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:

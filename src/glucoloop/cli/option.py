@@ -132,7 +132,12 @@ ALLOW_CODE: Final = CommandOption(
 OUT: Final = CommandOption("out", "--out", "Folder for tables, figures and the configuration.", metavar="DIR")
 OVERWRITE: Final = CommandOption("overwrite", "--overwrite", "Replace an earlier result in that folder.")
 JSON: Final = CommandOption("json", "--json", "Print one JSON object instead of a table.")
-MMOL: Final = CommandOption("mmol", "--mmol", "Show glucose in mmol/l as well.")
+UNITS: Final = CommandOption(
+    "units",
+    "--units",
+    "Show results in mmol/l, U/h or both; data files keep mg/dl and mU/min.",
+    metavar="UNIT,UNIT",
+)
 OUTPUT: Final = (CONFIG, SET, ALLOW_CODE, OUT, OVERWRITE, JSON)
 WORKERS: Final = CommandOption(
     "workers",

@@ -46,7 +46,6 @@ class Output:
     out: Path | None
     overwrite: bool = False
     json: bool = False
-    mmol: bool = False
 
     @property
     def place(self) -> Path | None:
@@ -84,9 +83,11 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
         if typed.get(key) == "":
             raise Refusal(f"--{key} is empty; give a path")
     out, path = (Path(typed[key]) if key in typed else None for key in ("out", "config"))
-    output = Output(out, **{key: bool(typed.get(key)) for key in ("overwrite", "json", "mmol")})
+    output = Output(out, **{key: bool(typed.get(key)) for key in ("overwrite", "json")})
     by_key = {option.key: option for option in options if option.setting is not None}
     lower, used = _of_file(path)
+    whole_names = {option.setting.name_without_unit: key for key, option in by_key.items() if option.setting}
+    lower = {key if key in by_key else whole_names.get(key, key): leaf for key, leaf in lower.items()}
     tree = _laid_over(lower, {key: _leaf(by_key[key], value) for key, value in typed.items() if key in by_key})
     for option, name, setting in ((NOISE, "white-noise", "variance"), (DEAD_TIME, "dead-time", "minutes")):
         if option.key in typed:
@@ -96,6 +97,7 @@ def request_of(typed: Given, options: Iterable[CommandOption]) -> Request:
             )
     for text in typed.get(SET.key, ()):
         path_to, equals, value = map(str.strip, text.partition("="))
+        path_to = path_to if path_to in by_key else whole_names.get(path_to, path_to)
         if not equals or not value:
             raise Refusal(f"--set {text!r} has no value; write it like --set patient.operating_point=fasting-81")
         named = by_key.get(path_to)

@@ -28,6 +28,7 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import BasalBolusSettings
 from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.plausible import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
@@ -166,6 +167,7 @@ def design_basal_bolus(
     correction_every_min: float = 180.0,
     bolus: BolusLimits = USUAL_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
+    allow_unusual: bool = False,
 ) -> BasalBolus:
     """Controller for basal-bolus therapy.
 
@@ -205,11 +207,13 @@ def design_basal_bolus(
         Shortest time from the last bolus to such a correction.
     bolus : BolusLimits
         Limits of the pump; no larger bolus is asked for.
+    allow_unusual : bool
+        Whether a basal rate, a ratio or a correction is accepted that looks like another unit.
 
     Raises
     ------
     ValueError
-        For a basal rate outside the limits, or a setting that is not above 0 and finite.
+        For a basal rate outside the limits, a setting that is not above 0 and finite, or an implausible value.
 
     Examples
     --------
@@ -231,6 +235,14 @@ def design_basal_bolus(
         raise Refusal(
             f"corrections every {correction_every_min:g} min are not possible; give a finite time of 0 or more"
         )
+    asked = {
+        "basal_mU_min": (basal_mU_min, INSULIN_RATE),
+        "carb_ratio_g_U": (carb_ratio_g_U, CARB_RATIO),
+        "correction_mg_dl_U": (correction_mg_dl_U, CORRECTION),
+    }
+    for name, (amount, quantity) in asked.items():
+        if amount is not None and not allow_unusual and not is_traced(amount):
+            refuse_unusual(amount, quantity, name)
     return BasalBolus(
         basal_mU_min=basal_mU_min,
         carb_ratio_g_U=carb_ratio_g_U,
@@ -256,4 +268,5 @@ def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
         correction_every_min=settings.correction_every_min,
         bolus=case.bolus,
         sample_time_min=case.sample_time_min,
+        allow_unusual=True,  # which is asked about where it is read
     )

@@ -14,7 +14,7 @@ from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart, NoisePace
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.sensors import LONGEST_LAG_MIN
 from glucoloop.parts.setting import About, usual
-from glucoloop.plausible import GLUCOSE_BOUND, PID_GAIN
+from glucoloop.plausible import ACTION_TIME, CARB_RATIO, CORRECTION, FITTED_STEP, GLUCOSE_BOUND, LAG, MEAL, PID_GAIN
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ SensorLag = Annotated[
         "First-order lag of the sensor behind glucose that the estimator knows of, in minutes; 0: none.",
         at_least=0.0,
         at_most=LONGEST_LAG_MIN,
+        quantity=LAG,
     ),
 ]
 FittedStep = Annotated[
@@ -64,6 +65,7 @@ FittedStep = Annotated[
         "Lasting step of insulin to which the first-order model is fitted, in mU/min; "
         "0: 11.165, or half the basal rate where that is less.",
         at_least=0.0,
+        quantity=FITTED_STEP,
     ),
 ]
 DEFAULT_FLOOR_WEIGHT: Final = 10.0
@@ -269,7 +271,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
             "which they hold, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour; empty: always the same."
         ),
     ] = ""
-    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0)] = 24.0
+    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0, quantity=MEAL)] = 24.0
     disturbance_variance: Annotated[
         float, About("Variance of the change of unexplained glucose per sample, (mg/min)².", at_least=0.0)
     ] = 8.0
@@ -337,13 +339,19 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
     gives_boluses: ClassVar = True
 
     carb_ratio_g_U: Annotated[
-        float, About("Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0)
+        float,
+        About(
+            "Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0, quantity=CARB_RATIO
+        ),
     ] = 0.0
     correction_mg_dl_U: Annotated[
-        float, About("Fall of glucose by 1 U, in mg/dl; 0: 1800 over the total daily dose.", at_least=0.0)
+        float,
+        About(
+            "Fall of glucose by 1 U, in mg/dl; 0: 1800 over the total daily dose.", at_least=0.0, quantity=CORRECTION
+        ),
     ] = 0.0
     insulin_on_board_min: Annotated[
-        float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0)
+        float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0, quantity=ACTION_TIME)
     ] = 300.0
     correction_above_mg_dl: Annotated[
         float,

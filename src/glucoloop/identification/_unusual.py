@@ -11,19 +11,18 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.plausible import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity
+from glucoloop.plausible import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity, others_of
 from glucoloop.refusal import Refusal
-from glucoloop.units import MIN_PER_H, MU_PER_U
+from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 Floats = npt.NDArray[np.float64]
 
-_DAY_MIN = 1440.0
 ROW_STEP = Quantity(
     "the time from row to row",
     "min",
     0.9,
     240.0,
-    (OtherUnit("h", MIN_PER_H), OtherUnit("s", 1.0 / MIN_PER_H), OtherUnit("days", _DAY_MIN)),
+    (*others_of("min", "h", "s"), OtherUnit("days", MIN_PER_DAY)),
 )
 """Plausible time between rows: sensors give glucose every 1 to 15 minutes; by hand it is measured every few hours."""
 MOSTLY = 0.5
@@ -56,7 +55,7 @@ def refuse_unusual_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min:
         quantity = dataclasses.replace(quantity, others=(bolus, *quantity.others))
     found = (
         f"insulin_mU_min has values from {_short(insulin_mU_min.min())} to {_short(insulin_mU_min.max())}, on average "
-        f"{_short(mean_mU_min)} mU/min, which is {_short(mean_mU_min * _DAY_MIN / MU_PER_U)} U a day"
+        f"{_short(mean_mU_min)} mU/min, which is {_short(mean_mU_min * MIN_PER_DAY / MU_PER_U)} U a day"
     )
     _refuse_unusual(mean_mU_min, quantity, found)
 

@@ -14,11 +14,20 @@ from glucoloop.parts.part import Part
 from glucoloop.parts.patients import PatientPart
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.parts.setting import About
-from glucoloop.plausible import ANY_SETTING, GLUCOSE_BOUND
+from glucoloop.plausible import (
+    ACTION_TIME,
+    ANY_SETTING,
+    GLUCOSE_BOUND,
+    GLUCOSE_ERROR,
+    GLUCOSE_FALL,
+    GLUCOSE_RISE,
+    WAITING_TIME,
+)
 from glucoloop.refusal import Refusal
 
 _bounded: Final = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
 _limit: Final = functools.partial(_bounded, at_least=0.0)
+_waiting: Final = functools.partial(_limit, quantity=WAITING_TIME)
 _positive: Final = functools.partial(_bounded, above=0.0)
 _one_or_more: Final = functools.partial(_bounded, at_least=1.0)
 
@@ -74,7 +83,9 @@ class GuardSettings(Part, name="usual"):
     highest_reading_mg_dl: Annotated[
         float, _positive("Highest reading that the guard accepts.", quantity=GLUCOSE_BOUND)
     ] = 600.0
-    fastest_mg_dl_min: Annotated[float, _positive("Fastest rise of a reading that the guard accepts.")] = 3.0
+    fastest_mg_dl_min: Annotated[
+        float, _positive("Fastest rise of a reading that the guard accepts.", quantity=GLUCOSE_RISE)
+    ] = 3.0
     stuck_min: Annotated[
         float,
         _positive("Minutes after which an unchanged reading is rejected while much or little insulin is on board."),
@@ -83,25 +94,32 @@ class GuardSettings(Part, name="usual"):
         float, _limit("Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.")
     ] = 0.25
     held_min: Annotated[
-        float, _limit("Minutes for which a reading may stay unchanged before at most the basal rate is given.")
+        float, _waiting("Minutes for which a reading may stay unchanged before at most the basal rate is given.")
     ] = 10.0
-    gap_min: Annotated[float, _limit("Minutes without an accepted reading after which the basal rate is given.")] = 20.0
+    gap_min: Annotated[float, _waiting("Minutes without an accepted reading after which the basal rate is given.")] = (
+        20.0
+    )
     long_gap_min: Annotated[
-        float, _limit("Minutes without an accepted reading after which a part of the basal rate is given.")
+        float, _waiting("Minutes without an accepted reading after which a part of the basal rate is given.")
     ] = 90.0
     reduced_fraction: Annotated[float, _limit("Part of the basal rate that is given then.", at_most=1.0)] = 0.5
     low_mg_dl: Annotated[
         float, _limit("Predicted glucose below which insulin is suspended.", quantity=GLUCOSE_BOUND)
     ] = 65.0
-    ahead_min: Annotated[float, _limit("Time of this prediction.")] = 40.0
-    hysteresis_mg_dl: Annotated[float, _limit("Distance above that bound from which insulin is given again.")] = 5.0
+    ahead_min: Annotated[float, _waiting("Time of this prediction.")] = 40.0
+    hysteresis_mg_dl: Annotated[
+        float, _limit("Distance above that bound from which insulin is given again.", quantity=GLUCOSE_ERROR)
+    ] = 5.0
     max_hour: Annotated[float, _one_or_more("Largest dose in an hour, in basal hours.")] = 2.4
     max_on_board: Annotated[float, _limit("Largest insulin on board beyond the basal rate, as a multiple of it.")] = 1.3
-    on_board_tau_min: Annotated[float, _one_or_more("Time constant with which insulin on board decays.")] = 90.0
+    on_board_tau_min: Annotated[
+        float, _one_or_more("Time constant with which insulin on board decays.", quantity=ACTION_TIME)
+    ] = 90.0
     fall_mg_dl: Annotated[
-        float, _one_or_more("Glucose above the setpoint for which one basal rate may be on board.")
+        float,
+        _one_or_more("Glucose above the setpoint for which one basal rate may be on board.", quantity=GLUCOSE_FALL),
     ] = 60.0
-    error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.")] = 5.0
+    error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.", quantity=GLUCOSE_ERROR)] = 5.0
     always_basal: Annotated[float, _one_or_more("Multiple of the basal rate that is allowed at any reading.")] = 1.2
     doubt_tau_min: Annotated[float, _positive("Time constant with which a jump of the reading is forgotten.")] = 480.0
 

@@ -70,7 +70,7 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     elif setting.choices:
         possible = choices_text(setting.choices)
     elif setting.kind in (int, float):
-        possible = setting.about.possible(setting.kind, setting.unit)
+        possible = setting.possible
     else:
         possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:

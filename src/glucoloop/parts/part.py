@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
-from glucoloop.parts.setting import ALL_SETTINGS, Default, Setting, declared_setting, known_names, usual
+from glucoloop.parts.setting import ALL_SETTINGS, Default, Setting, WithUnit, declared_setting, known_names, usual
 from glucoloop.plausible import Quantity
 from glucoloop.refusal import Refusal
 
@@ -99,9 +99,12 @@ class Part:
 
     @classmethod
     def setting(cls, name: str) -> Setting:
-        """A setting by name; Refusal if there is no such setting."""
+        """A setting by name, also without the unit at its end; Refusal if there is no such setting."""
         found = cls.settings().get(name)
         if found is None:
+            alike = [setting for setting in cls.settings().values() if setting.name_without_unit == name]
+            if len(alike) == 1:
+                return alike[0]
             whose = f"the {cls.kind} {cls.name}" if cls.name else _with_article(cls.kind)
             known = [known for known in cls.settings() if known not in cls.refused]
             raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=ALL_SETTINGS)}")
@@ -117,7 +120,7 @@ class Part:
         made = object.__new__(cls)
         values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
         for name, setting in cls.settings().items():
-            object.__setattr__(made, name, values.get(name, setting.default.noise_free))
+            object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
         return made._noted(values, where, asked)
 
     def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
@@ -179,9 +182,16 @@ def _with_article(noun: str) -> str:
 
 
 def _plain(value: Any, whole: bool) -> Any:
-    if isinstance(value, Part):
-        return value.tree(whole=whole)
+    if isinstance(value, Part | WithUnit):
+        return value.tree(whole=whole) if isinstance(value, Part) else value.text
     return [_plain(item, whole) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _bare(value: Any) -> Any:
+    """A value without the text in which a number of it was given."""
+    if isinstance(value, tuple):
+        return tuple(map(_bare, value))
+    return float(value) if isinstance(value, WithUnit) else value
 
 
 def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[..., None]:
@@ -196,7 +206,7 @@ def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[...
         given = {**dict(zip(names, args, strict=False)), **kwargs}
         if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= set(names):
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
-        values = {name: _taken(part, name, value) for name, value in given.items()}
+        values = {name: _bare(_taken(part, name, value)) for name, value in given.items()}
         plain_init(self, **values)
         self._noted(values, "", "")
 
@@ -208,7 +218,8 @@ def _taken(part: type[Part], name: str, value: Any) -> Any:
     setting = part.settings()[name]
     if setting.kind not in _SCALARS or setting.many:
         return setting.check(value)
-    of_python = type(value) in _SCALARS or value is None
+    value = setting.read(value) if _has_unit(setting, value) else value
+    of_python = type(value) in (*_SCALARS, WithUnit) or value is None
     if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
         from glucoloop.arguments import converted, is_traced  # which imports JAX
 
@@ -225,6 +236,7 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
     the part stands, by default that of its first value.
     """
     values: dict[str, Any] = {}
+    places: dict[str, str] = {}
     for key, leaf in tree.items():
         if key == NAME:
             continue
@@ -236,6 +248,9 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
             setting = part.setting(key)
         except Refusal as error:
             raise Refusal(f"{at}: {error}" if at else str(error)) from None
+        key = setting.name
+        if places.setdefault(key, at) == at and key in values:
+            raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")
         if setting.is_part:
             values[key] = _parts(setting, leaf, allow_unusual)
             continue
@@ -257,8 +272,12 @@ def _value(setting: Setting, leaf: Any) -> Any:
     if not isinstance(value, str):
         return value
     typed = isinstance(leaf, GivenValue) and leaf.text
-    with_unit = setting.unit == "min" and value.rstrip()[-1:].isalpha()  # a file may write "10h" too
-    return setting.read(value) if typed or with_unit else value
+    return setting.read(value) if typed or _has_unit(setting, value) else value
+
+
+def _has_unit(setting: Setting, value: Any) -> bool:
+    """Whether a value is a text with a unit, such as ``"10h"``, which files and Python may hold too."""
+    return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
 
 
 def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:

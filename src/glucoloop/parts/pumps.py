@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About, known_names
-from glucoloop.plausible import RATE_STEP
+from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _bolus: Final = functools.partial(About, at_most=1000.0)
@@ -46,11 +46,13 @@ class PumpPart(MadePart):
     resolution_mU_min: Annotated[
         float | None, _limit("Smallest step of the rate; any rate by default.", above=0.0, quantity=RATE_STEP)
     ] = None
-    max_bolus_U: Annotated[float, _bolus("Largest bolus of the pump.", above=0.0)] = 25.0
+    max_bolus_U: Annotated[float, _bolus("Largest bolus of the pump.", above=0.0, quantity=LARGEST_BOLUS)] = 25.0
     min_bolus_U: Annotated[
-        float, _bolus("Least bolus that the pump gives; a smaller one is not given.", at_least=0.0)
+        float, _bolus("Least bolus that the pump gives; a smaller one is not given.", at_least=0.0, quantity=BOLUS_STEP)
     ] = 0.05
-    bolus_step_U: Annotated[float, _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0)] = 0.05
+    bolus_step_U: Annotated[
+        float, _bolus("Step of a bolus, which is rounded down to whole ones.", above=0.0, quantity=BOLUS_STEP)
+    ] = 0.05
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.parts.number_text import number_of
+from glucoloop.parts.setting import number_with_unit
 from glucoloop.refusal import Refusal
+from glucoloop.units import UNIT_BY_ENDING, ending_of
 
+_ENDS: Final = 2
 _DIGITS: Final = 4
 """Significant digits of a tuned number; more make no difference to a loop."""
 
@@ -57,15 +59,13 @@ class Tuned:
 
 
 def parse_range(text: str, usual: Tuned) -> Tuned | float:
-    """Range from a text: ``.1:2``, with both ends; or one number, which is fixed.
+    """Range from a text: ``.1:2``, with both ends; or one number, which is fixed. Numbers may have their unit.
 
     The usual range of the setting says whether its logarithm is searched.
     """
-    try:
-        numbers = [number_of(part) for part in text.split(":")]
-    except ValueError:
-        numbers = []
-    if not 1 <= len(numbers) <= 2 or not all(map(math.isfinite, numbers)):
+    unit = UNIT_BY_ENDING.get(ending_of(usual.name), "")
+    numbers = [float(found) for part in text.split(":") if (found := number_with_unit(part.strip(), unit)) is not None]
+    if len(numbers) != text.count(":") + 1 or len(numbers) > _ENDS or not all(map(math.isfinite, numbers)):
         raise Refusal(f"{usual.name} is {text!r}; write it like .1:2, or one number that is kept")
     if len(numbers) == 1:
         return numbers[0]

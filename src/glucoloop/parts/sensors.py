@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
-from glucoloop.plausible import DEAD_TIME, NOISE_BOUND, NOISE_VARIANCE
+from glucoloop.plausible import DEAD_TIME, LAG, NOISE_BOUND, NOISE_VARIANCE
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
@@ -69,9 +69,9 @@ class LagSettings(SensorPart, name="lag"):
     """Glucose behind a first-order lag, as under the skin."""
 
     make: ClassVar = "glucoloop.sensors:lag"
-    lag_min: Annotated[float, About("Time constant of the lag behind glucose.", above=0.0, at_most=LONGEST_LAG_MIN)] = (
-        10.0
-    )
+    lag_min: Annotated[
+        float, About("Time constant of the lag behind glucose.", above=0.0, at_most=LONGEST_LAG_MIN, quantity=LAG)
+    ] = 10.0
 
 
 class DeadTimeSettings(SensorPart, name="dead-time"):

@@ -13,38 +13,32 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 
 from glucoloop.parts.number_text import NUMBER
 from glucoloop.plausible import CONFIRM_OPTION, Quantity, refuse_unusual
 from glucoloop.refusal import Refusal
-from glucoloop.units import HOURS_PER_DAY, MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U, S_PER_MIN
+from glucoloop.units import OTHER_UNITS, UNIT_BY_ENDING, ending_of, factor_to
 
 Value = int | float | str | bool
 
-_UNITS: Final = {
-    "_mg_dl_h": "mg/dl per hour",
-    "_mg_dl_min": "mg/dl per min",
-    "_mg_dl_U": "mg/dl per U",
-    "_mg_min": "mg/min",
-    "_g_U": "g per U",
-    "_mg_dl": "mg/dl",
-    "_mU_min": "mU/min",
-    "_min": "min",
-    "_pct": "%",
-    "_U": "U",
-    "_g": "g",
-}
-"""Unit of a value by the end of its name."""
-_OTHER_UNITS: Final[dict[str, dict[str, float]]] = {
-    "mg/dl": {"mmol/l": MG_DL_PER_MMOL_L},
-    "mU/min": {"U/h": MU_PER_U / MIN_PER_H, "mU/h": 1.0 / MIN_PER_H},
-    "min": {"m": 1.0, "h": MIN_PER_H, "s": 1.0 / S_PER_MIN, "d": HOURS_PER_DAY * MIN_PER_H},
-    "g": {"mg": 1e-3},
-    "U": {"mU": 1.0 / MU_PER_U},
-}
-"""Other units in which a value may be typed, by the setting's own, and their factors to it."""
-_NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-zµ²()/%]+)?")
+
+class WithUnit(float):
+    """A number in the unit of its setting that was given in another one, with the text in which it was given."""
+
+    text: str
+
+    def __new__(cls, number: float, text: str) -> Self:
+        """Make one; everything that is computed from it is a plain number."""
+        made = super().__new__(cls, number)
+        made.text = text
+        return made
+
+    def __reduce__(self) -> tuple[type[WithUnit], tuple[float, str]]:
+        return WithUnit, (float(self), self.text)
+
+
+_NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-z(%][A-Za-z ²^2()/]*)?")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
 _LONGEST: Final = 60
@@ -129,6 +123,16 @@ def value_text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def number_with_unit(text: str, unit: str) -> float | None:
+    """Number in a unit from its text, which may have that unit or another of its quantity; None if it has not."""
+    found = _NUMBER.fullmatch(text)
+    factor = None if found is None else factor_to(unit, found["unit"] or unit)
+    if found is None or factor is None:
+        return None
+    number = float(found["number"])
+    return number if factor == 1.0 else WithUnit(number * factor, text)
+
+
 @dataclass(frozen=True)
 class Setting:
     """A declared setting of a part."""
@@ -151,7 +155,19 @@ class Setting:
     def unit(self) -> str:
         """Unit of a number."""
         declared = self.about.unit or (self.about.quantity.unit if self.about.quantity is not None else "")
-        return declared or next((unit for ending, unit in _UNITS.items() if self.name.endswith(ending)), "")
+        return declared or UNIT_BY_ENDING.get(ending_of(self.name), "")
+
+    @property
+    def name_without_unit(self) -> str:
+        """Name by which a setting is found too: ``setpoint`` for ``setpoint_mg_dl``."""
+        return self.name.removesuffix(ending_of(self.name)) or self.name
+
+    @property
+    def possible(self) -> str:
+        """Possible numbers in words, with the other units in which they may be given."""
+        others = [name for name in OTHER_UNITS.get(self.unit, {}) if name != "m"]
+        also = f", or one in {choices_text(others)}" if others and self.kind is float else ""
+        return self.about.possible(self.kind, self.unit) + also
 
     @property
     def is_part(self) -> bool:
@@ -163,17 +179,17 @@ class Setting:
         return dataclasses.replace(self, name=name, about=dataclasses.replace(self.about, unit=self.unit))
 
     def read(self, text: str) -> object:
-        """Value of a text in the type of the setting; the text itself where it is none, which `check` refuses."""
+        """Value of a text in the type of the setting; the text itself where it is none, which `check` refuses.
+
+        A number may have its unit, or another of its quantity.
+        """
         text = text.strip()
         if self.kind is bool:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
             return int(text) if re.fullmatch(r"[-+]?[0-9]{1,400}", text) else text
-        found = _NUMBER.fullmatch(text) if self.kind is float else None
-        if found is None:
-            return text
-        factor = 1.0 if found["unit"] in (None, self.unit) else _OTHER_UNITS.get(self.unit, {}).get(found["unit"])
-        return text if factor is None else float(found["number"]) * factor
+        found = number_with_unit(text, self.unit) if self.kind is float else None
+        return text if found is None else found
 
     def has_type(self, value: object) -> bool:
         """Whether a single value is of the type of the setting; 2.0 is no whole number, and True is no number."""
@@ -193,8 +209,7 @@ class Setting:
         if self.kind not in (int, float):
             return None
         about = self.about
-        unit = meant = timed = ""
-        mend = about.possible(self.kind, self.unit)
+        amount, meant, mend = shown(value), "", self.possible
         if self.has_type(value):
             try:
                 number = float(typing.cast(float, value))
@@ -203,14 +218,14 @@ class Setting:
                 number, allowed = math.inf, False
             if allowed:
                 return None
-            unit = f" {self.unit}" if self.unit else ""
+            amount = f"{amount} {self.unit}".rstrip()
+            amount = f"{value.text}, which is {amount}" if isinstance(value, WithUnit) else amount
             if about.finite and about.at_most == about.below == math.inf and LARGEST < abs(number) < math.inf:
                 mend = f"a number of a size up to {LARGEST:g}"
-            likeness = None if about.quantity is None else about.quantity.looks_like(typing.cast(float, value))
+            asked = None if isinstance(value, WithUnit) else about.quantity
+            likeness = None if asked is None else asked.looks_like(typing.cast(float, value))
             meant = "" if likeness is None else f"; {likeness}"
-        elif isinstance(value, str) and self.unit == "min":
-            timed = ", or a time with its unit, like 1.5h"
-        return f"{self.name} is {shown(value)}{unit}; give {mend}{timed}{meant}"
+        return f"{self.name} is {amount}; give {mend}{meant}"
 
     def check(self, value: object, called: str = "") -> Any:
         """A value in the type of the setting; refused if it is of another type, out of the bounds, or no choice.
@@ -237,14 +252,16 @@ class Setting:
         return self._typed(value)
 
     def _typed(self, value: Any) -> Any:
-        return float(value) if self.kind is float and isinstance(value, int | float) else value
+        is_number = self.kind is float and isinstance(value, int | float)
+        return float(value) if is_number and not isinstance(value, WithUnit) else value
 
     def refuse_unusual(self, value: object, called: str, otherwise: Quantity | None = None) -> None:
         """Refuse a value that is possible and implausible; `otherwise` is the quantity of a number that has none."""
         quantity = self.about.quantity or (otherwise if self.kind in (int, float) else None)
         if quantity is not None and value is not None:
             for number in value if isinstance(value, tuple | list) else (value,):
-                refuse_unusual(float(number), quantity, called, CONFIRM_OPTION)
+                others = () if isinstance(number, WithUnit) else quantity.others
+                refuse_unusual(float(number), dataclasses.replace(quantity, others=others), called, CONFIRM_OPTION)
 
 
 def _bound(value: float) -> str:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
 from glucoloop.parts.routes import PUMP_OF_1999
+from glucoloop.plausible import LARGEST_RATE, RATE_CHANGE, refuse_unusual
 from glucoloop.pumps.protocol import Delivery
 from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
@@ -49,13 +50,15 @@ def dose_limits(
     max_change_mU_min: float = PUMP_OF_1999.max_change_mU_min,
     min_mU_min: float = PUMP_OF_1999.min_mU_min,
     max_mU_min: float = PUMP_OF_1999.max_mU_min,
+    allow_unusual: bool = False,
 ) -> DoseLimits:
     """Limits with the given bounds; those of Parker et al. (1999) for the others.
 
     Raises
     ------
     ValueError
-        Unless ``0 < max_change`` and ``0 <= min < max``, all finite.
+        Unless ``0 < max_change`` and ``0 <= min < max``, all finite; for a greatest rate or change so small that U/h
+        were probably meant, unless `allow_unusual`.
     """
     if not is_traced(max_change_mU_min) and not 0.0 < max_change_mU_min < math.inf:
         raise Refusal(
@@ -66,6 +69,12 @@ def dose_limits(
             f"a dose range of {min_mU_min:g} to {max_mU_min:g} mU/min is not possible; "
             "give 0 or more as the lower and a larger finite value as the upper bound"
         )
+    for name, value, quantity in (
+        ("max_mU_min", max_mU_min, LARGEST_RATE),
+        ("max_change_mU_min", max_change_mU_min, RATE_CHANGE),
+    ):
+        if not allow_unusual and not is_traced(value) and value < quantity.least:  # a large one is no bound
+            refuse_unusual(value, quantity, name)
     return DoseLimits(max_change_mU_min=max_change_mU_min, min_mU_min=min_mU_min, max_mU_min=max_mU_min)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, MU_PER_U
+from glucoloop.shown_units import other_value, shown_unit
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,8 +31,8 @@ class PlottedQuantity(NamedTuple):
     digits: int
 
 
-GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", 1.0 / MG_DL_PER_MMOL_L, 0.1, 1)
-INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", MIN_PER_H / MU_PER_U, 0.01, 2)
+GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
+INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
 BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
 
 
@@ -91,8 +91,17 @@ class Panel:
         return differences(values, self.quantity.step)
 
     def data(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {**asdict(self), **self.quantity._asdict()}
+        """Plain values for JSON, in the unit that is shown; the other unit has the axis on the right."""
+        of, found = self.quantity, {**asdict(self), **self.quantity._asdict()}
+        if shown_unit(of.unit) == of.unit:
+            return found
+        rules = [{**rule, "values": [of.factor * value for value in rule["values"]]} for rule in self.rules]
+        scaled = {
+            name: None if ends is None else [of.factor * end for end in ends]
+            for name, ends in (("range", self.range), ("band", self.band))
+        }
+        units = {"unit": of.other, "other": of.unit, "factor": 1.0 / of.factor}
+        return {**found, **scaled, **units, "rules": rules, "step": of.factor * of.step, "digits": of.digits + 1}
 
 
 def differences(values: Floats, step: float) -> list[int | None]:

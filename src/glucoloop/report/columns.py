@@ -9,7 +9,6 @@ each run; `lines_table` and the macro ``lines`` show them.
 from __future__ import annotations
 
 import copy
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +24,8 @@ from glucoloop.parts.metrics import Result, metrics_with
 from glucoloop.printable import NOT_AVAILABLE, glucose_text
 from glucoloop.printable import percent as percent_text
 from glucoloop.refusal import Refusal
-from glucoloop.units import MG_DL_PER_MMOL_L
+from glucoloop.shown_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
+from glucoloop.units import UNIT_BY_ENDING, ending_of
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -99,18 +99,28 @@ class Column:
     strong: Callable[[Row], bool] = lambda row: False
     """Cells in which it is bold; in the terminal, the last of those side by side decides."""
 
+    @property
+    def unit(self) -> str:
+        """Unit of the number, by its name."""
+        return UNIT_BY_ENDING.get(ending_of(self.name), "")
+
     def value_text(self, row: Row) -> str:
         """Text of the number in a cell, on the page."""
         return self._text(row, self.text)
 
-    def short_value_text(self, row: Row) -> str:
-        """Text of the number in a cell, in the terminal."""
-        return self._text(row, self.short_text or self.text)
+    def other_value_text(self, row: Row) -> str:
+        """Text of the number in a cell, on the page, in the other unit of a quantity that has two."""
+        return self._text(row, self.text, other=self.unit in OTHERS)
 
-    def _text(self, row: Row, text: Callable[[Any], str]) -> str:
+    def short_value_text(self, row: Row) -> str:
+        """Text of the number in a cell, in the terminal, in the unit that is shown."""
+        return self._text(row, self.short_text or self.text, other=shown_unit(self.unit) != self.unit)
+
+    def _text(self, row: Row, text: Callable[[Any], str], *, other: bool = False) -> str:
         value = row[self.name]
-        missing = value is None or (isinstance(value, float) and not math.isfinite(value))
-        return self.missing(row) if missing else text(value)
+        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+            return self.missing(row)
+        return other_number(text(value), value, self.unit) if other else text(value)
 
 
 def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column]) -> pl.DataFrame:
@@ -153,7 +163,7 @@ def terminal_table(
     from rich.text import Text
 
     shown = [column for column in columns if column.short is not None]
-    caption_text = Text(caption) if caption else None
+    caption_text = Text(in_shown_units(caption)) if caption else None
     table = Table(
         box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, caption=caption_text, caption_justify="left"
     )
@@ -166,7 +176,7 @@ def terminal_table(
     shown = [column for column in shown if any(texts[column.name])]
     for column in shown:
         table.add_column(
-            Text(column.short or ""),
+            Text(heading_shown(column.short or "")),
             justify="left" if column.left else "right",
             vertical="bottom",
             overflow="fold",
@@ -220,13 +230,13 @@ class FittingTable:
 
 
 class MetricRow(NamedTuple):
-    """One metric of one run or of several, in mmol/l too if it is in mg/dl; in the terminal with its `statistic`."""
+    """One metric of one run or several, also in the other unit if there is one; in the terminal with a `statistic`."""
 
     section: str
     name: str
     unit: str
     values: Sequence[str]
-    mmol_l: Sequence[str] | None = None
+    other: Sequence[str] | None = None
     statistic: str = ""
 
 
@@ -239,12 +249,18 @@ def metric_rows(metrics: Mapping[str, Metrics]) -> list[MetricRow]:
     for metric in metrics_with(next(iter(metrics.values())).further):
         for result in metric.results:
             if result.title and (not result.seldom or any(values[result.name] for values in plain)):
-                texts, mmol_l = [_text(result, of_run) for of_run in plain], None
-                if result.unit == "mg/dl":
-                    other = dataclasses.replace(result, digits=2, divisor=MG_DL_PER_MMOL_L)
-                    mmol_l = [_text(other, of_run) for of_run in plain]
-                rows.append(MetricRow(metric.section, result.title, result.unit, texts, mmol_l))
+                texts = [_text(result, of_run) for of_run in plain]
+                other = in_other_unit(result, texts, [of_run[result.name] for of_run in plain])
+                rows.append(MetricRow(metric.section, result.title, result.unit, texts, other))
     return rows
+
+
+def in_other_unit(result: Result, texts: Sequence[str], values: Sequence[float | None]) -> list[str] | None:
+    """Texts of values in the other unit of their quantity; None if it has none."""
+    if result.unit not in OTHERS:
+        return None
+    pairs = zip(texts, values, strict=True)
+    return [other_number(text, (value or 0.0) / result.divisor, result.unit) for text, value in pairs]
 
 
 def _text(result: Result, metrics: Mapping[str, float | int | bool | None]) -> str:
@@ -281,8 +297,10 @@ def comparison_table(metrics: Mapping[str, Metrics], distances: Mapping[str, Dis
     rows = metric_rows(metrics)
     if distances is not None:
         for name, field in _OF_A_BOUND.items():
-            values = [f"{getattr(distances[at], field):z.2f}" if at in distances else NOT_AVAILABLE for at in metrics]
-            rows.append(MetricRow("Bound", name, "mg/dl", values))
+            how = Result(field, "", unit="mg/dl", digits=2)
+            values = [getattr(distances[at], field) if at in distances else math.nan for at in metrics]
+            texts = list(map(how.text, values))
+            rows.append(MetricRow("Bound", name, how.unit, texts, in_other_unit(how, texts, values)))
     return lines_table("Metric", metrics, rows)
 
 
@@ -307,6 +325,8 @@ def lines_table(head: str, labels: Iterable[str], rows: Sequence[MetricRow]) -> 
                 table.add_section()
             table.add_row(Text(section, "bold"))
         for row in rows_of_section:
-            name = f"  {row.name}" if section else row.name
-            table.add_row(name, *([row.statistic] if statistics else []), *row.values, row.unit)
+            name, unit = f"{'  ' if section else ''}{in_shown_units(row.name)}", shown_unit(row.unit)
+            others = row.other or [other_number(text, None, row.unit) for text in row.values if unit != row.unit]
+            values = row.values if unit == row.unit else others
+            table.add_row(name, *([row.statistic] if statistics else []), *values, unit)
     return table

@@ -20,17 +20,8 @@ from glucoloop.printable import the_first
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
-from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, u_h_from_mu_min
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
-# The longest first: what a name ends in.
-_UNITS: Final = {
-    "mg_dl_h": "mg/dl/h",
-    "mg_dl_U": "mg/dl/U",
-    "g_U": "g/U",
-    "mU_min": "mU/min",
-    "mg_dl": "mg/dl",
-    "min": "min",
-}
 # What changes nothing, if it is not 0.
 _NEUTRAL: Final = {"gain": 1.0}
 _REMARKABLE: Final = 3
@@ -223,8 +214,8 @@ def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
 
 def setting_in_words(key: str, value: Value) -> str:
     """A setting with its unit: ``size 60 mg/dl``, ``not noticed``."""
-    end = next((end for end in _UNITS if key == end or key.endswith(f"_{end}")), "")
-    name, unit = key.removesuffix(end).rstrip("_").replace("_", " "), _UNITS.get(end, "")
+    end = ending_of(key)
+    name, unit = f"_{key}".removesuffix(end).strip("_").replace("_", " "), UNIT_BY_ENDING.get(end, "")
     if isinstance(value, bool):
         return name if value else f"not {name}"
     name = {DURATION: "", PER_DAY: "", START: "from", LATEST: "up to"}.get(key, name)

@@ -19,6 +19,7 @@ from glucoloop.report.columns import metric_rows
 from glucoloop.report.descriptions import fault_in_words, windows
 from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import periods_below, periods_text
+from glucoloop.shown_units import other_number
 from glucoloop.simulation import Trace
 
 TARGET_MG_DL: Final = (70.0, 180.0)
@@ -43,7 +44,6 @@ def interactive_page(
     faults: Sequence[str] = (),
     facts: Mapping[str, str] | None = None,
     repeat: Repeat | None = None,
-    mmol: bool = False,
 ) -> str:
     """One run, or several of the same scenario, as a self-contained HTML page.
 
@@ -67,8 +67,6 @@ def interactive_page(
         Settings of the runs by name.
     repeat : Repeat, optional
         Command and configuration that repeat the runs.
-    mmol : bool
-        Whether words and tables show mmol/l at first; the reader can choose.
 
     Returns
     -------
@@ -103,7 +101,6 @@ def interactive_page(
         facts=facts,
         repeat=repeat,
         script=True,
-        mmol=mmol,
         summaries={label: clinical_summary(named[label], run).sentences() for label, run in by_label.items()},
         labels=labels,
         rules=[rule for panel in panels for rule in panel.rules],
@@ -237,13 +234,16 @@ def _numbers(runs: Sequence[PlottedRun]) -> dict[str, Any]:
     t_min = runs[0].t_min
     every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
     heads, numbers = ["Time (min)"], []
+    row: list[Any]
     for run in runs:
         heads += [_name(runs, run, what, ": ") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
     for place in range(0, t_min.size, every):
         row = [f"{t_min[place]:g}"]
         for run in runs:
             if place < run.t_min.size:
+                rate = float(run.insulin_mU_min[place])
                 glucose = np.interp(run.t_min[place], run.fine_t_min, run.fine_glucose_mg_dl)
-                row += [glucose_text(float(glucose)), f"{run.insulin_mU_min[place]:.2f}"]
+                texts = ((glucose_text(float(glucose)), float(glucose), "mg/dl"), (f"{rate:.2f}", rate, "mU/min"))
+                row += [(text, other_number(text, value, unit), unit) for text, value, unit in texts]
         numbers.append(row)
     return {"every": f"{every * (t_min[1] - t_min[0]):g}", "heads": heads, "numbers": numbers}

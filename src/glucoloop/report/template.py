@@ -10,8 +10,7 @@ import base64
 import functools
 import hashlib
 import importlib.resources
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -25,14 +24,13 @@ from glucoloop.pages.script import colours, page_script
 from glucoloop.printable import glucose_text, percent
 from glucoloop.report.columns import headings
 from glucoloop.report.descriptions import settings_in_words, when_in_words
+from glucoloop.shown_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
 from glucoloop.situations.toml import toml_text, with_code
-from glucoloop.units import MG_DL_PER_MMOL_L
 
 FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
 _COLOURS: Final = 6
 """Number of colours of runs in ``pages/colours.css``."""
-_GLUCOSE: Final = re.compile(r"(\d+(?:\.\d+)?)((?:( to | – | and )(\d+(?:\.\d+)?))?) mg/dl(?![/²)])")
 
 
 @dataclass(frozen=True)
@@ -87,17 +85,20 @@ def _environment(folder: Path) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER}
+    environment.globals |= {"version": glucoloop.__version__, "footer": FOOTER, "other_units": OTHERS}
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     environment.filters |= {
         "colour": lambda index: f"colour-{index % _COLOURS}",
-        "glucose_parts": _glucose_parts,
         "glucose_text": glucose_text,
+        "headings_in_both": headings_in_both,
+        "in_both_units": in_both_units,
+        "in_shown_units": in_shown_units,
         "headings": headings,
-        "mmol_text": lambda mg_dl: glucose_text(mg_dl / MG_DL_PER_MMOL_L, 2),
+        "mmol_text": lambda mg_dl: other_number(glucose_text(mg_dl), mg_dl, "mg/dl"),
         "percent": percent,
         "quoted": lambda text: quote(text, safe=""),
         "settings_in_words": settings_in_words,
+        "shown_unit": shown_unit,
         "thousands": lambda count: f"{count:,}".replace(",", "\u202f"),
         "toml": toml_text,
         "when_in_words": when_in_words,
@@ -109,18 +110,3 @@ def _environment(folder: Path) -> jinja2.Environment:
 @functools.cache
 def _style() -> Markup:
     return Markup(colours() + _SHARED.with_name("page.css").read_text(encoding="utf-8"))
-
-
-def _glucose_parts(text: str) -> Iterator[tuple[str, str | None]]:
-    """Parts of a text; with each glucose in mg/dl, the same in mmol/l."""
-
-    def mmol(mg_dl: str) -> str:
-        return f"{float(mg_dl) / MG_DL_PER_MMOL_L:.1f}"
-
-    place = 0
-    for match in _GLUCOSE.finditer(text):
-        yield text[place : match.start()], None
-        second = f"{match[3]}{mmol(match[4])}" if match[4] else ""
-        yield match[0], f"{mmol(match[1])}{second} mmol/l"
-        place = match.end()
-    yield text[place:], None

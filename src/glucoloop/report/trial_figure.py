@@ -86,10 +86,8 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
         glucose.tick_params(labelbottom=False)
         insulin.set(ylim=(0.0, 1.05 * most), xlabel=f"Time ({unit})")
         for axes, name in ((glucose, "Glucose (mg/dl)"), (insulin, "Insulin (mU/min)"), (grid, "Maximum (mg/dl)")):
-            if index % columns == 0:
-                axes.set_ylabel(name)
-            else:
-                axes.tick_params(labelleft=False)
+            axes.set_ylabel(name, visible=index % columns == 0)
+            axes.tick_params(labelleft=index % columns == 0)
         if report.units_per_hour and ((index + 1) % columns == 0 or index + 1 == number):
             _style.add_axis(insulin, u_h_from_mu_min(1.0), "Insulin (U/h)")
     entries = _legend_of_bands()
@@ -173,7 +171,7 @@ def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], wi
         name = _style.literal(label if len(label) <= room else label[: room - 1] + "…")
         _style.write(axes, name, (0.0, index - 0.26), ha="left", fontweight="bold")
         if width == "double":
-            beyond = f"below 70: {percent(sum(times[:2]))}   above 180: {percent(sum(times[3:]))}"
+            beyond = f"below 70 mg/dl: {percent(sum(times[:2]))}   above 180 mg/dl: {percent(sum(times[3:]))}"
             _style.write(axes, beyond, (100.0, index - 0.26), ha="right")
     axes.spines["left"].set_visible(False)
     axes.set(xlim=(0.0, 100.0), ylim=(len(report.cases) - 0.7, -0.75), yticks=[])

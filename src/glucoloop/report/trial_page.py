@@ -21,7 +21,7 @@ from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
-from glucoloop.units import MG_DL_PER_MMOL_L
+from glucoloop.shown_units import OTHERS, other_value, shown_unit
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
 """Lower and upper quantile of each band."""
@@ -62,7 +62,7 @@ def trial_page(report: TrialReport) -> str:
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),
         distributions=[_distribution(report, metric) for metric in cases[0].metric_counts],
-        ranges={name: _in_mmol_l(name) for name in RANGES},
+        ranges=RANGES,
         range_colours=RANGE_COLOURS,
         grids=[_grid(case, most) for case in cases],
         zone_colours=ZONE_COLOURS,
@@ -76,8 +76,10 @@ def trial_page(report: TrialReport) -> str:
 def _headlines(cases: Sequence[CaseReport]) -> Iterator[MetricRow]:
     for name, unit in cases[0].table:
         values = [case.table[name, unit] for case in cases]
-        in_mmol_l = [_text(value if isinstance(value, str) else value / MG_DL_PER_MMOL_L) for value in values]
-        yield MetricRow("", name, unit, list(map(_text, values)), in_mmol_l if unit == "mg/dl" else None)
+        others = [
+            _text(value if isinstance(value, str) else other_value(value, unit)) for value in values if unit in OTHERS
+        ]
+        yield MetricRow("", name, unit, list(map(_text, values)), others or None)
 
 
 def _text(value: float | str) -> str:
@@ -89,12 +91,6 @@ def _text(value: float | str) -> str:
         return f"{int(value)}"
     # as many digits as tell it: two beyond the point below ten, one above
     return f"{value:.{1 if abs(value) >= 10.0 else 2 if abs(value) >= 0.01 else 4}f}"
-
-
-def _in_mmol_l(name: str) -> str:
-    """Name of a range, with its limits in mmol/l."""
-    parts = name.split()
-    return " ".join(f"{float(word) / MG_DL_PER_MMOL_L:.1f}" if word.isdigit() else word for word in parts)
 
 
 def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats]) -> tuple[Panel, Panel]:
@@ -162,7 +158,9 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
     result, cases = result_named(metric), {label: case.metric_counts[metric] for label, case in report.cases.items()}
     occupied = np.flatnonzero(np.sum([part.counts for part in cases.values()], axis=0))
     first, last = (int(occupied[0]), int(occupied[-1])) if occupied.size else (0, 0)
-    shown = np.asarray(next(iter(cases.values())).edges, float)[first : last + 2] / result.divisor
+    unit = shown_unit(result.unit)
+    scale = (1.0 if unit == result.unit else other_value(1.0, result.unit)) / result.divisor
+    shown = scale * np.asarray(next(iter(cases.values())).edges, float)[first : last + 2]
     alike = first == last and all(result.text(part.p5) == result.text(part.p95) for part in cases.values())
     zero = all(map(_all_zero, cases.values()))
     notes, outlines = {}, []
@@ -170,7 +168,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
         counts = np.asarray(part.counts)[first : last + 1]
         notes[label] = "0 for everybody" if _all_zero(part) else "the same for everybody" if alike else ""
         there = counts.any() and not notes[label]
-        values = [part.p5 / result.divisor, part.median / result.divisor, part.p95 / result.divisor]
+        values = [scale * part.p5, scale * part.median, scale * part.p95]
         outlines.append({"counts": counts.tolist(), "values": values} if there else None)
     axis = [] if zero or alike else [float(f"{edge:.6g}") for edge in shown]
     return {
@@ -178,7 +176,7 @@ def _distribution(report: TrialReport, metric: str) -> dict[str, Any]:
         "parts": cases,
         "notes": notes,
         "drawn": {"edges": axis, "outlines": outlines},
-        "unit": "" if zero else result.unit,
+        "unit": "" if zero else unit,
     }
 
 

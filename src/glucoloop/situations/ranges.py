@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from glucoloop.parts.grammar import GivenValue, Tree, as_table, place, plain
 from glucoloop.refusal import Refusal
+from glucoloop.units import ending_of
 
 RANGES: Final = "ranges"
 """Setting of a search that holds the ranges, as texts by the name of the setting."""
@@ -27,8 +28,10 @@ def ranges_parted(tree: Mapping[str, Any], tuned: Collection[str], *, always: bo
     tables = list(map(as_table, leaf if isinstance(leaf, list) else [leaf]))
     if not tables or not isinstance(tables[0], Mapping):
         return found
-    first = {key: value for key, value in tables[0].items() if key not in tuned or not (always or _is_range(value))}
-    ranges = {key: GivenValue(_text(key, value), place(value)) for key, value in tables[0].items() if key not in first}
+    names = {name.removesuffix(ending_of(name)): name for name in tuned if name not in tables[0]}
+    table = {str(names.get(key, key)): value for key, value in tables[0].items()}
+    first = {key: value for key, value in table.items() if key not in tuned or not (always or _is_range(value))}
+    ranges = {key: GivenValue(_text(key, value), place(value)) for key, value in table.items() if key not in first}
     found["controller"] = [first, *tables[1:]] if first else tables[1:]
     if not found["controller"]:
         del found["controller"]

@@ -303,6 +303,7 @@ class Situation(Part):
             max_change_mU_min=pump.max_change_mU_min,
             min_mU_min=pump.min_insulin_mU_min,
             max_mU_min=pump.max_insulin_mU_min,
+            allow_unusual=True,  # which is asked about with the patient
         )
 
     @property

@@ -187,8 +187,7 @@ def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[s
     if situation.patient.under_the_skin:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
-            f"Insulin is given under the skin; the basal rate is {u_h_from_mu_min(basal):.4g} U/h, "
-            f"which is {basal:.4g} mU/min."
+            f"Insulin is given under the skin; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
         )
     elif gives_boluses(controller):
         yield BOLUS_INTO_A_VEIN

@@ -48,7 +48,8 @@ from glucoloop.parts.part import Part
 
 PARTS_TOLD: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
-    "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one."
+    "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one. A number may have its unit: "
+    "5.5mmol/l, 4U/h, 1.5h."
 )
 """Paragraph of the help of every command that takes parts."""
 
@@ -72,8 +73,6 @@ class Study:
     """Names of all its tables, pages and figures."""
     summary: str = "summary.json"
     """Name of the file with everything that was found, as JSON."""
-    in_mmol: bool = False
-    """Whether glucose is told in mmol/l as well: by ``mmol_lines(found)`` of the module, and by ``mmol`` of `drawn`."""
 
 
 @dataclass(frozen=True, kw_only=True)

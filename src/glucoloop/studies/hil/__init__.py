@@ -111,7 +111,6 @@ HIL: Final = PlainStudy(
     module="glucoloop.studies.hil.study",
     request=Hil,
     option_texts={"rare": dict.fromkeys(_SELDOM, True)},
-    in_mmol=True,
     unit="samples",
     summary="metrics.json",
 )

@@ -107,13 +107,13 @@ def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
             yield link
 
 
-def drawn(asked: Hil, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
+def drawn(asked: Hil, found: Findings) -> dict[str, bytes]:
     """Files of a run and of the firmware."""
     firmware = {name: text.encode() for name, text in found.extra.firmware.items()}
-    return {**run_study.drawn(asked, found, mmol=mmol), **firmware}
+    return {**run_study.drawn(asked, found), **firmware}
 
 
-tables, sentences, mmol_lines = run_study.tables, run_study.sentences, run_study.mmol_lines
+tables, sentences = run_study.tables, run_study.sentences
 
 
 def _lines(asked: Hil, exported: Exported, on_chip: OnChip) -> Iterator[str]:

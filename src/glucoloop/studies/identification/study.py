@@ -34,7 +34,7 @@ from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
 from glucoloop.refusal import Refusal
 from glucoloop.report import plot_identification, plot_validation
-from glucoloop.report.columns import Column, Line, terminal_table
+from glucoloop.report.columns import MetricRow, lines_table
 from glucoloop.report.print_figure import figure_files
 from glucoloop.sensors import Sensor
 from glucoloop.simulation import excite
@@ -322,9 +322,8 @@ def _plain(identified: Identified) -> dict[str, Any]:
 
 def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
     """Properties of the model with their units."""
-    columns = [Column(name="value", short="Value", text=str), Column(name="unit", short="Unit", text=str, left=True)]
-    lines: list[Line] = [(name, [{"value": value, "unit": unit}]) for name, value, unit in _properties(found.extra)]
-    yield terminal_table("Model", [("", lines)], columns)
+    rows = [MetricRow("", name, unit, [value]) for name, value, unit in _properties(found.extra)]
+    yield lines_table("Model", ["Value"], rows)
 
 
 def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:

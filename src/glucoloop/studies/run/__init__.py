@@ -51,7 +51,6 @@ RUN: Final = PlainStudy(
     ),
     module="glucoloop.studies.run.study",
     request=Run,
-    in_mmol=True,
     summary="metrics.json",
 )
 COMPARE: Final = PlainStudy(
@@ -68,6 +67,5 @@ COMPARE: Final = PlainStudy(
     ),
     module="glucoloop.studies.run.study",
     request=Comparison,
-    in_mmol=True,
     summary="metrics.json",
 )

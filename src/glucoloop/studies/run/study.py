@@ -13,7 +13,6 @@ import polars as pl
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
 from glucoloop.parts.models import FilePart
-from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.report.descriptions import comparison_facts, run_facts
@@ -25,7 +24,6 @@ from glucoloop.storage.findings import Findings
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
 from glucoloop.studies.run import Comparison
-from glucoloop.units import mmol_l_from_mg_dl
 
 _FILES: Final = {
     "trace.csv": "one row per sample",
@@ -149,19 +147,7 @@ def sentences(asked: Run, found: Findings) -> Iterator[str]:
         yield from (f"{label}: {text}" for text in case["summary"]["sentences"])
 
 
-def mmol_lines(found: Findings) -> Iterator[str]:
-    """Glucose of each loop in mmol/l."""
-    loops: ClosedLoops = found.extra
-    for label, outcome in loops.outcomes.items():
-        metrics, setpoint = outcome.metrics, outcome.trace.setpoint_mg_dl
-        low, high, target = (
-            glucose_text(mmol_l_from_mg_dl(float(value)), 2)
-            for value in (metrics.minimum_mg_dl, metrics.peak_mg_dl, setpoint)
-        )
-        yield f"{label}: glucose from {low} to {high} mmol/l, setpoint {target} mmol/l."
-
-
-def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
+def drawn(asked: Run, found: Findings) -> dict[str, bytes]:
     """Page and figure, the models, and the configuration, which names them."""
     loops: ClosedLoops = found.extra
     outcomes, models = loops.outcomes, _models(asked, loops)
@@ -177,7 +163,7 @@ def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    figure = plot(traces, title=title, mmol=mmol, units_per_hour=asked.patient.under_the_skin, limits=asked.limits)
+    figure = plot(traces, title=title, units_per_hour=asked.patient.under_the_skin, limits=asked.limits)
     page = interactive_page(
         traces if len(traces) > 1 else first.trace,
         metrics if len(metrics) > 1 else first.metrics,
@@ -186,7 +172,6 @@ def drawn(asked: Run, found: Findings, *, mmol: bool = False) -> dict[str, bytes
         faults=asked.fault_texts,
         facts=facts,
         repeat=again,
-        mmol=mmol,
     )
     return {
         **files,

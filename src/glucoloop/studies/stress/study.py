@@ -117,8 +117,8 @@ _60, _54, _LOWEST = pl.col("time_below_60_pct"), pl.col("time_below_54_pct"), pl
 _MORE, _PERSON = pl.col("more_pct"), pl.col("person")
 _WORSE: Final = _MORE > MOST_MORE_PCT
 _worse_off = functools.partial(Column, group="Worse off", strong=lambda row: bool(row["worse"]))
-_below_60 = functools.partial(Column, group="Time below 60 (%)", short_text=terse_percent)
-_below_54 = functools.partial(Column, group="Time below 54 (%)", short_text=terse_percent)
+_below_60 = functools.partial(Column, group="Time below 60 mg/dl (%)", short_text=terse_percent)
+_below_54 = functools.partial(Column, group="Time below 54 mg/dl (%)", short_text=terse_percent)
 _ever_below = functools.partial(Column, group="People ever below (%)")
 _glucose = functools.partial(Column, group="Glucose (mg/dl)", text=whole_glucose)
 _events = functools.partial(Column, group="Events", text=whole)
@@ -134,8 +134,8 @@ COLUMNS: Final = (
     _below_60(name="below_60_worst_pct", value=_60.max(), head="longest", short="<60\nlongest"),
     _below_54(name="below_54_mean_pct", value=_54.mean(), head="mean"),
     _below_54(name="below_54_worst_pct", value=_54.max(), head="longest", short="<54\nlongest"),
-    _ever_below(name="ever_below_60_pct", value=100.0 * (_LOWEST < 60.0).mean(), head="60"),
-    _ever_below(name="ever_below_54_pct", value=100.0 * (_LOWEST < 54.0).mean(), head="54"),
+    _ever_below(name="ever_below_60_pct", value=100.0 * (_LOWEST < 60.0).mean(), head="60 mg/dl"),
+    _ever_below(name="ever_below_54_pct", value=100.0 * (_LOWEST < 54.0).mean(), head="54 mg/dl"),
     Column(
         name="people_below_validity",
         value=(pl.col("time_below_validity_pct") > 0.0).sum(),
@@ -344,15 +344,16 @@ def _without_a_fault(grid: Grid) -> Iterator[str]:
         pair = [row for row in grid.pair(controller, NO_FAULT) if row["people"]]
         if pair:
             below = _change([percent(row["below_60_worst_pct"]) for row in pair])
-            texts.append(f"{controller}: {below} and {_change([whole_glucose(row['highest_mg_dl']) for row in pair])}")
+            highest = _change([whole_glucose(row["highest_mg_dl"]) for row in pair])
+            texts.append(f"{controller}: {below} and {highest} mg/dl")
             # each sample has one status
             acted = [sum(float(row[f"{act}_pct"]) for act in _ACTS) for row in pair if row["guarded"]]
             acts += [f"{percent(share)} with {controller}" for share in acted]
     if texts:
         how = " (without → with the guard)" if len(grid.guards) > 1 else ""
         yield (
-            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest glucose in "
-            f"mg/dl{how}, were {'; '.join(texts)}."
+            "Without a fault, the longest time that a person spent below 60 mg/dl, and the highest "
+            f"glucose{how}, were {'; '.join(texts)}."
             + (f" The guard then acted at this percentage of the samples: {'; '.join(acts)}." if acts else "")
         )
 

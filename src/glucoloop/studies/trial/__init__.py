@@ -38,6 +38,5 @@ TRIAL: Final = TrialStudy(
         ),
     },
     on_clusters=True,
-    in_mmol=True,
     files=("bands.parquet", "figure.pdf", "figure.png", "figure.svg", "report.html"),
 )

@@ -14,9 +14,9 @@ from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.parts.metrics import result_named
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, glucose_text, how_many, percent
+from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
-from glucoloop.report.columns import MetricRow, lines_table
+from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
     controllers_facts,
     engine_facts,
@@ -30,7 +30,6 @@ from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import Counts, add_counts, edges, no_counts, times
-from glucoloop.units import mmol_l_from_mg_dl
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -103,9 +102,8 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
     return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
 
 
-def drawn(asked: Trial, found: Findings, *, mmol: bool = False) -> dict[str, bytes]:
-    """Page and figure, by the names of their files; the page shows mmol/l beside mg/dl always."""
-    del mmol
+def drawn(asked: Trial, found: Findings) -> dict[str, bytes]:
+    """Page and figure, by the names of their files."""
     report: TrialReport = found.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
 
@@ -218,17 +216,18 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
     for metric, statistics in _headlines(trial):
         how = result_named(metric)
         for position, statistic in enumerate(statistics):
-            values = (controller["metrics"][metric][statistic] for controller in controllers)
-            cells = (NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values)
-            yield MetricRow("", "" if position else how.title, how.unit, list(cells), statistic=statistic)
+            values = [controller["metrics"][metric][statistic] for controller in controllers]
+            cells = [NOT_AVAILABLE if v is None else how.text(v, summary["setpoint_mg_dl"]) for v in values]
+            title, others = "" if position else how.title, in_other_unit(how, cells, values)
+            yield MetricRow("", title, how.unit, cells, others, statistic=statistic)
         if metric in _EVER_BELOW:
             limit = _EVER_BELOW[metric]
             counts = (controller["ever_below"][f"{limit}_mg_dl"] for controller in controllers)
-            cells = (
+            shares = (
                 NOT_AVAILABLE if count["share_pct"] is None else f"{count['people']} ({percent(count['share_pct'])})"
                 for count in counts
             )
-            yield MetricRow("", f"People ever below {limit} mg/dl", "", list(cells), statistic="number")
+            yield MetricRow("", f"People ever below {limit} mg/dl", "", list(shares), statistic="number")
     yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
 
 
@@ -257,16 +256,3 @@ def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
 def _persons(named: Mapping[str, Any]) -> str:
     shown = ", ".join(map(str, named["person"][:_NAMED]))
     return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
-
-
-def mmol_lines(found: Findings) -> Iterator[str]:
-    """Glucose under each controller in mmol/l."""
-    for label, plain in found.plain["controllers"].items():
-        least, peak = plain["metrics"]["minimum_mg_dl"], plain["metrics"]["peak_mg_dl"]
-        values = (least["median"], least["min"], peak["median"], peak["max"])
-        if None not in values:
-            median, worst, high, highest = (glucose_text(mmol_l_from_mg_dl(value), 2) for value in values)
-            yield (
-                f"{label}: least glucose {median} mmol/l in the median and {worst} at worst, "
-                f"greatest {high} in the median and {highest} at worst."
-            )
