@@ -107,7 +107,7 @@ class Situation(Part):
     sensor: Annotated[
         tuple[SensorPart, ...],
         _sensor(
-            "Sensor: ideal, white-noise, correlated-noise, lag, dead-time; repeat it, from the innermost outwards.",
+            "Sensor, like dexcom-g6 or 'lag, lag_min=8', see glucoloop list; repeat it, from the innermost outwards.",
             default="ideal",
         ),
     ] = ()
