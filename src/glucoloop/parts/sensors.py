@@ -29,6 +29,13 @@ class SensorPart(MadePart):
 
     kind: ClassVar = "sensor"
 
+    def recorded(self) -> SensorPart | None:
+        """Sensor of a record from which a model is identified, by default this one; None where it is left out.
+
+        Such a record has its own white noise, and no delay of the kind that a controller is told of.
+        """
+        return self
+
 
 class IdealSettings(SensorPart, name="ideal"):
     """Readings without error or delay; the innermost of a chain, which says where glucose is read."""
@@ -53,6 +60,9 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
     bound_mg_dl: Annotated[
         float, About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
     ] = 5.0
+
+    def recorded(self) -> None:
+        """No noise: a record has its own."""
 
 
 class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):
@@ -90,6 +100,9 @@ class DeadTimeSettings(SensorPart, name="dead-time"):
             quantity=DEAD_TIME,
         ),
     ] = 5.0
+
+    def recorded(self) -> None:
+        """No delay."""
 
     def samples(self, sample_time_min: float) -> int:
         """The time as a number of samples; Refusal unless it is a whole number of them."""
@@ -174,6 +187,10 @@ class MonitorPart(SensorPart):
             raise Refusal(
                 f"worn_min is {self.worn_min:g} min, but the sensor is replaced after {self.wear_min:g} min; give less"
             )
+
+    def recorded(self) -> SensorPart:
+        """Its lag alone: a model is identified from references, or from readings that were corrected with them."""
+        return type(self)(lag_min=self.lag_min, noise=False, drift=False, display=False, warm_up_min=0.0)
 
     def made(self, **known: Any) -> Any:
         """The sensor with the errors of its model."""
