@@ -11,7 +11,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.parts.sensors import DisplaySettings
 from glucoloop.sensors.cgm.model import Ticks
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 
 
 @pytree
@@ -79,9 +79,9 @@ def display(
     """
     DisplaySettings(low_mg_dl, high_mg_dl, step_mg_dl, every_min)
     return Display(
-        inner=IdealSensor() if inner is None else inner,
+        inner=or_ideal(inner),
         low_mg_dl=low_mg_dl,
         high_mg_dl=high_mg_dl,
         step_mg_dl=step_mg_dl,
-        ticks=Ticks.seen(sample_time_min, every_min),
+        ticks=Ticks.seen(checked_sample_time(sample_time_min), every_min),
     )

@@ -15,7 +15,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors.cgm.display import display as shown_by
 from glucoloop.sensors.cgm.model import CANDIDATES, Constants, ErrorModel, Ticks, candidate, constants_of, drawn
 from glucoloop.sensors.delay import lag
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 from glucoloop.units import MIN_PER_DAY
 
 _INTERSTITIAL = "interstitial"
@@ -207,8 +207,7 @@ def monitor(
             f"wear_min is {wear_min:g} min, but the drift of this sensor is known for "
             f"{model.longest_wear_min / MIN_PER_DAY:g} days; give up to {model.longest_wear_min:g} min, or drift=false"
         )
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
+    checked_sample_time(sample_time_min)
 
     def samples(minutes: float) -> int:
         return math.ceil(minutes / sample_time_min - 1e-9)
@@ -216,7 +215,7 @@ def monitor(
     wear, calibrated = max(samples(wear_min), samples(warm_up_min) + 1), model.calibrated_every_min
     worn = None if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
     sensor: Sensor = Monitor(
-        inner=IdealSensor() if inner is None else inner,
+        inner=or_ideal(inner),
         model=model,
         sample_time_min=sample_time_min,
         steps=Ticks.seen(sample_time_min, model.step_min),
