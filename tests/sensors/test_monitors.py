@@ -297,6 +297,16 @@ def test_a_new_sensor_has_errors_of_its_own():
     assert np.abs(np.diff(starts)).min() > 0.1
 
 
+def test_noise_of_a_new_sensor_has_nothing_to_do_with_that_of_the_one_before():
+    sensor = of("dexcom-g6, wear_min=30, worn_min=0" + NOISE_ALONE)
+    noise = of_many(sensor, np.zeros(8), 4000)
+    correlations = [np.corrcoef(noise[:, k], noise[:, k + 1])[0, 1] for k in range(7)]
+    assert abs(correlations.pop(5)) < 5.0 / math.sqrt(4000)
+    assert min(correlations) > 0.85
+    _, covariance = at_samples(DEXCOM_G6, 5.0, 2)
+    np.testing.assert_allclose(noise[:, 6:].var(axis=0), covariance[0, 0], rtol=5.0 * math.sqrt(2.0 / 4000))
+
+
 def test_the_time_since_the_insertion_is_drawn_evenly():
     sensor = of("dexcom-g6, wear_min=22h, noise=false" + ALONE)
     keys = jax.random.split(KEY, 5000)
