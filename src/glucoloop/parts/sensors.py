@@ -62,7 +62,7 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
     ] = 5.0
 
     def recorded(self) -> None:
-        """No noise: a record has its own."""
+        """Leave the noise out: a record has its own."""
 
 
 class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):
@@ -102,7 +102,7 @@ class DeadTimeSettings(SensorPart, name="dead-time"):
     ] = 5.0
 
     def recorded(self) -> None:
-        """No delay."""
+        """Leave the delay out."""
 
     def samples(self, sample_time_min: float) -> int:
         """The time as a number of samples; Refusal unless it is a whole number of them."""
@@ -144,7 +144,7 @@ class MonitorPart(SensorPart):
 
     make: ClassVar = "glucoloop.sensors.cgm:monitor"
     model: ClassVar[str] = ""
-    """Its `sensors.cgm.ErrorModel`, as ``module:attribute``."""
+    """Errors of the sensor, a `sensors.cgm.ErrorModel`, as ``module:attribute``."""
     lag_min: Annotated[
         float | None,
         About(
@@ -189,7 +189,7 @@ class MonitorPart(SensorPart):
             )
 
     def recorded(self) -> SensorPart:
-        """Its lag alone: a model is identified from references, or from readings that were corrected with them."""
+        """Lag of the monitor alone: a model is identified from references, or from readings that were corrected with them."""
         return type(self)(lag_min=self.lag_min, noise=False, drift=False, display=False, warm_up_min=0.0)
 
     def made(self, **known: Any) -> Any:

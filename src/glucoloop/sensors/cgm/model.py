@@ -77,7 +77,7 @@ class ErrorModel:
     step_min: float = 5.0
     """Time between two points of the processes."""
     spread: Spread | None = None
-    """How sensors differ; its numbers take the place of those above."""
+    """Distribution of sensors that differ; its numbers take the place of those above."""
     calibrated_every_min: float = math.inf
     """Time between two calibrations by the person, at which the days begin anew."""
     longest_wear_min: float = math.inf
@@ -95,11 +95,11 @@ class Constants:
     offset_mg_dl: jax.Array
     """(3, ...) coefficients by powers of a day."""
     alpha1: jax.Array
-    """(processes, ...)"""
+    """(processes, ...) weight of the point before."""
     alpha2: jax.Array
-    """(processes, ...)"""
+    """(processes, ...) weight of the one before that."""
     sigma: jax.Array
-    """(processes, ...)"""
+    """(processes, ...) standard deviation of the input."""
 
     @property
     def variance(self) -> jax.Array:
