@@ -189,7 +189,7 @@ class MonitorPart(SensorPart):
             )
 
     def recorded(self) -> SensorPart:
-        """Lag of the monitor alone: a model is identified from references, or from readings that were corrected with them."""
+        """Lag of the monitor alone: a model is identified from readings that were corrected with references."""
         return type(self)(lag_min=self.lag_min, noise=False, drift=False, display=False, warm_up_min=0.0)
 
     def made(self, **known: Any) -> Any:
