@@ -24,7 +24,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.lab import pack
 from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.parts.faults import FAULTS, TIMING
-from glucoloop.parts.metrics import RESULTS
+from glucoloop.parts.metrics import METRICS
 from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.setting import Default, value_text
 from glucoloop.situations.option import PANELS
@@ -192,7 +192,7 @@ def elsewhere(controller: str, setting: str) -> Iterator[str]:
 
 
 def metrics() -> str:
-    rows = [[code(result.name), result.summary] for result in RESULTS]
+    rows = [[code(result.name), result.summary] for part in METRICS.values() for result in part().results]
     return table(["Metric", "Definition"], rows)
 
 

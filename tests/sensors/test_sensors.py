@@ -81,7 +81,7 @@ def test_what_is_no_lag_of_a_sensor_is_refused(lag_min):
 
 
 def test_a_lag_needs_a_sample_time():
-    with pytest.raises(ValueError, match="a sample time of 0 min is not possible; give a finite time above 0"):
+    with pytest.raises(ValueError, match="a sample time of 0 min is not possible; give a finite value above 0"):
         lag(10.0, sample_time_min=0.0)
 
 

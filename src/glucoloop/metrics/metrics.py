@@ -25,15 +25,15 @@ _EVERYDAY: Final = (
 class Metrics:
     """Metrics of a run; each is an attribute and has the shape of the people, `()` for one.
 
-    The names and definitions are those of the results in `parts.metrics.METRICS`, and of metrics of other packages
-    that were asked for. Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a
+    The names and definitions are those of the results in `parts.metrics.METRICS`, and of further metrics that were
+    asked for. Glucose is the patient's own, free of noise, on the trace's grid of one minute. A time in a
     range is the percentage of the points of that grid, both ends included. Insulin is what the pump delivered.
     """
 
     names: tuple[str, ...] = static()
     values: tuple[jax.Array, ...]
     further: tuple[str, ...] = static(default=())
-    """Texts of the metrics of other packages, whose results are among the names."""
+    """Texts of the further metrics, whose results are among the names."""
 
     @classmethod
     def of(cls, by_name: Mapping[str, Any], further: tuple[str, ...] = ()) -> Self:

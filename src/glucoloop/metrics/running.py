@@ -162,8 +162,7 @@ def summarise(
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str
-        Metrics of other packages, which are computed beside those of this one: name and settings, see
-        `parts.metrics`.
+        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `parts.metrics`.
 
     Returns
     -------

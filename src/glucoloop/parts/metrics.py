@@ -1,8 +1,8 @@
 """Catalogue of metrics: the numbers of each, how they are shown, and the place of the fold that computes them.
 
 A metric joins the table and the JSON of a run, the columns of a trial, and the documentation by one entry in `METRICS`.
-One of another package, by an entry point in the group ``glucoloop.metrics`` or as ``module:attribute``, is computed
-where it is asked for by name. Nothing here imports a numerical library.
+One that is not usual, or of another package, by an entry point in the group ``glucoloop.metrics`` or as
+``module:attribute``, is computed where it is asked for by name. Nothing here imports a numerical library.
 """
 
 from __future__ import annotations
@@ -69,6 +69,8 @@ class MetricPart(MadePart):
     kind: ClassVar = "metric"
     section: ClassVar[str] = "Further metrics"
     """Heading of its rows in tables."""
+    always: ClassVar[bool] = False
+    """Whether it is computed without being asked for."""
     numbers: ClassVar[tuple[Result, ...]] = ()
     """Numbers that it gives, where they do not depend on its settings."""
 
@@ -78,14 +80,21 @@ class MetricPart(MadePart):
         return self.numbers
 
 
-_MODULES: Final = {"Glycemia": "glycemia", "Regulation": "regulation"}
+_MODULES: Final = {"Glycemia": "glycemia", "Regulation": "regulation", "Sensor": "accuracy"}
 
 
-def _metric(name: str, section: str, summary: str, *numbers: Result) -> type[MetricPart]:
+def _metric(name: str, section: str, summary: str, *numbers: Result, always: bool = True) -> type[MetricPart]:
     """A metric of this package; ``low-events`` is the class ``LowEvents`` of the module of its section."""
     fold = name.title().replace("-", "")
     place = f"glucoloop.metrics.{_MODULES.get(section, 'dosing')}:{fold}"
-    body = {"__doc__": summary, "__module__": __name__, "make": place, "section": section, "numbers": numbers}
+    body = {
+        "__doc__": summary,
+        "__module__": __name__,
+        "make": place,
+        "section": section,
+        "numbers": numbers,
+        "always": always,
+    }
     return types.new_class(f"{fold}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
 
 
@@ -106,6 +115,14 @@ def _events(name: str, bound_mg_dl: int) -> Result:
 def _samples(name: str, where: str, title: str, *, seldom: bool = False) -> Result:
     return Result(f"samples_{name}", f"Samples {where}.", title, digits=0, seldom=seldom)
 
+
+_CLARKE: Final = {
+    "A": "accurate",
+    "B": "off with little consequence",
+    "C": "which would lead to a treatment that is not needed",
+    "D": "which would hide low or high glucose",
+    "E": "which would lead to the opposite treatment",
+}
 
 METRICS: Final = Catalogue(
     MetricPart,
@@ -273,23 +290,46 @@ METRICS: Final = Catalogue(
             Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
             Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
         ),
+        _metric(
+            "sensor-accuracy",
+            "Sensor",
+            "Accuracy of the readings: mean absolute relative difference, bias and error grid.",
+            Result(
+                "mard_pct",
+                "Mean absolute relative difference of the readings from the patient's glucose at the samples.",
+                "Mean absolute relative difference",
+                "%",
+            ),
+            Result("reading_bias_mg_dl", "Mean difference of the readings from it.", "Bias of the readings", "mg/dl"),
+            *(
+                Result(
+                    f"clarke_{zone.lower()}_pct",
+                    f"Percentage of the readings in zone {zone} of Clarke's error grid, {what}.",
+                    f"Error grid, zone {zone}",
+                    "%",
+                )
+                for zone, what in _CLARKE.items()
+            ),
+            always=False,
+        ),
     ),
-    example="NAME, setting=value",
+    example="sensor-accuracy",
 )
 
-_USUAL: Final[tuple[MetricPart, ...]] = tuple(part() for part in METRICS.values())
+_USUAL: Final[tuple[MetricPart, ...]] = tuple(part() for part in METRICS.values() if part.always)
 RESULTS: Final = tuple(result for metric in _USUAL for result in metric.results)
-"""Results of all metrics of this package, in the order of tables and columns."""
+"""Results of the metrics that are always computed, in the order of tables and columns."""
 
 
 def metrics_with(further: Iterable[str | MetricPart] = ()) -> Iterator[MetricPart]:
-    """All metrics of this package, and further ones, as parts or by their texts.
+    """Metrics that are always computed, and further ones, as parts or by their texts.
 
     An unknown metric or setting, and a metric with a result of a name that another one has, are refused.
     """
     seen: dict[str, str] = {}
     asked = (METRICS.choose(metric) if isinstance(metric, str) else metric for metric in further)
-    for metric in (*_USUAL, *(metric for metric in asked if metric.name not in METRICS)):
+    usual = {metric.name for metric in _USUAL}
+    for metric in (*_USUAL, *(metric for metric in asked if metric.name not in usual)):
         for result in metric.results:
             if result.name in seen:
                 raise Refusal(

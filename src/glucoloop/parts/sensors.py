@@ -9,13 +9,15 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.code import loaded
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
-from glucoloop.plausible import DEAD_TIME, LAG, NOISE_BOUND, NOISE_VARIANCE
+from glucoloop.plausible import DEAD_TIME, GLUCOSE_BOUND, LAG, NOISE_BOUND, NOISE_VARIANCE
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 LONGEST_LAG_MIN: Final = 120.0
+_LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 
 
 class SensorPart(MadePart):
@@ -26,6 +28,13 @@ class SensorPart(MadePart):
     """
 
     kind: ClassVar = "sensor"
+
+    def recorded(self) -> SensorPart | None:
+        """Sensor of a record from which a model is identified, by default this one; None where it is left out.
+
+        Such a record has its own white noise, and no delay of the kind that a controller is told of.
+        """
+        return self
 
 
 class IdealSettings(SensorPart, name="ideal"):
@@ -51,6 +60,9 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
     bound_mg_dl: Annotated[
         float, About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
     ] = 5.0
+
+    def recorded(self) -> None:
+        """Leave the noise out: a record has its own."""
 
 
 class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):
@@ -89,6 +101,9 @@ class DeadTimeSettings(SensorPart, name="dead-time"):
         ),
     ] = 5.0
 
+    def recorded(self) -> None:
+        """Leave the delay out."""
+
     def samples(self, sample_time_min: float) -> int:
         """The time as a number of samples; Refusal unless it is a whole number of them."""
         return whole_samples(self.minutes, sample_time_min, "a dead time")
@@ -99,9 +114,138 @@ class DeadTimeSettings(SensorPart, name="dead-time"):
         return self.made_of({"samples": samples}, known) if samples else known["inner"]
 
 
+class DisplaySettings(SensorPart, name="cgm-display"):
+    """Readings as a continuous glucose monitor shows them: its range, whole steps, one every few minutes."""
+
+    make: ClassVar = "glucoloop.sensors.cgm:display"
+    low_mg_dl: Annotated[
+        float,
+        About("Lower end of the range, which is given for less.", at_least=0.0, at_most=2000.0, quantity=GLUCOSE_BOUND),
+    ] = 40.0
+    high_mg_dl: Annotated[
+        float,
+        About("Upper end of the range, which is given for more.", above=0.0, at_most=2000.0, quantity=GLUCOSE_BOUND),
+    ] = 400.0
+    step_mg_dl: Annotated[float, About("Step of the readings.", above=0.0, at_most=100.0)] = 1.0
+    every_min: Annotated[
+        float, About("Time between two readings; samples between have none.", above=0.0, at_most=LONGEST_LAG_MIN)
+    ] = 5.0
+
+    def __post_init__(self) -> None:
+        if not self.low_mg_dl < self.high_mg_dl:
+            raise Refusal(
+                f"a range of {self.low_mg_dl:g} to {self.high_mg_dl:g} mg/dl is not possible; "
+                "give an upper end above the lower one"
+            )
+
+
+class MonitorPart(SensorPart):
+    """A continuous glucose monitor with the errors of a model."""
+
+    make: ClassVar = "glucoloop.sensors.cgm:monitor"
+    model: ClassVar[str] = ""
+    """Errors of the sensor, a `sensors.cgm.ErrorModel`, as ``module:attribute``."""
+    lag_min: Annotated[
+        float | None,
+        About(
+            "Lag of glucose at the sensor behind that of blood; by default that of the model, and none where the site "
+            "is interstitial.",
+            at_least=0.0,
+            at_most=LONGEST_LAG_MIN,
+        ),
+    ] = None
+    noise: Annotated[bool, About("Whether readings have noise: true or false.")] = True
+    drift: Annotated[
+        bool, About("Whether readings have the error of calibration, which changes with time: true or false.")
+    ] = True
+    display: Annotated[
+        bool, About("Whether readings are those of a display, as cgm-display has them: true or false.")
+    ] = True
+    warm_up_min: Annotated[
+        float, About("Time after an insertion without readings.", at_least=0.0, at_most=MIN_PER_DAY)
+    ] = 120.0
+    wear_min: Annotated[
+        float,
+        About("Time from one insertion to the next, of another sensor.", above=0.0, at_most=_LONGEST_WEAR_MIN),
+    ] = 10.0 * MIN_PER_DAY
+    worn_min: Annotated[
+        float | None,
+        About(
+            "Time since the insertion at the start; by default drawn for each person, and 0 begins with the warm-up.",
+            at_least=0.0,
+            at_most=_LONGEST_WEAR_MIN,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.warm_up_min >= self.wear_min:
+            raise Refusal(
+                f"warm_up_min is {self.warm_up_min:g} min, but the sensor is replaced after {self.wear_min:g} min, "
+                "so that it never has a reading; give less"
+            )
+        if self.worn_min is not None and self.worn_min >= self.wear_min:
+            raise Refusal(
+                f"worn_min is {self.worn_min:g} min, but the sensor is replaced after {self.wear_min:g} min; give less"
+            )
+
+    def recorded(self) -> SensorPart:
+        """Lag of the monitor alone: a model is identified from readings that were corrected with references."""
+        return type(self)(lag_min=self.lag_min, noise=False, drift=False, display=False, warm_up_min=0.0)
+
+    def made(self, **known: Any) -> Any:
+        """The sensor with the errors of its model."""
+        return self.made_of({**self.values(), "model": loaded(self.model)}, known)
+
+
+class Breton2008Settings(MonitorPart, name="breton-2008"):
+    """FreeStyle Navigator, with the errors of Breton and Kovatchev (2008)."""
+
+    model: ClassVar = "glucoloop.sensors.cgm:BRETON_2008"
+    warm_up_min: float = 600.0
+    wear_min: float = 5.0 * MIN_PER_DAY
+
+
+class Facchinetti2014Settings(MonitorPart, name="facchinetti-2014"):
+    """Dexcom SEVEN Plus, with the errors of Facchinetti et al. (2014)."""
+
+    model: ClassVar = "glucoloop.sensors.cgm:FACCHINETTI_2014"
+    wear_min: float = 7.0 * MIN_PER_DAY
+
+
+class DexcomG5Settings(MonitorPart, name="dexcom-g5"):
+    """Dexcom G5, with the errors of Vettoretti et al. (2018)."""
+
+    model: ClassVar = "glucoloop.sensors.cgm:DEXCOM_G5"
+    wear_min: float = 7.0 * MIN_PER_DAY
+
+
+class DexcomG6Settings(MonitorPart, name="dexcom-g6"):
+    """Dexcom G6, with the mean errors of Vettoretti et al. (EMBC 2019)."""
+
+    model: ClassVar = "glucoloop.sensors.cgm:DEXCOM_G6"
+
+
+class Vettoretti2019Settings(MonitorPart, name="vettoretti-2019"):
+    """Factory-calibrated sensors that differ, drawn for each person and wear, of Vettoretti et al. (Sensors 2019)."""
+
+    model: ClassVar = "glucoloop.sensors.cgm:VETTORETTI_2019"
+
+
 SENSORS: Final = Catalogue(
     SensorPart,
-    (IdealSettings, WhiteNoiseSettings, CorrelatedNoiseSettings, LagSettings, DeadTimeSettings),
+    (
+        IdealSettings,
+        WhiteNoiseSettings,
+        CorrelatedNoiseSettings,
+        LagSettings,
+        DeadTimeSettings,
+        Breton2008Settings,
+        Facchinetti2014Settings,
+        DexcomG5Settings,
+        DexcomG6Settings,
+        Vettoretti2019Settings,
+        DisplaySettings,
+    ),
     example="white-noise, variance=1.45",
 )
 

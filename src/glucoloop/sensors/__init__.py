@@ -1,5 +1,6 @@
 """Glucose sensors and their faults: small objects that wrap an `inner` sensor, an ideal one by default."""
 
+from glucoloop.sensors import cgm
 from glucoloop.sensors.delay import DeadTime, Lag, dead_time, lag
 from glucoloop.sensors.erring import Erring, erring
 from glucoloop.sensors.faults import (
@@ -28,6 +29,7 @@ __all__ = [
     "Sensor",
     "WhiteNoise",
     "calibration",
+    "cgm",
     "compression",
     "correlated_noise",
     "dead_time",

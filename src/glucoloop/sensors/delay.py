@@ -22,7 +22,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.parts.sensors import LagSettings
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 
 
 def lagged(
@@ -85,9 +85,7 @@ def lag(lag_min: float = 10.0, inner: Sensor | None = None, *, sample_time_min: 
         For a lag outside its bounds, or a sample time that is not positive and finite.
     """
     LagSettings(lag_min)
-    if not 0.0 < sample_time_min < float("inf"):
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite time above 0")
-    return Lag(inner=IdealSensor() if inner is None else inner, lag_min=lag_min, sample_time_min=sample_time_min)
+    return Lag(inner=or_ideal(inner), lag_min=lag_min, sample_time_min=checked_sample_time(sample_time_min))
 
 
 LONGEST_DEAD_TIME_SAMPLES: Final = 288  # a day of 5-min samples
@@ -153,4 +151,4 @@ def dead_time(samples: int, inner: Sensor | None = None) -> DeadTime:
     """
     if not 0 <= samples <= LONGEST_DEAD_TIME_SAMPLES:
         raise Refusal(f"samples is {samples}; give a whole number from 0 to {LONGEST_DEAD_TIME_SAMPLES}")
-    return DeadTime(inner=inner if inner is not None else IdealSensor(), samples=samples)
+    return DeadTime(inner=or_ideal(inner), samples=samples)

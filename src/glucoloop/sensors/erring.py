@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor, or_ideal
 
 
 @pytree
@@ -98,7 +98,7 @@ def erring(
     if isinstance(stuck_samples, bool) or not isinstance(stuck_samples, int) or stuck_samples < 1:
         raise Refusal(f"{stuck_samples!r} readings of a stretch are not possible; give a whole number of 1 or more")
     return Erring(
-        inner=IdealSensor() if inner is None else inner,
+        inner=or_ideal(inner),
         errors=jnp.asarray(each),
         stuck_from=jnp.asarray(first),
         stuck_samples=float(stuck_samples),

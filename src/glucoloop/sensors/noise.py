@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.parts.sensors import CorrelatedNoiseSettings, WhiteNoiseSettings
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor, or_ideal
 
 
 @pytree
@@ -56,7 +56,7 @@ def white_noise(variance: float = 1.45, bound_mg_dl: float = 5.0, inner: Sensor 
         For a variance that is negative or not finite, or a bound that is not positive and finite.
     """
     WhiteNoiseSettings(variance, bound_mg_dl)
-    return WhiteNoise(inner=inner if inner is not None else IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)
+    return WhiteNoise(inner=or_ideal(inner), variance=variance, bound_mg_dl=bound_mg_dl)
 
 
 @pytree
@@ -116,6 +116,4 @@ def correlated_noise(variance: float = 9.0, correlation: float = 0.7, inner: Sen
         For a variance that is negative or not finite, or a correlation outside its bounds.
     """
     CorrelatedNoiseSettings(variance, correlation)
-    return CorrelatedNoise(
-        inner=inner if inner is not None else IdealSensor(), variance=variance, correlation=correlation
-    )
+    return CorrelatedNoise(inner=or_ideal(inner), variance=variance, correlation=correlation)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
+from glucoloop.refusal import Refusal
 
 
 @pytree
@@ -52,3 +54,15 @@ class IdealSensor:
     def read(self, state: tuple[()], glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[tuple[()], Reading]:
         """Read the true glucose of this moment."""
         return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
+
+
+def or_ideal(inner: Sensor | None) -> Sensor:
+    """The given sensor, or the ideal one for None."""
+    return IdealSensor() if inner is None else inner
+
+
+def checked_sample_time(sample_time_min: float) -> float:
+    """A sample time, refused unless it is positive and finite."""
+    if not 0.0 < sample_time_min < math.inf:
+        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+    return float(sample_time_min)

@@ -107,7 +107,7 @@ class Situation(Part):
     sensor: Annotated[
         tuple[SensorPart, ...],
         _sensor(
-            "Sensor: ideal, white-noise, correlated-noise, lag, dead-time; repeat it, from the innermost outwards.",
+            "Sensor, like dexcom-g6 or 'lag, lag_min=8', see glucoloop list; repeat it, from the innermost outwards.",
             default="ideal",
         ),
     ] = ()
@@ -127,7 +127,7 @@ class Situation(Part):
     ] = ()
     metrics: Annotated[
         tuple[MetricPart, ...],
-        Option("Metric of another package beside the usual ones; repeat it for more.", flag="--metric", rare=True),
+        Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
     ] = ()
     sample_time_min: Annotated[
         float,
@@ -267,8 +267,8 @@ class Situation(Part):
         return next((part.site for part in self.sensor if isinstance(part, IdealSettings)), None)
 
     def record_sensor(self, noise_variance: float) -> tuple[SensorPart, ...]:
-        """Sensor of a record from which a model is identified: this one with other white noise, and without delay."""
-        inner = [part for part in self.sensor if not isinstance(part, WhiteNoiseSettings | DeadTimeSettings)]
+        """Sensor of a record from which a model is identified, with other white noise."""
+        inner = [part for part in (part.recorded() for part in self.sensor) if part is not None]
         noise = WhiteNoiseSettings(variance=noise_variance, bound_mg_dl=self.noise_bound_mg_dl)
         return (*inner, noise) if noise_variance > 0.0 else tuple(inner)
 

@@ -12,8 +12,8 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within, always
 from glucoloop.parts.faults import CalibrationSettings, DriftSettings, SaturationSettings, SpikesSettings
-from glucoloop.sensors.faults.wrapping import AlteredReadings, FaultySensor, checked_sample_time, or_ideal, read_within
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.faults.wrapping import AlteredReadings, FaultySensor, read_within
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 from glucoloop.units import MIN_PER_H
 
 

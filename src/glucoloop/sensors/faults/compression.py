@@ -21,8 +21,8 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within
 from glucoloop.parts.faults import CompressionSettings
-from glucoloop.sensors.faults.wrapping import FaultySensor, checked_sample_time, or_ideal, read_within
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.faults.wrapping import FaultySensor, read_within
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 
 _NOTHING: Final = 1e-4  # of a reading: far below what a sensor resolves
 

@@ -14,8 +14,8 @@ from glucoloop.episodes import Episodes, Within
 from glucoloop.parts.faults import OutOfOrderSettings, RepeatedSettings
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.delay import LONGEST_DEAD_TIME_SAMPLES, filled, joined, one_of, without_oldest
-from glucoloop.sensors.faults.wrapping import FaultySensor, or_ideal, read_within
-from glucoloop.sensors.protocol import Reading, Sensor
+from glucoloop.sensors.faults.wrapping import FaultySensor, read_within
+from glucoloop.sensors.protocol import Reading, Sensor, or_ideal
 
 
 @pytree

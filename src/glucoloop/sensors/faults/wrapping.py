@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import jax
@@ -10,8 +9,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes, Within, begin
-from glucoloop.refusal import Refusal
-from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor
+from glucoloop.sensors.protocol import Reading, Sensor
 
 
 @pytree
@@ -53,15 +51,3 @@ class AlteredReadings(FaultySensor):
 
         reported: Reading = jax.tree.map(while_there, self.altered(reading, age), reading)
         return state, reported
-
-
-def or_ideal(inner: Sensor | None) -> Sensor:
-    """The given sensor, or the ideal one for None."""
-    return IdealSensor() if inner is None else inner
-
-
-def checked_sample_time(sample_time_min: float) -> float:
-    """A sample time, refused unless it is positive and finite."""
-    if not 0.0 < sample_time_min < math.inf:
-        raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
-    return float(sample_time_min)

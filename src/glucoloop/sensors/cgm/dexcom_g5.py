@@ -1,0 +1,17 @@
+"""Dexcom G5, its errors of Vettoretti et al. (2018), of the form of Facchinetti et al. (2014) with one process.
+
+The model holds between two calibrations, 12 h apart, and its process advances every 5 min: see `facchinetti_2014`.
+
+M. Vettoretti et al., IEEE Trans. Biomed. Eng. 65(6), 2018, doi:10.1109/tbme.2017.2746340.
+"""
+
+from typing import Final
+
+from glucoloop.sensors.cgm.model import ErrorModel, Process
+
+DEXCOM_G5: Final = ErrorModel(
+    gain=(1.04, 0.02, 0.0),
+    offset_mg_dl=(-8.75, 0.0, 0.0),
+    processes=(Process(alpha1=1.27, alpha2=-0.42, variance=7.64),),
+    calibrated_every_min=720.0,
+)

@@ -1,0 +1,232 @@
+"""A continuous glucose monitor on a person: inserted, worn for days with its errors, and replaced by a new one."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
+from glucoloop.parts.sensors import MonitorPart
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.cgm.display import display as shown_by
+from glucoloop.sensors.cgm.model import CANDIDATES, Constants, ErrorModel, Ticks, candidate, constants_of, drawn
+from glucoloop.sensors.delay import lag
+from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
+from glucoloop.units import MIN_PER_DAY
+
+_INTERSTITIAL = "interstitial"
+_NUMBERS = 7
+
+
+@pytree
+class _State:
+    inner: Any
+    age: jax.Array
+    """Samples from the insertion to the coming one."""
+    own: Constants | None
+    """Constants of this sensor; None where all are alike."""
+    spare: Constants | None
+    """Constants of the next sensor: those of the latest candidate that is taken."""
+    points: jax.Array | None
+    """(2, processes, ...) the latest point of the noise before the coming sample, and the one at or after it."""
+    since: jax.Array | None
+    """Parts of a step of the noise from the first of them to the coming sample; None where it is always a whole one."""
+
+
+@pytree
+class Monitor:
+    """Adds the errors of a model over the days of wear to the reading of the inner sensor; make it with `monitor`."""
+
+    inner: Sensor
+    model: ErrorModel = static()
+    sample_time_min: float = static()
+    steps: Ticks = static()
+    """Steps of the noise."""
+    warm_up: int = static()
+    """Samples after an insertion without a reading."""
+    wear: int = static()
+    """Samples from one insertion to the next."""
+    worn: int | None = static()
+    """Samples since the insertion at the start; None for a number that is drawn."""
+    calibrated: int | None = static()
+    """Samples from one calibration to the next; None for a sensor that is not calibrated."""
+    noise: bool = static()
+    drift: bool = static()
+
+    def init(self, glucose_mg_dl: jax.Array, key: jax.Array) -> _State:
+        """State before the first reading; sensor, noise and, unless given, the time since the insertion are drawn."""
+        age_key, sensor_key, noise_key, inner_key = jax.random.split(key, 4)
+        shape, dtype = jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl)
+        if self.worn is None:
+            span = float(self.wear - self.warm_up)
+            within = jnp.floor(span * jax.random.uniform(age_key, shape, dtype))
+            age = self.warm_up + jnp.minimum(within, span - 1.0)
+        else:
+            age = jnp.full(shape, float(self.worn), dtype)
+        own = None
+        if self.model.spread is not None:
+            own = drawn(self.model.spread, jax.random.normal(sensor_key, (_NUMBERS, CANDIDATES, *shape), dtype))
+        points = self._of(own, shape).begin(self._normal(noise_key, 2, shape, dtype)) if self.noise else None
+        return _State(
+            inner=self.inner.init(glucose_mg_dl, inner_key),
+            age=age,
+            own=own,
+            spare=own,
+            points=points,
+            since=jnp.full(shape, float(self.steps.of_tick), dtype) if self._between else None,
+        )
+
+    def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
+        """Read the inner sensor with the errors of this day; there is no reading while the sensor warms up."""
+        sensor_key, noise_key, inner_key = jax.random.split(key, 3)
+        inner, reading = self.inner.read(state.inner, glucose_mg_dl, inner_key)
+        shape, dtype = state.age.shape, state.age.dtype
+        constants, value = self._of(state.own, shape), reading.glucose_mg_dl
+        if self.drift:
+            samples = state.age if self.calibrated is None else jnp.fmod(state.age, float(self.calibrated))
+            value = constants.altered(value, samples * (self.sample_time_min / MIN_PER_DAY))
+        if state.points is not None:
+            value = value + self._error(state.points, state.since)
+        ready = state.age >= self.warm_up
+        told = Reading(glucose_mg_dl=jnp.where(ready, value, jnp.nan), valid=reading.valid & ready)
+
+        # and on to the next sample
+        age, own, spare, points, since = state.age + 1.0, state.own, state.spare, state.points, state.since
+        new = age >= self.wear
+        if self.model.spread is not None:
+            found, taken = candidate(self.model.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
+            spare = _where(taken, found, spare)
+            own = _where(new, spare, own)
+        if points is not None:
+            normal = self._normal(noise_key, max(2, self._most_steps), shape, dtype)
+            later, since = self._advanced(constants, points, since, normal)
+            points = jnp.where(new, self._of(own, shape).begin(normal[:2]), later)
+        age = jnp.where(new, 0.0, age)
+        return _State(inner=inner, age=age, own=own, spare=spare, points=points, since=since), told
+
+    @property
+    def _between(self) -> bool:
+        """Whether samples lie between the points of the noise."""
+        return self.noise and self.steps.of_tick > 1
+
+    @property
+    def _most_steps(self) -> int:
+        """Largest number of steps of the noise from one sample to the next."""
+        return -(-self.steps.ahead // self.steps.of_tick)
+
+    def _of(self, own: Constants | None, shape: tuple[int, ...]) -> Constants:
+        """Constants of the sensor, or of all of them with axes for people."""
+        if own is not None:
+            return own
+        alike: Constants = jax.tree.map(lambda c: c.reshape(-1, *[1] * len(shape)), constants_of(self.model))
+        return alike
+
+    def _normal(self, key: jax.Array, points: int, shape: tuple[int, ...], dtype: Any) -> jax.Array:
+        processes = 1 if self.model.spread is not None else len(self.model.processes)
+        return jax.random.normal(key, (points, processes, *shape), dtype)
+
+    def _error(self, points: jax.Array, since: jax.Array | None) -> jax.Array:
+        """Noise of a sample, on the line between two points."""
+        total = points.sum(axis=1)
+        if self.model.shape is not None:
+            total = self.model.shape(total)
+        if since is None:
+            return total[1]
+        share = since / self.steps.of_tick
+        return (1.0 - share) * total[0] + share * total[1]
+
+    def _advanced(
+        self, constants: Constants, points: jax.Array, since: jax.Array | None, normal: jax.Array
+    ) -> tuple[jax.Array, jax.Array | None]:
+        """Points around the next sample, of normal numbers ``(steps, processes, ...)``."""
+        if since is None:
+            for numbers in normal[: self.steps.ahead]:
+                points = constants.advance(points, numbers)
+            return points, None
+        since = since + self.steps.ahead
+        for numbers in normal[: self._most_steps]:
+            beyond = since > self.steps.of_tick
+            points = jnp.where(beyond, constants.advance(points, numbers), points)
+            since = jnp.where(beyond, since - self.steps.of_tick, since)
+        return points, since
+
+
+def _where(condition: jax.Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
+
+
+@checked
+def monitor(
+    model: ErrorModel,
+    lag_min: float | None = None,
+    noise: bool = True,
+    drift: bool = True,
+    display: bool = True,
+    warm_up_min: float = 120.0,
+    wear_min: float = 14_400.0,
+    worn_min: float | None = None,
+    inner: Sensor | None = None,
+    *,
+    site: str | None = None,
+    sample_time_min: float = 5.0,
+) -> Sensor:
+    """A continuous glucose monitor, from the tissue to the display.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        Errors of the sensor, such as `DEXCOM_G6`.
+    lag_min : float, optional
+        Lag of glucose at the sensor; by default that of the model, and none where `site` is interstitial.
+    noise, drift, display : bool
+        Whether it has noise, the error of calibration (gain and offset over the days), and the range, the step and the
+        5 min of a display, see `glucoloop.sensors.cgm.display`.
+    warm_up_min : float
+        Time after an insertion without readings: they are not a number, and not valid.
+    wear_min : float
+        Time from one insertion to the next, rounded up to samples. The new sensor has its own errors.
+    worn_min : float, optional
+        Time since the insertion at the start; by default drawn for each person, evenly from the warm-up to the end of
+        the wear. At 0 a run begins with the warm-up.
+    inner : Sensor, optional
+        Sensor whose reading is altered, an ideal one by default.
+
+    Raises
+    ------
+    ValueError
+        For a setting beyond its bounds, a wear beyond the days for which the model holds, or settings at odds with one
+        another.
+    """
+    MonitorPart(lag_min, noise, drift, display, warm_up_min, wear_min, worn_min)
+    if drift and wear_min > model.longest_wear_min:
+        raise Refusal(
+            f"wear_min is {wear_min:g} min, but the drift of this sensor is known for "
+            f"{model.longest_wear_min / MIN_PER_DAY:g} days; give up to {model.longest_wear_min:g} min, or drift=false"
+        )
+    checked_sample_time(sample_time_min)
+
+    def samples(minutes: float) -> int:
+        return math.ceil(minutes / sample_time_min - 1e-9)
+
+    wear, calibrated = max(samples(wear_min), samples(warm_up_min) + 1), model.calibrated_every_min
+    worn = None if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
+    sensor: Sensor = Monitor(
+        inner=or_ideal(inner),
+        model=model,
+        sample_time_min=sample_time_min,
+        steps=Ticks.seen(sample_time_min, model.step_min),
+        warm_up=samples(warm_up_min),
+        wear=wear,
+        worn=worn,
+        calibrated=samples(calibrated) if math.isfinite(calibrated) else None,
+        noise=noise,
+        drift=drift,
+    )
+    if display:
+        sensor = shown_by(inner=sensor, sample_time_min=sample_time_min)
+    behind = lag_min if lag_min is not None else 0.0 if site == _INTERSTITIAL else model.lag_min
+    return lag(behind, sensor, sample_time_min=sample_time_min) if behind else sensor
