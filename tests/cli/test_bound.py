@@ -72,7 +72,7 @@ def test_noise_on_several_meals_is_told_to_be_left_out(glucoloop):
     [
         (
             ["--known-after", "soon"],
-            "--known-after is 'soon'; give a number from -527040 to 527040 min, or a time with its unit",
+            "--known-after is 'soon'; give a number from -527040 to 527040 min, or one in h, s or d.",
         ),
         (["--known-after", "nan"], "--known-after is nan min; give a number from"),
         (["--objective", "glory"], "--objective is 'glory'; give deviation, undershoot, peak or sse."),

@@ -202,13 +202,16 @@ class TestStudy:
             found(asked, progress=lambda done: None)
 
 
+_VOID = "meta", "br", "img", "input"  # tags of HTML that are never closed
+
+
 class _Tags(HTMLParser):
     def __init__(self):
         super().__init__()
         self.open, self.ids, self.used = [], [], set()
 
     def handle_starttag(self, tag, attrs):
-        if tag not in ("meta", "br", "img"):
+        if tag not in _VOID:
             self.open.append(tag)
         for name, value in attrs:
             if name == "id":
@@ -220,7 +223,7 @@ class _Tags(HTMLParser):
 
     def handle_startendtag(self, tag, attrs):
         self.handle_starttag(tag, attrs)
-        if tag not in ("meta", "br", "img"):
+        if tag not in _VOID:
             self.open.pop()
 
     def handle_endtag(self, tag):
