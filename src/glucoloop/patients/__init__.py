@@ -1,5 +1,6 @@
 """Virtual patients, by family."""
 
+from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import PatientModel, patient
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.population import (
@@ -13,15 +14,18 @@ from glucoloop.patients.population import (
 )
 from glucoloop.patients.protocol import Inputs, Patient, SemilinearPatient
 from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient, at_basal, at_setpoint
+from glucoloop.patients.table import PeopleTable
 from glucoloop.patients.variation import Variation
 
 __all__ = [
     "OPERATING_POINTS",
     "Draw",
     "Inputs",
+    "JointVariation",
     "OdePatient",
     "Patient",
     "PatientModel",
+    "PeopleTable",
     "Population",
     "SemilinearPatient",
     "SorensenPatient",

@@ -1,8 +1,9 @@
 """Virtual people around the nominal patient.
 
-A population is a table of what varies. Person i of seed s is a function of the two numbers and the table alone: each
-parameter has random numbers of its own, by its name, so that one more line in the table leaves the others as they are.
-The basal rate of a person is found in chunks of one size, whoever else is drawn, so that it too is the same to the bit.
+A population says how people differ: parameters that vary independently or jointly, and a table of named people. Person
+i of seed s is a function of the two numbers and the population alone: each parameter has random numbers of its own, by
+its name, so that one more line leaves the others as they are. The basal rate of a person is found in chunks of one
+size, whoever else is drawn, so that it too is the same to the bit.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,33 +19,43 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
+from glucoloop.meals.protocol import Eaten
 from glucoloop.parts.patients import NOMINAL
 from glucoloop.patients.capabilities import rest_at
+from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient, patient_model
 from glucoloop.patients.protocol import Patient
+from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
+from glucoloop.profile import Profile
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 
 MOST_VARIATIONS: Final = 100
+_DIGITS: Final = 11
 _CHUNK: Final = 1024
+_WEIGHT: Final = "weight_kg"
+P = TypeVar("P", bound=Patient | Profile)
 
 
 @dataclass(frozen=True)
 class Population:
-    """The parameters that vary between people, each independently, around the nominal patient.
+    """Differences between people around the nominal patient.
 
     Raises
     ------
     ValueError
-        For a parameter that is unknown or given twice, or a table that can make an impossible person.
+        For a parameter that is unknown or given twice, or values that can make an impossible person.
     """
 
     name: str
-    variations: tuple[Variation, ...] = ()
+    variations: tuple[Variation | JointVariation, ...] = ()
+    """Parameters that vary, each independently, or several jointly."""
     summary: str = ""
     patient: str = "parker-1999"
     """Name of the nominal patient."""
+    table: PeopleTable | None = None
+    """Named people, with the parameters that the table has."""
 
     def __post_init__(self) -> None:
         if not self.name.strip():
@@ -53,17 +64,95 @@ class Population:
             raise Refusal(f"{len(self.variations)} variations are too many; give at most {MOST_VARIATIONS}")
         model = patient_model(self.patient)
         seen: set[str] = set()
+        for parameter in self.parameters:
+            model.refuse_unknown(parameter)
+            if parameter in seen:
+                raise Refusal(f"{parameter} is varied twice; leave one out")
+            seen.add(parameter)
+        drawn = self._drawn()
+        if self.table is None:
+            model.refuse(drawn)
+            return
+        for row, name in enumerate(self.table.names):
+            try:
+                model.refuse({**drawn, **self.table.only(row).distributions()})
+            except Refusal as error:
+                raise Refusal(f"person {name!r}: {error}") from None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters in which people differ, in their order."""
+        found: list[str] = []
         for variation in self.variations:
-            model.refuse_unknown(variation.parameter)
-            if variation.parameter in seen:
-                raise Refusal(f"{variation.parameter} is varied twice; leave one out")
-            seen.add(variation.parameter)
-        model.refuse(self.distributions())
+            found += variation.parameters if isinstance(variation, JointVariation) else [variation.parameter]
+        return (*found, *(() if self.table is None else self.table.values))
+
+    def _drawn(self) -> dict[str, Distribution]:
+        nominal = patient_model(self.patient).nominal
+        found: dict[str, Distribution] = {}
+        for variation in self.variations:
+            if isinstance(variation, JointVariation):
+                found |= variation.distributions(nominal)
+            else:
+                found[variation.parameter] = variation.around(nominal[variation.parameter])
+        return found
 
     def distributions(self) -> dict[str, Distribution]:
-        """Distribution of each varied parameter, in the order of the table."""
+        """Distribution of each parameter by itself, in their order; of a table the range of its values."""
+        return {**self._drawn(), **({} if self.table is None else self.table.distributions())}
+
+    def values(self, seed: int, person: npt.NDArray[np.int64]) -> dict[str, Values]:
+        """Value ``(n,)`` of each parameter for persons by their numbers."""
         nominal = patient_model(self.patient).nominal
-        return {v.parameter: v.around(nominal[v.parameter]) for v in self.variations}
+        found: dict[str, Values] = {}
+        for variation in self.variations:
+            if isinstance(variation, JointVariation):
+                found |= variation.values(nominal, seed, person)
+            else:
+                name = variation.parameter
+                found[name] = variation.around(nominal[name]).values(uniforms(seed, f"parameter {name}", person))
+        if self.table is not None:
+            rows = self.table.rows(seed, person)
+            found |= {name: np.asarray(values, float)[rows] for name, values in self.table.values.items()}
+        return found
+
+    @property
+    def most_people(self) -> int | None:
+        """Number of people that there are, where each is drawn once; None for any number."""
+        return None if self.table is None or self.table.draws == REPLACED else len(self.table.names)
+
+    def refuse_beyond(self, last: int) -> None:
+        """Refuse the number of a person whom the population does not have."""
+        if self.table is not None:
+            try:
+                self.table.refuse_beyond(last)
+            except Refusal as error:
+                raise Refusal(f"population {self.name}: {error}".replace("'NAME,", f"'{self.name},")) from None
+
+    def drawn_as(self, draws: str) -> Population:
+        """The same people, drawn ``"once"`` each or ``"with-replacement"``; Refusal without a table of people."""
+        if self.table is None:
+            raise Refusal(f"the population {self.name} has no table of people, and is drawn anew; leave draw out")
+        return replace(self, table=replace(self.table, draws=draws))
+
+    def alone(self, person: str, seed: int = 0) -> Population:
+        """One person, whoever is drawn: of the table by name, else the person of a number and a seed."""
+        if self.table is None:
+            if not (person.isascii() and person.isdecimal() and len(person) < _DIGITS):
+                raise Refusal(f"the people of {self.name} have no names; give a number from 0, like person=17")
+            number = checked_people([int(person)])
+            row = 0
+            table = PeopleTable(names=(person,), values={name: (float(v[0]),) for name, v in self.values(seed, number).items()})
+        else:
+            table, row = self.table, self.table.row(person)
+            if self.variations:
+                number = np.array([row])
+                drawn = replace(self, table=None).values(seed, number)
+                table = replace(table.only(row), values={**{k: (float(v[0]),) for k, v in drawn.items()}, **table.only(row).values})
+                row = 0
+        alone = table.only(row)
+        summary = f"person {alone.names[0]} of {self.name}" + ("" if self.table is not None else f", seed {seed}")
+        return Population(alone.names[0], (), summary, self.patient, alone)
 
 
 def populations_of(patient: str) -> dict[str, Population]:
@@ -102,13 +191,8 @@ def draw(population: Population, seed: int, person: npt.ArrayLike) -> Draw:
     """Draw the varied parameters of given persons of a population; arguments and errors as for `virtual_people`."""
     people = checked_people(person)
     checked_counter("seed", seed)
-    return Draw(
-        person=people,
-        values={
-            name: distribution.values(uniforms(seed, f"parameter {name}", people))
-            for name, distribution in population.distributions().items()
-        },
-    )
+    population.refuse_beyond(int(people.max(initial=-1)))
+    return Draw(person=people, values=population.values(seed, people))
 
 
 @dataclass(frozen=True)
@@ -126,6 +210,8 @@ class VirtualPeople:
     """``(states, n)`` state at rest under the basal rate; NaN where there is none."""
     feasible: npt.NDArray[np.bool_]
     """``(n,)`` whether a basal rate exists."""
+    profile: Profile
+    """``(n,)`` what is known of the people by those who dose insulin."""
 
     def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
         """The people at the given places, in their order; places may repeat."""
@@ -136,12 +222,13 @@ class VirtualPeople:
             basal_insulin_mU_min=self.basal_insulin_mU_min[place],
             rest=self.rest[:, place],
             feasible=self.feasible[place],
+            profile=of_people(self.profile, place),
         )
 
 
-def of_people(patient: Patient, place: Any) -> Patient:
-    """Constants of people at the given places, or of one person; shared constants are unchanged."""
-    some: Patient = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, patient)
+def of_people(of_all: P, place: Any) -> P:
+    """Patient or profile of the people at the given places, or of one person; what all share is unchanged."""
+    some: P = jax.tree.map(lambda leaf: leaf[place] if jnp.ndim(leaf) else leaf, of_all)
     return some
 
 
@@ -186,7 +273,39 @@ def virtual_people(
         basal_insulin_mU_min=basal,
         rest=rest,
         feasible=np.isfinite(basal),
+        profile=_profile(population, seed, drawn, basal, setpoint_mg_dl),
     )
+
+
+def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setpoint_mg_dl: float) -> Profile:
+    """Profile ``(n,)`` of people: what their table has, and where it has nothing, how they rest and what they weigh."""
+    found: dict[str, Values] = {"basal_mU_min": basal, "setpoint_mg_dl": np.full(basal.shape, setpoint_mg_dl)}
+    weight = drawn.values.get(_WEIGHT, patient_model(population.patient).nominal.get(_WEIGHT))
+    if weight is not None:
+        found[_WEIGHT] = np.broadcast_to(weight, basal.shape)
+    if population.table is not None:
+        rows = population.table.rows(seed, drawn.person)
+        for name, known in population.table.profile.items():
+            values = np.array([np.nan if value is None else value for value in known])[rows]
+            found[name] = np.where(np.isnan(values), found.get(name, np.nan), values)
+    return Profile(**found)
+
+
+def meals_of_tables(population: Population, seed: int, person: npt.ArrayLike) -> Eaten | None:
+    """The own day of persons by their numbers, ``(meals, n)``; None for a population without a table of meals.
+
+    People who eat less often than others have meals of 0 g, which count as none.
+    """
+    table = population.table
+    if table is None or not table.meals:
+        return None
+    most = max(map(len, table.meals))
+    each = np.zeros((3, most, len(table.names)))
+    for row, meals in enumerate(table.meals):
+        for at, meal in enumerate(meals):
+            each[:, at, row] = meal.t_min, meal.carbs_g, meal.eating_min
+    t_min, carbs_g, eating_min = each[:, :, table.rows(seed, checked_people(person))]
+    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
 
 
 @functools.cache

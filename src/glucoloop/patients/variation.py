@@ -9,6 +9,7 @@ value.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -124,6 +125,18 @@ class Distribution:
     lower: float
     upper: float
 
+    @property
+    def in_words(self) -> str:
+        """The values that are possible, after the name of the parameter."""
+        one = self.lower == self.upper
+        return f"is {self.lower:g}" if one else f"can vary from {self.lower:g} to {self.upper:g}"
+
+    @property
+    def mend(self) -> str:
+        """Remedy for a value that is not possible."""
+        one = self.lower == self.upper
+        return "give another value" if one else "narrow its spread, or give lower and upper"
+
     def values(self, uniform: Values) -> Values:
         """Values ``(n,)`` for uniform numbers ``(n,)`` between 0 and 1: the inverse of the distribution function."""
         if self.kind == "uniform":
@@ -145,3 +158,10 @@ class Distribution:
         if self.kind == "lognormal":
             return math.log(value / self.centre) / self.scale
         return (value - self.centre) / self.scale
+
+
+def refuse_not_positive(varied: Mapping[str, Distribution]) -> None:
+    """Refuse distributions of parameters that have to stay above 0."""
+    for name, distribution in varied.items():
+        if not distribution.lower > 0.0:
+            raise Refusal(f"{name} {distribution.in_words} but must stay above 0; {distribution.mend}")

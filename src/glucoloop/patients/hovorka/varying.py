@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from glucoloop.patients.hovorka.equations import HovorkaConstants
 from glucoloop.patients.provenance import Constant
-from glucoloop.patients.variation import Distribution
+from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 
 LEAST_OF_MEAN: Final = 0.1
@@ -72,12 +72,7 @@ def refuse_impossible(person: HovorkaConstants, varied: Mapping[str, Distributio
     A constant must stay above 0, the kidney must not excrete glucose while the uptake is reduced for lack of it, and
     absorption is varied by its time or by its rate.
     """
-    for name, distribution in varied.items():
-        if not distribution.lower > 0.0:
-            raise Refusal(
-                f"{name} can vary from {distribution.lower:g} to {distribution.upper:g} but must stay above 0; "
-                "narrow its spread, or give lower and upper"
-            )
+    refuse_not_positive(varied)
     if ABSORPTION_TIME in varied and ABSORPTION_RATE in varied:
         raise Refusal(f"{ABSORPTION_RATE} is 1 / {ABSORPTION_TIME}; vary one of the two")
     threshold = getattr(person, UPTAKE_THRESHOLD, None)

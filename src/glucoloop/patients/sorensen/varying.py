@@ -125,8 +125,7 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
         if not (lowest < distribution.lower and distribution.upper < highest):
             bound = f"above {lowest:g}" + (f" and below {highest:g}" if math.isfinite(highest) else "")
             raise Refusal(
-                f"{name} can vary from {distribution.lower:g} to {distribution.upper:g} but must stay {bound}; "
-                "narrow its spread, or give lower and upper"
+                f"{name} {distribution.in_words} but must stay {bound}; {distribution.mend}"
             )
     _refuse_no_clearance(varied)
     for effect in (*_EFFECTS, "excretion"):

@@ -1,0 +1,93 @@
+"""A person's profile: what whoever doses insulin knows of the person.
+
+It stands below patients and controllers, so that a population can hold it and a controller can ask for it without
+knowing a patient.
+
+References
+----------
+J. Walsh, R. Roberts, T. Bailey, "Guidelines for optimal bolus calculator settings in adults", J. Diabetes Sci. Technol.
+5(1), 2011, 129-135 (the rules of 500 and 1800 and their variants).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.units import MIN_PER_DAY, MU_PER_U
+
+CARB_RULE: Final = 500.0
+"""Carbohydrate [g] that 1 U covers, times the total daily dose [U]; 450 to 500 are in use."""
+CORRECTION_RULE: Final = 1800.0
+"""Fall of glucose [mg/dl] by 1 U, times the total daily dose [U]; 1700 to 1960 are in use."""
+BASAL_SHARE: Final = 0.5
+"""Part of the total daily dose that is the basal rate."""
+_LEAST_DAILY_BASAL_U: Final = 0.5
+"""Least daily basal dose that the rules take, so that a person without a basal rate has finite numbers."""
+
+
+@pytree
+class Profile:
+    """Profile of one person, or of people ``(people,)``; None is known of nobody, and NaN is not known of the person.
+
+    The basal rate and the setpoint are always known: where no table gives them, they are those at which the person
+    rests.
+    """
+
+    basal_mU_min: Any
+    setpoint_mg_dl: Any
+    carb_ratio_g_U: Any = None
+    """Carbohydrate that 1 U covers."""
+    correction_mg_dl_U: Any = None
+    """Fall of glucose by 1 U."""
+    weight_kg: Any = None
+    total_daily_dose_U: Any = None
+
+    def daily_dose_U(self) -> jax.Array:
+        """Total daily dose; where it is not known, twice the daily basal dose."""
+        basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
+        by_basal = jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
+        return _known(self.total_daily_dose_U, by_basal)
+
+    def carb_ratio(self) -> jax.Array:
+        """Carbohydrate that 1 U covers [g/U]; where it is not known, by the rule of 500."""
+        return _known(self.carb_ratio_g_U, CARB_RULE / self.daily_dose_U())
+
+    def correction_factor(self) -> jax.Array:
+        """Fall of glucose by 1 U [mg/dl/U]; where it is not known, by the rule of 1800."""
+        return _known(self.correction_mg_dl_U, CORRECTION_RULE / self.daily_dose_U())
+
+    def like(self, other: Profile) -> Profile:
+        """The same profile of one person with the fields that another one has: those that lack are not known."""
+        lacking = {
+            field.name: jnp.nan
+            for field in dataclasses.fields(other)
+            if getattr(self, field.name) is None and getattr(other, field.name) is not None
+        }
+        return dataclasses.replace(self, **lacking)
+
+    def by_name(self) -> dict[str, Any]:
+        """The fields that are known of anybody, by name."""
+        return {field.name: value for field in dataclasses.fields(self) if (value := getattr(self, field.name)) is not None}
+
+
+def _known(value: Any, otherwise: jax.Array) -> jax.Array:
+    """A value where it is known, and another one elsewhere."""
+    return otherwise if value is None else jnp.where(jnp.isnan(value), otherwise, value)
+
+
+def given_profile(controller: Any, profile: Profile) -> Any:
+    """A controller for a person, or for people, with a profile.
+
+    A controller that doses by the profile has a method ``with_profile``, and one that only holds the basal rate
+    ``with_basal``; others take the rate from the pump when they start, and are returned unchanged.
+    """
+    if hasattr(controller, "with_profile"):
+        return controller.with_profile(profile)
+    if hasattr(controller, "with_basal"):
+        return controller.with_basal(jnp.asarray(profile.basal_mU_min))
+    return controller
