@@ -214,6 +214,18 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
     pulse_mU_min = 14.5
 
 
+class Kanderian2009Part(PatientPart, name="kanderian-2009"):
+    """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; insulin under the skin."""
+
+    model = "glucoloop.patients.kanderian.patient:KANDERIAN_2009_MODEL"
+    operating_points = (OperatingPoint("fasting-120", "person 1, held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),)
+    populations: ClassVar = {"kanderian2009": "the ten people of Kanderian et al. (2009), by name 1 to 10"}
+    insulin_route = SUBCUTANEOUS
+    max_change_mU_min = 100.0
+    max_insulin_mU_min = 150.0
+    pulse_mU_min = 20.0
+
+
 class _Patients(Catalogue[PatientPart]):
     """The patients; one that is named by its operating point is refused with the mend."""
 
@@ -229,7 +241,7 @@ class _Patients(Catalogue[PatientPart]):
 
 PATIENTS: Final = _Patients(
     PatientPart,
-    (Parker1999Part, Hovorka2004Part, Wilinska2010Part),
+    (Parker1999Part, Hovorka2004Part, Wilinska2010Part, Kanderian2009Part),
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

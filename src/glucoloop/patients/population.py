@@ -136,23 +136,19 @@ class Population:
         return replace(self, table=replace(self.table, draws=draws))
 
     def alone(self, person: str, seed: int = 0) -> Population:
-        """One person, whoever is drawn: of the table by name, else the person of a number and a seed."""
-        if self.table is None:
-            if not (person.isascii() and person.isdecimal() and len(person) < _DIGITS):
-                raise Refusal(f"the people of {self.name} have no names; give a number from 0, like person=17")
-            number = checked_people([int(person)])
-            row = 0
-            table = PeopleTable(names=(person,), values={name: (float(v[0]),) for name, v in self.values(seed, number).items()})
+        """One person, whoever is drawn: of the table by name, else the one of a number, whom the seed draws."""
+        if self.table is not None:
+            number = self.table.row(person)
+            one = self.table.only(number)
+        elif person.isascii() and person.isdecimal() and len(person) < _DIGITS:
+            number, one = int(person), PeopleTable(names=(person,), draws=REPLACED)
         else:
-            table, row = self.table, self.table.row(person)
-            if self.variations:
-                number = np.array([row])
-                drawn = replace(self, table=None).values(seed, number)
-                table = replace(table.only(row), values={**{k: (float(v[0]),) for k, v in drawn.items()}, **table.only(row).values})
-                row = 0
-        alone = table.only(row)
-        summary = f"person {alone.names[0]} of {self.name}" + ("" if self.table is not None else f", seed {seed}")
-        return Population(alone.names[0], (), summary, self.patient, alone)
+            raise Refusal(f"the people of {self.name} have no names; give a number from 0, like person=17")
+        drawn = replace(self, table=None).values(seed, checked_people([number]))
+        own = {name: (float(values[0]),) for name, values in drawn.items()}
+        one = replace(one, values={**own, **one.values})
+        who = f"person {one.names[0]} of {self.name}"
+        return Population(who, (), f"of seed {seed}" if own else self.summary, self.patient, one)
 
 
 def populations_of(patient: str) -> dict[str, Population]:

@@ -1,0 +1,1 @@
+"""Published people, one set in a file."""
