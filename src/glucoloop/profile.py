@@ -62,17 +62,15 @@ class Profile:
         return _known(self.correction_mg_dl_U, CORRECTION_RULE / self.daily_dose_U())
 
     def like(self, other: Profile) -> Profile:
-        """The same profile of one person with the fields that another one has: those that lack are not known."""
-        lacking = {
-            field.name: jnp.nan
-            for field in dataclasses.fields(other)
-            if getattr(self, field.name) is None and getattr(other, field.name) is not None
-        }
-        return dataclasses.replace(self, **lacking)
+        """The same profile of one person with just the fields that another one has; NaN where they are not known."""
+        own = {name: getattr(self, name) for name in other.by_name()}
+        return Profile(**{name: jnp.nan if value is None else value for name, value in own.items()})
 
     def by_name(self) -> dict[str, Any]:
         """The fields that are known of anybody, by name."""
-        return {field.name: value for field in dataclasses.fields(self) if (value := getattr(self, field.name)) is not None}
+        return {
+            field.name: value for field in dataclasses.fields(self) if (value := getattr(self, field.name)) is not None
+        }
 
 
 def _known(value: Any, otherwise: jax.Array) -> jax.Array:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import Trial, fingerprint
+from glucoloop.cohorts.trial import Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_basal_of_each
+from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
@@ -138,13 +138,13 @@ def loop_of(
 ) -> PeopleLoop:
     """The loop of a controller in the situation of a trial: that of its cells, and of searches and tests of people.
 
-    Meals and arithmetic are those of the trial, and each person has an individual basal rate, unless `others` say
-    otherwise; `example` is the first person by default. See `PeopleLoop`.
+    Meals and arithmetic are those of the trial, and each person brings an own profile, unless `others` say otherwise;
+    `example` is the first person by default. See `PeopleLoop`.
     """
     usual = {
         "meals": None if trial.plan.varies else eaten(trial.plan.nominal()),
         "own_announcements": trial.miscounts,
-        "controllers_of": with_basal_of_each(controller),
+        "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
     }
@@ -196,6 +196,7 @@ def run_people(
             feasible=feasible,
             drawn={name: column[:n] for name, column in drawn.draw.values.items()},
             basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
+            profile={name: np.asarray(drawn.profile.by_name()[name])[:n] for name in profile_columns(trial)},
             metrics=values,
             glucose_counts=count(_of(glucose, known), glucose_edges()),
             insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
@@ -217,7 +218,7 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     drawn, meals = people_of(trial, number), draw_meals(trial.plan, trial.seed, number)
     counted = announced_to(trial, meals, number)
     columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted is None else counted
-    controller = of_case.controller
+    controller = of_case.loop.controller
     if of_case.loop.controllers_of is not None:
         individual = of_case.loop.controllers_of(drawn)
         varies = varying(individual, controller)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ class PeopleRows:
     """(n,) values of each metric by its name in `parts.metrics`; NaN for people without a basal rate."""
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
+    profile: Mapping[str, Floats] = field(default_factory=dict)
+    """(n,) what is known of the people beside how they rest, by `cohorts.trial.profile_columns`."""
 
     @property
     def below_validity(self) -> npt.NDArray[np.bool_]:

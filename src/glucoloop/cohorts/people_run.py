@@ -12,7 +12,7 @@ import numpy.typing as npt
 from glucoloop.arguments import checked, on_host
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
-from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
+from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
@@ -124,7 +124,7 @@ def simulate_people(
         fold,
         meals=scenario.eaten(),
         own_announcements=announced_otherwise,
-        controllers_of=with_basal_of_each(controller),
+        controllers_of=with_profile_of_each(controller),
         surroundings=Surroundings(
             sensor=IdealSensor() if sensor is None else sensor, pump=LimitedPump(limits=usual) if pump is None else pump
         ),

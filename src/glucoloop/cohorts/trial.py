@@ -7,6 +7,7 @@ import functools
 import hashlib
 import json
 import math
+import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from glucoloop.patients.population import Population
     from glucoloop.simulation.plant import SampleGrid
 
+TITRATED: Final = ("carb_ratio_g_U", "correction_mg_dl_U")
+"""Fields of a profile that a titration gives."""
 FORMAT: Final = 5
 """Version of the file format of a trial; a folder with another one is not resumed."""
 SHARD_PATIENT_DAYS: Final = 16_384
@@ -75,8 +78,9 @@ class Trial(ControlledSituation):
     population: Annotated[
         Any,
         _people(
-            "Population, see `glucoloop list` with the patient's name; or a table of your own in a file.",
-            metavar="NAME|FILE.toml",
+            "Population, see `glucoloop list` with the patient's name; or a table of your own in a file. With ', "
+            "draw=with-replacement' people with names are drawn by the seed.",
+            metavar="NAME|FILE",
             default="the first of the patient's",
         ),
     ] = None
@@ -154,7 +158,7 @@ class Trial(ControlledSituation):
 
         super().__post_init__()
         resolved = {
-            "population": population_of(self.population, self.patient.called),
+            "population": self._resolved_population(),
             "meals": same_meals(self.meals),
         }
         for name, value in resolved.items():
@@ -167,10 +171,32 @@ class Trial(ControlledSituation):
             object.__setattr__(self, "shard_people", size)
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The trial with everything that is usual; days that were given take the place of a usual length."""
+        """The trial with everything that is usual.
+
+        Days that were given take the place of a usual length, and of a table of people all who are in it are usual.
+        """
+        usual = dict(usual or {})
         if self.given.get("days") is not None and "duration_min" not in self.given:
-            usual = {**(usual or {}), "duration_min": Default(None)}
+            usual["duration_min"] = Default(None)
+        if "people" not in self.given:
+            most = self._resolved_population().most_people
+            if most is not None:
+                number = usual.get("people", type(self).settings()["people"].default).noise_free
+                usual["people"] = Default(max(1, min(number, most - self.first_person)))
         return super().completed(usual, noisy=noisy)
+
+    def _resolved_population(self) -> Population:
+        """Population of the trial: that of the one person of its patient, the one that is given, or the usual one."""
+        from glucoloop.patients.population import Population
+
+        if self.patient.person is not None and not isinstance(self.population, Population):
+            if self.population is not None:
+                raise Refusal(
+                    f"the patient is one person, {self.patient.person!r}, and a population is given too; leave one "
+                    "out, or name the person of that population, like person=people.csv:anna"
+                )
+            return typing.cast(Population, self.one_person)
+        return population_of(self.population, self.patient.called)
 
     def _refuse_impossible(self) -> None:
         if self.days is not None and self.duration_min is not None:
@@ -183,6 +209,7 @@ class Trial(ControlledSituation):
                 f"the population {self.population.name} is one of {self.population.patient}, but the patient is "
                 f"{self.patient.called}; give a population of {self.patient.called}"
             )
+        self.population.refuse_beyond(self.first_person + self.people - 1)
         if not isinstance(self.traces, str) and self.traces > self.people:
             raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
@@ -309,6 +336,13 @@ def population_of(given: object, patient: str) -> Population:
     if isinstance(given, str):
         return named_population(given, patient)
     raise Refusal(f"population is {given!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+
+
+def profile_columns(trial: Trial) -> tuple[str, ...]:
+    """Fields of people's profiles that a trial tells: those of its table of people, and those that are titrated."""
+    table = trial.population.table
+    known = () if table is None else tuple(table.profile)
+    return tuple(dict.fromkeys((*known, *(TITRATED if trial.profile_by == "titration" else ()))))
 
 
 def plain(trial: Trial) -> dict[str, Any]:

@@ -8,14 +8,14 @@ References
 ----------
 H. Zisser, L. Robinson, W. Bevier, E. Dassau, C. Ellingsen, F. J. Doyle III, L. Jovanovic, "Bolus calculator: a review
 of four 'smart' insulin pumps", Diabetes Technol. Ther. 10(6), 2008, 441-444.
-J. Walsh, R. Roberts, T. Bailey, "Guidelines for optimal bolus calculator settings in adults", J. Diabetes Sci. Technol.
-5(1), 2011, 129-135 (the rules of 500 and 1800 and their variants).
+The rules of 500 and 1800 are those of `glucoloop.profile`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 import jax
@@ -29,16 +29,11 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import BasalBolusSettings
 from glucoloop.control.tuning import check_rate, check_sample_time
 from glucoloop.plausible import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
+from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.units import MIN_PER_DAY, MU_PER_U
+from glucoloop.units import MU_PER_U
 
-CARB_RULE: Final = 500.0
-"""Carbohydrate [g] that 1 U covers, times the total daily dose [U]; 450 to 500 are in use."""
-CORRECTION_RULE: Final = 1800.0
-"""Fall of glucose [mg/dl] by 1 U, times the total daily dose [U]; 1700 to 1960 are in use."""
-BASAL_SHARE: Final = 0.5
-"""Part of the total daily dose that is the basal rate."""
 _MOST_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 _LEFT: Final = 4.744
@@ -68,20 +63,37 @@ class BasalBolus:
 
     basal_mU_min: jax.Array | float
     carb_ratio_g_U: jax.Array | float | None
-    """Carbohydrate that 1 U covers [g/U], or None for the rule of 500."""
+    """Carbohydrate that 1 U covers [g/U] for everybody, or None for each person's own."""
     correction_mg_dl_U: jax.Array | float | None
-    """Fall of glucose by 1 U [mg/dl/U], or None for the rule of 1800."""
+    """Fall of glucose by 1 U [mg/dl/U] for everybody, or None for each person's own."""
     insulin_on_board_min: jax.Array | float
     correction_above_mg_dl: jax.Array | float
     correction_every_min: jax.Array | float
     limits: DoseLimits
     bolus: BolusLimits
+    own_carb_ratio_g_U: jax.Array | None = None
+    """Carbohydrate that 1 U covers by the person's profile [g/U]; None for the rule of 500 from the basal rate."""
+    own_correction_mg_dl_U: jax.Array | None = None
+    """Fall of glucose by 1 U by the person's profile [mg/dl/U]; None for the rule of 1800 from the basal rate."""
     sample_time_min: float = static()
     gives_boluses: ClassVar[bool] = True
 
     def with_basal(self, insulin_mU_min: jax.Array) -> BasalBolus:
         """The same controller for a person with the given basal rate; values from a rule follow the rate."""
         return dataclasses.replace(self, basal_mU_min=insulin_mU_min)
+
+    def with_profile(self, profile: Profile) -> BasalBolus:
+        """The same controller for a person with the given profile; settings that were given stay as they are."""
+        dosed = profile.total_daily_dose_U is not None
+        ratio = dosed or profile.carb_ratio_g_U is not None
+        correction = dosed or profile.correction_mg_dl_U is not None
+        return dataclasses.replace(
+            self.with_basal(jnp.asarray(profile.basal_mU_min)),
+            own_carb_ratio_g_U=profile.carb_ratio() if ratio and self.carb_ratio_g_U is None else None,
+            own_correction_mg_dl_U=profile.correction_factor()
+            if correction and self.correction_mg_dl_U is None
+            else None,
+        )
 
     def settled(self) -> dict[str, Any]:
         """Basal rate, carb ratio and correction factor."""
@@ -93,18 +105,17 @@ class BasalBolus:
 
     def carb_ratio(self) -> jax.Array:
         """Carbohydrate that 1 U covers [g/U]."""
-        given = self.carb_ratio_g_U
-        return jnp.asarray(CARB_RULE / self._daily_dose_U() if given is None else given)
+        return self._known(self.carb_ratio_g_U, self.own_carb_ratio_g_U, Profile.carb_ratio)
 
     def correction_factor(self) -> jax.Array:
         """Fall of glucose by 1 U [mg/dl/U]."""
-        given = self.correction_mg_dl_U
-        return jnp.asarray(CORRECTION_RULE / self._daily_dose_U() if given is None else given)
+        return self._known(self.correction_mg_dl_U, self.own_correction_mg_dl_U, Profile.correction_factor)
 
-    def _daily_dose_U(self) -> jax.Array:
-        """Total daily dose, estimated from the basal rate; for a person without a basal rate it is kept above 0."""
-        basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
-        return jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
+    def _known(self, given: Any, own: Any, rule: Callable[[Profile], jax.Array]) -> jax.Array:
+        """The value that was given, else the person's own, else that of the rule from the basal rate."""
+        if given is None and own is None:
+            return rule(Profile(basal_mU_min=self.basal_mU_min, setpoint_mg_dl=jnp.nan))
+        return jnp.asarray(own if given is None else given)
 
     def init(self, observation: Observation) -> BasalBolusState:
         """State without boluses for a long time."""
@@ -150,9 +161,6 @@ class BasalBolus:
         samples = self.sample_time_min * _LEFT / self.insulin_on_board_min
         left, first = jnp.exp(-samples), state.first_mU + bolus_mU
         return first * left, (state.second_mU + first * samples) * left
-
-
-_LEAST_DAILY_BASAL_U: Final = 0.5
 
 
 @checked
@@ -257,8 +265,8 @@ def design_basal_bolus(
 
 
 def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
-    """Basal-bolus controller of the catalogue, for a patient's basal rate."""
-    return design_basal_bolus(
+    """Basal-bolus controller of the catalogue, for a patient's profile."""
+    controller = design_basal_bolus(
         case.basal_insulin_mU_min,
         case.limits,
         carb_ratio_g_U=settings.carb_ratio_g_U or None,
@@ -270,3 +278,4 @@ def design(case: DesignCase, settings: BasalBolusSettings) -> BasalBolus:
         sample_time_min=case.sample_time_min,
         allow_unusual=True,  # which is asked about where it is read
     )
+    return controller.with_profile(case.profile)

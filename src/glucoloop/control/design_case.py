@@ -11,6 +11,7 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.profile import Profile
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
 
 
@@ -40,6 +41,13 @@ class DesignCase(Protocol):
     @property
     def basal_insulin_mU_min(self) -> float:
         """The patient's basal rate."""
+
+    @property
+    def profile(self) -> Profile:
+        """What is known of the person: basal rate, setpoint, carbohydrate ratio, correction factor, weight, daily dose.
+
+        A controller that doses by it has a method ``with_profile``, by which people of a trial each bring their own.
+        """
 
     @property
     def identified(self) -> StepResponseModel:

@@ -17,6 +17,7 @@ from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, 
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
 from glucoloop.control.tuning import check_rate
 from glucoloop.parts.guard import GuardSettings
+from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.units import MIN_PER_DAY
 
@@ -76,6 +77,12 @@ class Guard:
         with_basal = getattr(self.inner, "with_basal", None)
         inner = self.inner if with_basal is None else with_basal(insulin_mU_min)
         return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
+
+    def with_profile(self, profile: Profile) -> Guard:
+        """The same guard for a person with the given profile, which the inner controller gets too if it takes it."""
+        return dataclasses.replace(
+            self, inner=given_profile(self.inner, profile), basal_mU_min=jnp.asarray(profile.basal_mU_min)
+        )
 
     def init(self, observation: Observation) -> GuardState:
         """State at rest under the basal rate; the inner controller starts from the believed part of the observation."""

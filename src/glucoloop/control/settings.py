@@ -335,19 +335,23 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
 
     design: ClassVar = "glucoloop.control.basal_bolus:design"
     uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.experiments.individual:by_basal_rate"
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
     gives_boluses: ClassVar = True
 
     carb_ratio_g_U: Annotated[
         float,
         About(
-            "Carbohydrate that 1 U covers, in g; 0: 500 over the total daily dose.", at_least=0.0, quantity=CARB_RATIO
+            "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
+            at_least=0.0,
+            quantity=CARB_RATIO,
         ),
     ] = 0.0
     correction_mg_dl_U: Annotated[
         float,
         About(
-            "Fall of glucose by 1 U, in mg/dl; 0: 1800 over the total daily dose.", at_least=0.0, quantity=CORRECTION
+            "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
+            at_least=0.0,
+            quantity=CORRECTION,
         ),
     ] = 0.0
     insulin_on_board_min: Annotated[

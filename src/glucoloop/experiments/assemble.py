@@ -14,13 +14,14 @@ import jax.numpy as jnp
 import numpy.typing as npt
 
 from glucoloop.control import Controller
-from glucoloop.experiments.designs import with_guard, with_individual_basal
+from glucoloop.experiments.designs import with_guard
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten, MealModel, Scenario
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
+from glucoloop.profile import Profile, given_profile
 from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
@@ -45,6 +46,10 @@ class AtRest(Protocol):
     @property
     def basal_insulin_mU_min(self) -> Array:
         """Rate under which each rests, ``(people,)``."""
+
+    @property
+    def profile(self) -> Profile:
+        """What is known of each by those who dose insulin, ``(people,)``."""
 
 
 ControllersOf = Callable[[Any], Controller]
@@ -82,27 +87,35 @@ def own_controllers(
 ) -> ControllersOf | None:
     """Function that makes controllers of a case for people.
 
-    They are designed for each if `individual`, and else have the basal rate of each. `controller` is that of the
+    They are designed for each if `individual`, and else have the profile of each. `controller` is that of the
     nominal patient, and `example` some of the people, which show the values that vary. None for a controller with
     nothing to adapt to a person.
     """
     if not individual:
-        return with_basal_of_each(controller)
+        return with_profile_of_each(controller)
     designed = individual_design(situation, dataclasses.replace(case, guard=None), controller, example)
     if designed is None or case.guard is None:
         return designed
 
     def with_own_guard(people: VirtualPeople) -> Controller:
         # The guard alone is given the basal rate: what is inside was designed for each person already.
-        basal = jnp.asarray(people.basal_insulin_mU_min)
+        basal = jnp.asarray(people.profile.basal_mU_min)
         return with_guard(designed(people), case.guard, situation.limits, basal)
 
     return with_own_guard
 
 
-def with_basal_of_each(controller: Controller) -> ControllersOf:
-    """Function that gives one controller the basal rate of each person."""
-    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
+def with_profile_of_each(controller: Controller) -> ControllersOf:
+    """Function that gives one controller the profile of each person."""
+    return lambda people: given_profile(controller, people.profile)
+
+
+def of_nominal_person(controller: Controller, situation: Situation, example: AtRest) -> Controller:
+    """A controller of the nominal patient in the form of those of people, whose profiles may hold more or less."""
+    if not hasattr(controller, "with_profile"):
+        return controller
+    one: Controller = given_profile(controller, situation.profile.like(example.profile))
+    return one
 
 
 class PeopleLoop:
@@ -137,6 +150,9 @@ class PeopleLoop:
         record_decisions: bool = False,
     ) -> None:
         self.controllers_of, self._example = controllers_of, example.patient
+        if controllers_of is not None:
+            controller = of_nominal_person(controller, situation, example)
+        self.controller = controller
         surroundings = surroundings_of(situation) if surroundings is None else surroundings
         self.cohort = Cohort(
             situation.nominal,

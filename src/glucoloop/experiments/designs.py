@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -24,6 +23,7 @@ from glucoloop.parts.controllers import ControllerPart
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
+from glucoloop.profile import Profile
 from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
@@ -47,6 +47,8 @@ class SituationDesignCase:
     """Dead time that the controller knows, 0 if it does not know it."""
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
     """Limits of a bolus of the pump."""
+    person: Profile | None = None
+    """Profile of the person; None for one of whom only the basal rate and the setpoint are known."""
     setpoint_mg_dl: float | None = None
     """Target of the controller, at which a model of the equations rests, or None for the patient's operating point."""
     sensor_lag_min: float = 0.0
@@ -56,6 +58,13 @@ class SituationDesignCase:
     def basal_insulin_mU_min(self) -> float:
         """The patient's basal rate."""
         return float(self.patient.basal_insulin_mU_min)
+
+    @property
+    def profile(self) -> Profile:
+        """What is known of the person by whoever doses."""
+        if self.person is not None:
+            return self.person
+        return Profile(basal_mU_min=self.basal_insulin_mU_min, setpoint_mg_dl=self.patient.setpoint_mg_dl)
 
     @property
     def identified(self) -> StepResponseModel:
@@ -113,9 +122,10 @@ def controller_of(
     model: StepResponseModel | None = None,
     *,
     model_is_late: bool = False,
+    profile: Profile | None = None,
 ) -> Controller:
     """Design the controller of a case; see `design_of` for parameters and errors."""
-    return design_of(situation, case, patient, model, model_is_late=model_is_late)(case.controller)
+    return design_of(situation, case, patient, model, model_is_late=model_is_late, profile=profile)(case.controller)
 
 
 def design_of(
@@ -125,20 +135,23 @@ def design_of(
     model: StepResponseModel | None = None,
     *,
     model_is_late: bool = False,
+    profile: Profile | None = None,
 ) -> Callable[[ControllerPart], Controller]:
     """Make the design of a case for any settings of its controller, on models that are made once.
 
-    The patient is the nominal one by default. A model is identified from the patient if the controller uses one and
-    none is given; `model_is_late` says that a given one holds the dead time already. What cannot be designed is
-    refused.
+    The patient is the nominal one by default, with its profile. A model is identified from the patient if the
+    controller uses one and none is given; `model_is_late` says that a given one holds the dead time already. What
+    cannot be designed is refused.
     """
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     if case.controller.uses_model and model is None:
         identified = nominal_model(situation, case) if patient is None else identified_model(situation, case, patient)
         model = identified.model
-    patient = situation.nominal if patient is None else patient
+    if patient is None:
+        patient, profile = situation.nominal, situation.profile if profile is None else profile
     design = SituationDesignCase(
         patient=patient,
+        person=profile,
         model=model if model is None or model_is_late else model.delayed(known_samples),
         limits=situation.limits,
         sample_time_min=situation.sample_time_min,
@@ -223,16 +236,3 @@ def with_guard(
     if basal_insulin_mU_min is None:
         return guard_of_all
     return dataclasses.replace(guard_of_all, basal_mU_min=basal_insulin_mU_min)
-
-
-def with_individual_basal(controller: Controller, basal_insulin_mU_min: npt.ArrayLike) -> Controller:
-    """A controller for people with the given basal rates.
-
-    A controller that holds the basal rate of the patient it was designed for has a method ``with_basal``, which sets
-    each person's own; other controllers take the rate from the pump when they start, and are returned unchanged.
-    """
-    with_basal = getattr(controller, "with_basal", None)
-    if with_basal is None:
-        return controller
-    individual: Controller = with_basal(jnp.asarray(basal_insulin_mU_min))
-    return individual

@@ -25,7 +25,7 @@ from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.protocol import computed_settings
 from glucoloop.estimation import filter_gain, steady_state_covariance
-from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import (
@@ -42,6 +42,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.parts.code import loaded
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.population import VirtualPeople, of_people
+from glucoloop.profile import given_profile
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.internal_model import linear_model, linear_model_at
 from glucoloop.simulation.pulse_experiment import PulseExperiment
@@ -195,11 +196,11 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     return design
 
 
-def by_basal_rate(situation: Situation, case: Case, example: VirtualPeople) -> Design:
-    """A controller that depends on a person by the basal rate alone."""
+def by_profile(situation: Situation, case: Case, example: VirtualPeople) -> Design:
+    """A controller that depends on a person by the profile alone."""
     del example
     controller = controller_of(situation, case)
-    return lambda people: with_individual_basal(controller, people.basal_insulin_mU_min)
+    return lambda people: given_profile(controller, people.profile)
 
 
 def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Design:
@@ -212,7 +213,8 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         designed: list[Any] = [None] * numbers.size
         for which in np.flatnonzero(people.feasible[first]):
             try:
-                designed[which] = controller_of(situation, case, of_people(people.patient, first[which]))
+                person, profile = of_people(people.patient, first[which]), of_people(people.profile, first[which])
+                designed[which] = controller_of(situation, case, person, profile=profile)
             except Refusal as error:
                 raise Refusal(
                     f"no {case.controller.called} can be designed for person {numbers[which]}: {error}; "
@@ -220,7 +222,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
                 ) from None
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:
-            sound = controller_of(situation, case)
+            sound = given_profile(controller_of(situation, case), situation.profile.like(people.profile))
         designed = [sound if controller is None else controller for controller in designed]
         stacked: Controller = jax.tree.map(
             lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)[..., place], *designed

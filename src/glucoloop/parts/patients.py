@@ -31,6 +31,15 @@ class OperatingPoint:
     """Settings of controllers that are usual at this point only."""
 
 
+def _person(given: object) -> str | None:
+    """Name or number of a person, as a text."""
+    if given is None or (isinstance(given, str) and given.strip()):
+        return given
+    if isinstance(given, int) and not isinstance(given, bool):
+        return str(given)
+    raise Refusal("give a name or a number, like person=3 or person=people.csv:anna")
+
+
 class PatientPart(Part):
     """Declaration of a patient.
 
@@ -79,6 +88,15 @@ class PatientPart(Part):
     operating_point: Annotated[
         str | None, About("Where the patient rests; by default at the first of the patient's operating points.")
     ] = None
+    person: Annotated[
+        Any,
+        About(
+            "One person in place of the nominal patient and of all people: by name, or by number where people have no "
+            "names, of the usual population or of another one, like people.csv:anna; people who are drawn follow the "
+            "seed.",
+            reads=_person,
+        ),
+    ] = None
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -114,7 +132,8 @@ class PatientPart(Part):
     @property
     def place(self) -> str:
         """Short name of the operating point, after the name of the patient unless it is the usual one."""
-        return self.rests_at if self.name == USUAL_PATIENT.name else f"{self.called}, {self.rests_at}"
+        where = self.rests_at if self.name == USUAL_PATIENT.name else f"{self.called}, {self.rests_at}"
+        return where if self.person is None else f"{where}, person {self.person}"
 
     @classmethod
     def point(cls, name: str) -> OperatingPoint:

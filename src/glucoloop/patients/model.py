@@ -51,6 +51,8 @@ class PatientModel:
     """Parameters that follow from others, each with these others."""
     meanings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of parameters that can vary, in words."""
+    profile: Mapping[str, float] = field(default_factory=dict)
+    """What is known of the nominal patient's profile, by the fields of `glucoloop.profile.Profile`."""
     hint: str = ""
     """List of the known parameters, for the error about an unknown one."""
     sound: Sound = _finite

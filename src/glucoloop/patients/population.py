@@ -116,6 +116,11 @@ class Population:
             found |= {name: np.asarray(values, float)[rows] for name, values in self.table.values.items()}
         return found
 
+    def names(self, seed: int, person: npt.ArrayLike) -> list[str] | None:
+        """Names of persons by their numbers; None without a table of people."""
+        table = self.table
+        return None if table is None else [table.names[row] for row in table.rows(seed, checked_people(person))]
+
     @property
     def most_people(self) -> int | None:
         """Number of people that there are, where each is drawn once; None for any number."""
@@ -271,6 +276,24 @@ def virtual_people(
         feasible=np.isfinite(basal),
         profile=_profile(population, seed, drawn, basal, setpoint_mg_dl),
     )
+
+
+def alone(population: Population, setpoint_mg_dl: float) -> tuple[Patient, Profile]:
+    """The one person of a population at a setpoint, with the profile; Refusal for a person whom no rate holds there."""
+    one = virtual_people(population, 0, [0], setpoint_mg_dl=setpoint_mg_dl)
+    person = of_people(one.patient, 0)
+    if not one.feasible[0]:
+        person.insulin_for(setpoint_mg_dl)  # its own sentence says which glucose can be held
+        raise Refusal(f"no insulin infusion holds {population.name} at {setpoint_mg_dl:g} mg/dl; give another setpoint")
+    return person, of_people(one.profile, 0)
+
+
+def nominal_profile(name: str, nominal: Patient) -> Profile:
+    """Profile of a nominal patient: how it rests, and what its model says."""
+    model = patient_model(name)
+    known = {_WEIGHT: model.nominal[_WEIGHT]} if _WEIGHT in model.nominal else {}
+    rest = {"basal_mU_min": nominal.basal_insulin_mU_min, "setpoint_mg_dl": nominal.setpoint_mg_dl}
+    return Profile(**{**rest, **known, **model.profile})
 
 
 def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setpoint_mg_dl: float) -> Profile:

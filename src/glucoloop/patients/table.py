@@ -88,7 +88,9 @@ class PeopleTable:
     def _refuse_impossible_profile(self) -> None:
         for column, known in self.profile.items():
             if column not in PROFILE_COLUMNS:
-                raise Refusal(f"unknown column {column!r} of a profile; the known ones are: {', '.join(PROFILE_COLUMNS)}")
+                raise Refusal(
+                    f"unknown column {column!r} of a profile; the known ones are: {', '.join(PROFILE_COLUMNS)}"
+                )
             for name, value in zip(self.names, known, strict=True):
                 if value is not None and not 0.0 < value < math.inf:
                     raise Refusal(f"{column} of {name!r} is {value:g}; give a finite value above 0, or leave it out")
@@ -103,6 +105,11 @@ class PeopleTable:
         from glucoloop.parts.setting import known_names
 
         raise Refusal(f"there is no person {person!r}; {known_names(person, self.names)}")
+
+    def profile_of(self, person: str) -> dict[str, float]:
+        """What is known of a person's profile."""
+        row = self.row(person)
+        return {name: value for name, known in self.profile.items() if (value := known[row]) is not None}
 
     def rows(self, seed: int, person: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Rows ``(n,)`` of persons by their numbers; Refusal for a person beyond the last row."""

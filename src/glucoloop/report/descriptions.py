@@ -266,15 +266,16 @@ def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[Fault
 # ---------------------------------------------------------------------------------------------- people
 
 
-def person_in_words(population: Population, person: Mapping[str, Any]) -> str:
-    """Basal rate of a person, who is a row of a summary, and the parameters that are farthest from the middle."""
+def person_in_words(population: Population, person: Mapping[str, Any], seed: int = 0) -> str:
+    """Name and basal rate of a person, who is a row of a summary, and the parameters farthest from the middle."""
     distributions, meanings = population.distributions(), patient_model(population.patient).meanings
     drawn: Mapping[str, float] = person["parameters"]
     spans = {name: distributions[name].upper - distributions[name].lower for name in drawn}
-    apart = {name: (value - distributions[name].centre) / spans[name] for name, value in drawn.items()}
+    apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in drawn.items()}
     basal = person["basal_insulin_mU_min"]
     per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).under_the_skin else ""
-    phrases = [f"basal rate {basal:.1f} mU/min{per_hour}"]
+    names = population.names(seed, [person["person"]]) if population.table else None
+    phrases = [f"{f'{names[0]}: ' if names else ''}basal rate {basal:.1f} mU/min{per_hour}"]
     for name in sorted(drawn, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:
         centre, way = distributions[name].centre, "above" if apart[name] > 0.0 else "below"
         far = f"{abs(drawn[name] / centre - 1.0):.0%} {way}".replace("%", " %") if centre else way

@@ -63,10 +63,10 @@ def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.nam
     for key, kind, tables in ((VARY_KEY, Variation, vary), (JOINT_KEY, JointVariation, joint)):
         for number, table in enumerate(tables, 1):
             variations.append(_read_variation(kind, f"[[{key}]] number {number}", table))
-    table = read_table(rows, patient, str(keys.get(DRAW_KEY, ONCE))) if rows else None
-    if DRAW_KEY in keys and table is None:
+    people = read_table(rows, patient, str(keys.get(DRAW_KEY, ONCE))) if rows else None
+    if DRAW_KEY in keys and people is None:
         raise Refusal(f"{DRAW_KEY} says how named people are drawn, but there is no [[{PERSON_KEY}]]; leave it out")
-    return Population(called or name, tuple(variations), summary, patient, table)
+    return Population(called or name, tuple(variations), summary, patient, people)
 
 
 def _tables(keys: Mapping[str, object], key: str) -> Sequence[Mapping[str, Any]]:
@@ -129,7 +129,9 @@ def read_table(rows: Sequence[Mapping[str, Any]], patient: str, draw: str = ONCE
             try:
                 model.refuse_unknown(column)
             except Refusal as error:
-                raise Refusal(f"column {column!r} is no part of a profile ({', '.join(PROFILE_COLUMNS)}); {error}") from None
+                raise Refusal(
+                    f"column {column!r} is no part of a profile ({', '.join(PROFILE_COLUMNS)}); {error}"
+                ) from None
             lacking = [name for name, row in zip(names, rows, strict=True) if row.get(column) is None]
             if lacking:
                 raise Refusal(f"{column} of {lacking[0]!r} is missing; give it, or leave the column out")
@@ -227,8 +229,8 @@ def _found_population(text: str, patient: str) -> Population:
     if not (people.variations or people.table):
         # a file that was cut short must not pass for the nominal patient
         raise Refusal(
-            f"{text} has no [[{VARY_KEY}]] table, no [[{JOINT_KEY}]] and no [[{PERSON_KEY}]], so all people would be the "
-            "same; add one, or name the preset nominal"
+            f"{text} has no [[{VARY_KEY}]] table, no [[{JOINT_KEY}]] and no [[{PERSON_KEY}]], so all people would be "
+            "the same; add one, or name the preset nominal"
         )
     return people
 
@@ -238,17 +240,23 @@ def _csv_rows(content: str, text: str) -> list[dict[str, Any]]:
     if len(content) > LARGEST_CHARACTERS:
         raise Refusal(f"{text} is too large for a table of people: at most {LARGEST_CHARACTERS} characters will do")
     try:
-        head, *lines = [line for line in csv.reader(io.StringIO(content), strict=True) if any(map(str.strip, line))] or [[]]
+        head, *lines = [
+            line for line in csv.reader(io.StringIO(content), strict=True) if any(map(str.strip, line))
+        ] or [[]]
     except csv.Error as error:
         raise Refusal(f"{text} is not CSV: {error}") from None
     columns = [column.strip() for column in head]
     for column in columns:
         if not column or columns.count(column) > 1:
-            raise Refusal(f"{text}: the column {column!r} is {'without a name' if not column else 'there twice'}; rename it")
+            raise Refusal(
+                f"{text}: the column {column!r} is {'without a name' if not column else 'there twice'}; rename it"
+            )
     rows = []
     for number, line in enumerate(lines, 1):
         if len(line) != len(columns):
-            raise Refusal(f"{text}: person number {number} has {len(line)} values for {len(columns)} columns; mend the line")
+            raise Refusal(
+                f"{text}: person number {number} has {len(line)} values for {len(columns)} columns; mend the line"
+            )
         rows.append({column: _cell(column, cell.strip()) for column, cell in zip(columns, line, strict=True)})
     return rows
 

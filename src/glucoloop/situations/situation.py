@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.parts.faults import START, FaultPart
@@ -37,7 +37,8 @@ from glucoloop.situations.request import read_root
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel
-    from glucoloop.patients import Patient
+    from glucoloop.patients import Patient, Population
+    from glucoloop.profile import Profile
     from glucoloop.pumps import BolusLimits, DoseLimits
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
@@ -70,6 +71,14 @@ class Situation(Part):
             "Target of the controller; the patient's own by default.", above=0.0, at_most=2000.0, quantity=SETPOINT
         ),
     ] = None
+    profile_by: Annotated[
+        Literal["table", "titration"],
+        _patient(
+            "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
+            "titrated on each person, see the guide to populations.",
+            rare=True,
+        ),
+    ] = "table"
     meal_model: Annotated[
         MealModelPart | None,
         _patient(
@@ -280,8 +289,31 @@ class Situation(Part):
 
     @property
     def nominal(self) -> Patient:
-        """The nominal patient at the operating point."""
-        return _nominal(self.patient.called, self.patient.rests_at)
+        """The nominal patient at the operating point, or the one person of the situation."""
+        return self._alone[0]
+
+    @property
+    def profile(self) -> Profile:
+        """Profile of the nominal patient, or of the one person of the situation."""
+        return self._alone[1]
+
+    @functools.cached_property
+    def one_person(self) -> Population | None:
+        """Population of nobody but the one person of the situation; None for a situation of the nominal patient."""
+        from glucoloop.situations.population import person_of
+
+        text = self.patient.person
+        return None if text is None else person_of(text, self.patient.called, self.seed)
+
+    @functools.cached_property
+    def _alone(self) -> tuple[Patient, Profile]:
+        """The one person at the glucose of the operating point, or the nominal patient; with the profile."""
+        from glucoloop.patients.population import alone, nominal_profile
+
+        nominal = _nominal(self.patient.called, self.patient.rests_at)
+        if self.one_person is None:
+            return nominal, nominal_profile(self.patient.called, nominal)
+        return alone(self.one_person, float(nominal.setpoint_mg_dl))
 
     @property
     def gut(self) -> MealModel | None:

@@ -29,7 +29,7 @@ import jax.numpy as jnp
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.routes import SUBCUTANEOUS
-from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, PEOPLE
+from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, NOMINAL, PEOPLE
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.population import Population
 from glucoloop.patients.protocol import Inputs
@@ -92,6 +92,7 @@ def _populations() -> dict[str, Population]:
 KANDERIAN_2009_MODEL: Final = dataclasses.replace(
     KanderianPatient.model({"fasting-120": 120.0}, _populations),
     refuse=refuse_not_positive,
+    profile=PEOPLE.profile_of(NOMINAL),
     meanings={constant.name: constant.meaning for constant in CONSTANTS},
     sound=sound,
 )

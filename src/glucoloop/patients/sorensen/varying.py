@@ -124,9 +124,7 @@ def refuse_impossible(varied: Mapping[str, Distribution]) -> None:
         lowest, highest = _possible(name)
         if not (lowest < distribution.lower and distribution.upper < highest):
             bound = f"above {lowest:g}" + (f" and below {highest:g}" if math.isfinite(highest) else "")
-            raise Refusal(
-                f"{name} {distribution.in_words} but must stay {bound}; {distribution.mend}"
-            )
+            raise Refusal(f"{name} {distribution.in_words} but must stay {bound}; {distribution.mend}")
     _refuse_no_clearance(varied)
     for effect in (*_EFFECTS, "excretion"):
         _refuse_change_of_sign(effect, varied)

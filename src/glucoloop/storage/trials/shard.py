@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.people import PeopleRows, Shard
-from glucoloop.cohorts.trial import Trial
+from glucoloop.cohorts.trial import Trial, profile_columns
 from glucoloop.refusal import Refusal
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet, refusing_damage
 
@@ -26,7 +26,11 @@ FILES: Final = (PEOPLE, BANDS, TRACES)
 QUANTITIES: Final = ("glucose", "insulin")
 _MOST_COLUMNS: Final = 256
 _QUANTITY_BYTES: Final = 8
-_FIRST_COLUMNS: Final = ("person", "controller", "able", "basal_insulin_mU_min")
+NAME: Final = "name"
+"""Column of the names of people who have one."""
+PROFILE: Final = "profile_"
+"""Beginning of the columns that tell the profiles of people."""
+_FIRST_COLUMNS: Final = ("person", NAME, "controller", "able", "basal_insulin_mU_min")
 
 Simulate = Callable[[str, npt.NDArray[np.int64], bool], "PeopleResult"]
 """Function that simulates people under the controller of a label, with or without their traces."""
@@ -53,7 +57,8 @@ def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
 def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
     """Largest size of each file of a shard."""
     person, cases = trial.shard(index), len(trial.cases)
-    label = max(len(case.label.encode()) for case in trial.cases)
+    table = trial.population.table
+    label = max(len(text.encode()) for text in (*(case.label for case in trial.cases), *(table.names if table else ())))
     counted = sum(t_min.size * (edges(trial)[name].size - 1) for name, t_min in times(trial).items())
     traced = int(trial.traced(person).sum())
     rows = person.size * cases
@@ -76,7 +81,7 @@ def compute_shard(trial: Trial, index: int, simulate: Simulate) -> dict[str, byt
     traced = trial.traced(person)
     results = {case.label: simulate(case.label, person, bool(traced.any())) for case in trial.cases}
     files = {
-        PEOPLE: parquet(pl.concat([_people_table(label, result) for label, result in results.items()])),
+        PEOPLE: parquet(pl.concat([_people_table(trial, label, result) for label, result in results.items()])),
         BANDS: parquet(pl.concat(_count_tables(trial, results))),
     }
     if traced.any():
@@ -84,13 +89,15 @@ def compute_shard(trial: Trial, index: int, simulate: Simulate) -> dict[str, byt
     return files
 
 
-def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
+def _people_table(trial: Trial, label: str, result: PeopleResult) -> pl.DataFrame:
     table = pl.DataFrame(
         {
             "person": result.person,
+            **_names(trial, result.person),
             "controller": pl.repeat(label, result.person.size, eager=True),
             "able": pl.Series(result.feasible),
             "basal_insulin_mU_min": result.basal_insulin_mU_min,
+            **{PROFILE + name: values for name, values in result.profile.items()},
             **{column_name(name): values for name, values in result.drawn.items()},
         }
     )
@@ -98,6 +105,12 @@ def _people_table(label: str, result: PeopleResult) -> pl.DataFrame:
     # Nothing is known of a person without a basal rate, not even that glucose is never below 60 mg/dl.
     table = table.with_columns(pl.when("able").then(pl.col(list(result.metrics))))
     return table.with_columns(pl.col(pl.Float64).fill_nan(None))
+
+
+def _names(trial: Trial, person: npt.NDArray[np.int64]) -> dict[str, list[str]]:
+    """Column of the names of people, where they have names."""
+    names = trial.population.names(trial.seed, person)
+    return {} if names is None else {NAME: names}
 
 
 def _count_tables(trial: Trial, results: Mapping[str, PeopleResult]) -> Iterator[pl.DataFrame]:
@@ -146,11 +159,12 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
     place = folder / PEOPLE
     table = read_parquet(place, bounds(trial, index)[PEOPLE])
     person = trial.shard(index)
-    drawn = {v.parameter: column_name(v.parameter) for v in trial.population.variations}
+    drawn = {parameter: column_name(parameter) for parameter in trial.population.parameters}
+    profile = {name: PROFILE + name for name in profile_columns(trial)}
     with refusing_damage(place):
         yes_or_no = frozenset(name for name, kind in table.schema.items() if kind == pl.Boolean and name != "able")
-        table = table.with_columns(pl.exclude("person", "controller", "able").cast(pl.Float64).fill_null(np.nan))
-        metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values()}]
+        table = table.with_columns(pl.exclude("person", NAME, "controller", "able").cast(pl.Float64).fill_null(np.nan))
+        metrics = [name for name in table.columns if name not in {*_FIRST_COLUMNS, *drawn.values(), *profile.values()}]
         people = {}
         # Rows of a controller follow one another.
         for position, case in enumerate(trial.cases):
@@ -163,6 +177,7 @@ def read_people(folder: Path, trial: Trial, index: int) -> dict[str, PeopleRows]
                 feasible=of_case["able"],
                 basal_insulin_mU_min=of_case["basal_insulin_mU_min"],
                 drawn={name: of_case[column] for name, column in drawn.items()},
+                profile={name: of_case[column] for name, column in profile.items()},
                 metrics={name: of_case[name] for name in metrics},
                 yes_or_no=yes_or_no,
             )

@@ -7,6 +7,7 @@ the Pareto front, of which one is chosen.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import fold_of, loop_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
-from glucoloop.experiments.designs import design_of, with_individual_basal
+from glucoloop.experiments.assemble import of_nominal_person
+from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.parts.ranges import Tuned
@@ -30,6 +32,7 @@ from glucoloop.parts.setting import known_names
 from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.printable import how_many
+from glucoloop.profile import Profile, given_profile
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, decimals
 from glucoloop.report.descriptions import engine_facts
@@ -59,6 +62,8 @@ class Subjects:
     """(states, subjects) states at rest."""
     basal_insulin_mU_min: npt.NDArray[np.float64]
     """(subjects,) rates under which they rest."""
+    profile: Profile
+    """(subjects,) profiles."""
     key: jax.Array
     """(subjects,) random key of each sensor."""
     people: int
@@ -73,6 +78,7 @@ class Subjects:
             patient=of_people(self.patient, place),
             rest=self.rest[:, place],
             basal_insulin_mU_min=self.basal_insulin_mU_min[place],
+            profile=of_people(self.profile, place),
             key=self.key[place],
         )
 
@@ -110,6 +116,11 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
         patient=jax.tree.unflatten(tree, joined),
         rest=np.concatenate([drawn.rest[:, feasible], np.repeat(rest[:, None], seeds, axis=1)], axis=1),
         basal_insulin_mU_min=np.append(drawn.basal_insulin_mU_min[feasible], np.full(seeds, basal)),
+        profile=jax.tree.map(
+            lambda many, one: jnp.concatenate([jnp.asarray(many)[feasible], jnp.full(seeds, one)]),
+            drawn.profile,
+            trial.profile.like(drawn.profile),
+        ),
         key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[feasible]), noise]),
         people=int(feasible.size),
         infeasible=people - int(feasible.size),
@@ -130,6 +141,7 @@ class TuningLoop:
     def __init__(self, trial: Trial, case: Case, space: Sequence[Tuned], example: Subjects) -> None:
         self._case, self._design_of = case, design_of(trial, case)
         self._grid, self._fold = trial.grid, fold_of(trial)
+        self._like_people = functools.partial(of_nominal_person, situation=trial, example=example)
         self._controller = self._design({})
         probes = (
             [self._design({setting.name: setting.at(share) for setting in space}) for share in _PROBES] if space else []
@@ -144,7 +156,7 @@ class TuningLoop:
             self._fold,
             example,
             controllers_of=lambda some: self._of(
-                [self._controller], np.zeros(some.basal_insulin_mU_min.size, int), some.basal_insulin_mU_min
+                [self._controller], np.zeros(some.basal_insulin_mU_min.size, int), some.profile
             ),
             surroundings=surroundings_of(trial, case.faults),
         )
@@ -189,7 +201,7 @@ class TuningLoop:
     def _block(self, subjects: Subjects, controllers: Sequence[Controller], which: Array, place: Array) -> Array:
         """Metrics ``(metrics, size)`` of subjects at places, each under one of the controllers."""
         first, some = int(which.min()), subjects.at(place)
-        controller = self._of(controllers[first : which.max() + 1], which - first, some.basal_insulin_mU_min)
+        controller = self._of(controllers[first : which.max() + 1], which - first, some.profile)
         run = self._loop.run(some, some.key, controller=controller)
         metrics = self._fold.finish(
             run.fold,
@@ -200,9 +212,9 @@ class TuningLoop:
         )
         return np.array([np.asarray(getattr(metrics, name), float) for name in METRICS])
 
-    def _of(self, controllers: Sequence[Controller], which: Array, basal_mU_min: Array) -> Controller:
-        """Controllers of subjects, each with its tuning and basal rate."""
-        leaves, tree = jax.tree.flatten(with_individual_basal(self._controller, basal_mU_min))
+    def _of(self, controllers: Sequence[Controller], which: Array, profile: Profile) -> Controller:
+        """Controllers of subjects, each with its tuning and profile."""
+        leaves, tree = jax.tree.flatten(given_profile(self._controller, profile))
         many = [jax.tree.leaves(controller) for controller in controllers]
         joined: Controller = jax.tree.unflatten(
             tree,
@@ -217,7 +229,7 @@ class TuningLoop:
 
     def _design(self, tuning: Tuning) -> Controller:
         controller: Any = self._case.controller
-        return self._design_of(dataclasses.replace(controller, **tuning))
+        return self._like_people(self._design_of(dataclasses.replace(controller, **tuning)))
 
 
 CHOSEN: Final = "chosen"

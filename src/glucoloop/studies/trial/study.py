@@ -205,7 +205,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
             glucose_mg_dl=again.glucose_mg_dl[:, column].astype(np.float64),
             insulin_t_min=t_min["insulin"],
             insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
-            note=person_in_words(trial.population, person),
+            note=person_in_words(trial.population, person, trial.seed),
         )
         for column, person in enumerate(people)
     ]

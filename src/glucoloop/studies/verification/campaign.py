@@ -43,6 +43,8 @@ from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.patients.table import REPLACED
+from glucoloop.profile import Profile
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
@@ -81,7 +83,8 @@ KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
 def populations_in_turn(patient: str = USUAL_PATIENT.name) -> list[Population]:
     """Populations from which people are drawn in turn; the nominal one where the patient has no other."""
     nominal, *others = populations_of(patient).values()
-    return others or [nominal]
+    # any number of people is drawn, of a table with replacement
+    return [other if other.most_people is None else other.drawn_as(REPLACED) for other in others] or [nominal]
 
 
 def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
@@ -93,8 +96,10 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.n
     def in_turn(*of_each: Any) -> Any:
         return np.choose(turn, of_each) if any(map(np.ndim, of_each)) else of_each[0]
 
+    basal, setpoint = in_turn(*(one.basal_insulin_mU_min for one in each)), each[0].profile.setpoint_mg_dl
     return dataclasses.replace(
         each[-1],
+        profile=Profile(basal_mU_min=basal, setpoint_mg_dl=setpoint),
         patient=jax.tree.map(in_turn, *(one.patient for one in each)),
         **{
             name: in_turn(*(getattr(one, name) for one in each))
