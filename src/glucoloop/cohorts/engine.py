@@ -20,6 +20,7 @@ from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_c
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
+from glucoloop.experiments.titration import with_profiles
 from glucoloop.meals import Eaten, Meal, Scenario, eaten
 from glucoloop.meals.plan import counted_g, draw_meals
 from glucoloop.metrics import Metrics, RunningMetrics
@@ -122,7 +123,8 @@ def _prepare(trial: Trial) -> PreparedTrial:
 
 def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
     """People of a trial at rest at its target, by their numbers."""
-    return virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+    people = virtual_people(trial.population, trial.seed, person, setpoint_mg_dl=trial.target_mg_dl)
+    return with_profiles(trial, people, trial.products)
 
 
 def fold_of(trial: Trial) -> RunningMetrics:

@@ -17,6 +17,7 @@ from glucoloop.control import Controller
 from glucoloop.experiments.designs import with_guard
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
+from glucoloop.experiments.titration import profile_of
 from glucoloop.meals import Eaten, MealModel, Scenario
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import Patient
@@ -114,7 +115,7 @@ def of_nominal_person(controller: Controller, situation: Situation, example: AtR
     """A controller of the nominal patient in the form of those of people, whose profiles may hold more or less."""
     if not hasattr(controller, "with_profile"):
         return controller
-    one: Controller = given_profile(controller, situation.profile.like(example.profile))
+    one: Controller = given_profile(controller, profile_of(situation).like(example.profile))
     return one
 
 

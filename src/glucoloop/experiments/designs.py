@@ -14,6 +14,7 @@ import numpy.typing as npt
 from glucoloop.control import Controller, GuardSettings, guarded
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
+from glucoloop.experiments.titration import profile_of
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
@@ -148,7 +149,7 @@ def design_of(
         identified = nominal_model(situation, case) if patient is None else identified_model(situation, case, patient)
         model = identified.model
     if patient is None:
-        patient, profile = situation.nominal, situation.profile if profile is None else profile
+        patient, profile = situation.nominal, profile_of(situation) if profile is None else profile
     design = SituationDesignCase(
         patient=patient,
         person=profile,

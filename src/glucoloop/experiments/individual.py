@@ -28,6 +28,7 @@ from glucoloop.estimation import filter_gain, steady_state_covariance
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_records
 from glucoloop.experiments.surroundings import record_sensor
+from glucoloop.experiments.titration import profile_of
 from glucoloop.identification import (
     cross_correlation,
     design_csrs,
@@ -222,7 +223,7 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
                 ) from None
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:
-            sound = given_profile(controller_of(situation, case), situation.profile.like(people.profile))
+            sound = given_profile(controller_of(situation, case), profile_of(situation).like(people.profile))
         designed = [sound if controller is None else controller for controller in designed]
         stacked: Controller = jax.tree.map(
             lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)[..., place], *designed

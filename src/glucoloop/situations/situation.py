@@ -171,6 +171,11 @@ class Situation(Part):
                 "an error of counting carbohydrate concerns announced meals only; announce the meals "
                 "(--announce-meals), or leave the error and the bias out"
             )
+        if self.profile_by == "titration" and not self.patient.under_the_skin:
+            raise Refusal(
+                f"{self.patient.called} gets insulin into a vein, where a bolus acts for minutes and no carbohydrate "
+                "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
+            )
         meal_model_of(self.nominal, self.gut)
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:

@@ -27,6 +27,7 @@ from glucoloop.experiments.assemble import of_nominal_person
 from glucoloop.experiments.designs import design_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.experiments.titration import profile_of, with_profiles
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.setting import known_names
 from glucoloop.patients import Patient
@@ -97,6 +98,7 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
     nominal, population = trial.nominal, trial.population
     setpoint_mg_dl = float(nominal.setpoint_mg_dl)
     drawn = virtual_people(population, people_seed, np.arange(people), setpoint_mg_dl=setpoint_mg_dl)
+    drawn = with_profiles(trial, drawn)
     feasible = np.flatnonzero(drawn.feasible)
     if not feasible.size:
         raise Refusal(
@@ -119,7 +121,7 @@ def draw_subjects(trial: Trial, people: int, people_seed: int, *, seeds: int, fi
         profile=jax.tree.map(
             lambda many, one: jnp.concatenate([jnp.asarray(many)[feasible], jnp.full(seeds, one)]),
             drawn.profile,
-            trial.profile.like(drawn.profile),
+            profile_of(trial).like(drawn.profile),
         ),
         key=jnp.concatenate([keys_of_people(people_seed, drawn.draw.person[feasible]), noise]),
         people=int(feasible.size),
