@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.screen import width_of_text
 from glucoloop.parts.listing import listed, listing
+from glucoloop.parts.patients import PATIENTS
 from glucoloop.studies.catalogue import STUDIES
 
 HELP: Final = (
@@ -15,7 +17,8 @@ HELP: Final = (
     "metrics, samplers and models.\n\n"
     "With the name of a kind those of the kind are listed, and with the name of one its settings: their usual values, "
     "bounds and units. With the name of a command every setting of it is listed, and with case what each controller "
-    "has beside its own settings. What other packages add is listed too.\n\n"
+    "has beside its own settings. With the name of a population its people are listed, or how they are drawn. What "
+    "other packages add is listed too.\n\n"
     "  glucoloop list\n\n"
     "  glucoloop list faults\n\n"
     "  glucoloop list mpc-se"
@@ -30,18 +33,34 @@ _REQUESTS: Final = {
 
 def _list(typed: Given) -> None:
     """Print a description of each part."""
-    parts = listed(typed.get("what"), _REQUESTS)
+    asked = typed.get("what")
+    patient = next((name for name, part in PATIENTS.items() if asked in part.populations), None)
+    if patient is None:
+        parts = listed(asked, _REQUESTS)
+        text = listing(parts, width_of_text())
+    else:
+        from glucoloop.situations.population import described_population
+
+        described, lines = described_population(str(asked), patient)
+        parts = [described]
+        width = width_of_text()
+        text = "\n".join(textwrap.fill(line, width, subsequent_indent="    ", break_on_hyphens=False) for line in lines)
     if typed.get("json"):
         from glucoloop.storage.files import json_text, with_version
 
         print(json_text(with_version({"parts": parts})))
     else:
-        print(listing(parts, width_of_text()))
+        print(text)
 
 
 LIST: Final = Command(
     "list",
     HELP,
-    (CommandOption("what", "KIND|NAME", "A kind of parts, or one of them.", metavar="NAME", required=False), JSON),
+    (
+        CommandOption(
+            "what", "KIND|NAME", "A kind of parts, one of them, or a population.", metavar="NAME", required=False
+        ),
+        JSON,
+    ),
     _list,
 )

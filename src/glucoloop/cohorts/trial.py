@@ -103,7 +103,8 @@ class Trial(ControlledSituation):
     meals: Annotated[
         tuple[str, ...],
         _meals(
-            "Carbohydrate and time of the day, like 45g@7h; repeat it for more meals; none for no meal.",
+            "Carbohydrate and time of the day, like 45g@7h; repeat it for more meals; none for no meal, own for each "
+            "person's own day.",
             flag="--meal",
             metavar="G@TIME",
         ),
@@ -248,18 +249,31 @@ class Trial(ControlledSituation):
     def plan(self) -> MealPlan:
         """Meals and the length of the run, of the usual meals those within it; Refusal for one beyond its day."""
         from glucoloop.meals.plan import MealPlan
-        from glucoloop.situations.meal_text import parse_meal, same_meals
+        from glucoloop.patients.population import own_meals
+        from glucoloop.situations.meal_text import OWN, parse_meal, same_meals
 
+        settings: dict[str, Any] = {
+            "size_spread_pct": self.meal_size_spread_pct,
+            "time_spread_min": self.meal_time_spread_min,
+            "horizon_min": self.duration_min,
+        }
+        if self.meals == (OWN,):
+            table = self.population.table
+            if table is None or not table.meals:
+                raise Refusal(
+                    f"the people of {self.population.name} have no days of their own; give meals, like --meal 45g@7h"
+                )
+            for name, day in zip(table.names, table.meals, strict=True):
+                try:
+                    MealPlan(day, self.days or 1, **settings)
+                except Refusal as error:
+                    raise Refusal(f"the own day of {name!r}: {error}") from None
+            own = functools.partial(own_meals, self.population)
+            return MealPlan(table.usual_day(), self.days or 1, **settings, own=own)
         meals = [parse_meal(text) for text in self.meals]
         if self.duration_min is not None and self.meals == same_meals(USUAL_DAY):
             meals = [meal for meal in meals if meal.t_min < self.duration_min]
-        return MealPlan(
-            meals,
-            self.days or 1,
-            size_spread_pct=self.meal_size_spread_pct,
-            time_spread_min=self.meal_time_spread_min,
-            horizon_min=self.duration_min,
-        )
+        return MealPlan(meals, self.days or 1, **settings)
 
     @property
     def products(self) -> str:

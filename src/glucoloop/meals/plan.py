@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -40,6 +40,9 @@ class MealPlan:
         The time of each meal is uniform within these minutes, drawn likewise.
     horizon_min : float, optional
         Length of the run; the days by default. A run of one day may be shorter or longer than 24 h.
+    own : callable, optional
+        Function of a seed and of persons ``(n,)`` that gives the day of each as `Eaten`, ``(meals, n)`` with as many
+        meals as the plan, which then says what is eaten on average.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class MealPlan:
     size_spread_pct: float
     time_spread_min: float
     horizon_min: float
+    own: Callable[[int, npt.ArrayLike], Eaten] | None
 
     def __init__(
         self,
@@ -62,12 +66,14 @@ class MealPlan:
         size_spread_pct: float = 0.0,
         time_spread_min: float = 0.0,
         horizon_min: float | None = None,
+        own: Callable[[int, npt.ArrayLike], Eaten] | None = None,
     ) -> None:
         if not 1 <= days <= MOST_DAYS:
             raise Refusal(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
         whole = days * MIN_PER_DAY
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "days", days)
+        object.__setattr__(self, "own", own)
         object.__setattr__(self, "size_spread_pct", float(size_spread_pct))
         object.__setattr__(self, "time_spread_min", float(time_spread_min))
         object.__setattr__(self, "horizon_min", whole if horizon_min is None else float(horizon_min))
@@ -121,7 +127,8 @@ class MealPlan:
     @property
     def varies(self) -> bool:
         """Whether meals differ between people."""
-        return bool(self.meals) and (self.size_spread_pct > 0.0 or self.time_spread_min > 0.0)
+        differ = self.own is not None or self.size_spread_pct > 0.0 or self.time_spread_min > 0.0
+        return bool(self.meals) and differ
 
     def nominal(self) -> tuple[Meal, ...]:
         """All meals of the run, without their variation."""
@@ -154,11 +161,18 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     people = checked_people(person)
     checked_counter("seed", seed)
     nominal = plan.nominal()
-    same = eaten(nominal)
-    t_min, carbs_g, eating_min = (
-        np.repeat(np.asarray(of_meals)[:, None], people.size, axis=1)
-        for of_meals in (same.t_min, same.carbs_g, same.eating_min)
-    )
+    if plan.own is None:
+        same = eaten(nominal)
+        t_min, carbs_g, eating_min = (
+            np.repeat(np.asarray(of_meals)[:, None], people.size, axis=1)
+            for of_meals in (same.t_min, same.carbs_g, same.eating_min)
+        )
+    else:
+        own = plan.own(seed, people)
+        t_min, carbs_g, eating_min = (
+            np.tile(np.asarray(of_day), (plan.days, 1)) for of_day in (own.t_min, own.carbs_g, own.eating_min)
+        )
+        t_min += MIN_PER_DAY * np.repeat(np.arange(plan.days), len(plan.meals))[:, None]
     for row in range(len(nominal)):
         day, which = divmod(row, len(plan.meals))
         index = day * DAY + which

@@ -310,20 +310,16 @@ def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setp
     return Profile(**found)
 
 
-def meals_of_tables(population: Population, seed: int, person: npt.ArrayLike) -> Eaten | None:
-    """The own day of persons by their numbers, ``(meals, n)``; None for a population without a table of meals.
+def own_meals(population: Population, seed: int, person: npt.ArrayLike) -> Eaten:
+    """The own day of persons by their numbers, ``(meals, n)``, of a population with a table of meals.
 
-    People who eat less often than others have meals of 0 g, which count as none.
+    A person who eats less often than others has meals of 0 g, which count as none, at the time of the last one.
     """
     table = population.table
-    if table is None or not table.meals:
-        return None
-    most = max(map(len, table.meals))
-    each = np.zeros((3, most, len(table.names)))
-    for row, meals in enumerate(table.meals):
-        for at, meal in enumerate(meals):
-            each[:, at, row] = meal.t_min, meal.carbs_g, meal.eating_min
-    t_min, carbs_g, eating_min = each[:, :, table.rows(seed, checked_people(person))]
+    if table is None:
+        raise TypeError(f"the population {population.name} has no table of people")
+    days = table.days()
+    t_min, carbs_g, eating_min = days[:, :, table.rows(seed, checked_people(person))]
     return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
 
 

@@ -135,6 +135,25 @@ class PeopleTable:
             for name, values in self.values.items()
         }
 
+    def days(self) -> npt.NDArray[np.float64]:
+        """Time, carbohydrate and time of eating of each person's meals ``(3, meals, people)``, filled up with 0 g."""
+        found = np.zeros((3, max(map(len, self.meals), default=0), len(self.names)))
+        for row, meals in enumerate(self.meals):
+            found[0, :, row] = meals[-1].t_min if meals else 0.0
+            for at, meal in enumerate(meals):
+                found[:, at, row] = meal.t_min, meal.carbs_g, meal.eating_min
+        return found
+
+    def usual_day(self) -> tuple[Meal, ...]:
+        """Meals of the mean time and carbohydrate of those of people, first with first."""
+        t_min, carbs_g, _ = self.days()
+        eats = carbs_g > 0.0
+        return tuple(
+            Meal(float(carbs[eat].mean()), float(times[eat].mean()))
+            for carbs, times, eat in zip(carbs_g, t_min, eats, strict=True)
+            if eat.any()
+        )
+
     def only(self, row: int) -> PeopleTable:
         """The person of a row alone, whoever is drawn."""
         place = slice(row, row + 1)

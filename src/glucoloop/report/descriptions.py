@@ -49,7 +49,9 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     """Settings of a trial."""
     plan = trial.plan
     meals = ", ".join(map(_meal, plan.meals)) or "none"
-    if plan.varies:
+    if plan.own is not None:
+        meals = f"each person's own day, on average {meals}"
+    if plan.size_spread_pct or plan.time_spread_min:
         meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
     return {
         "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),

@@ -33,7 +33,7 @@ def parse_meal(text: str) -> Meal:
     if match is None:
         raise Refusal(
             f"{text!r} is not a meal; write grams and a time, like 50g@50min or 50g@1.5h, "
-            "and after a slash how long eating takes, like 50g@50min/15min"
+            "and after a slash how long eating takes, like 50g@50min/15min; own for each person's own day"
         )
     carbs_g = float(match["carbs"])
     meant = MEAL.looks_like(carbs_g) if carbs_g > LARGEST_MEAL_G else None
@@ -52,8 +52,17 @@ def meal_text(meal: Meal) -> str:
     return f"{carbs}g@{time}min{f'/{eating}min' if meal.eating_min else ''}"
 
 
+OWN: Final = "own"
+"""Text in place of meals: each person's own day."""
+
+
 def same_meals(texts: Iterable[str]) -> tuple[str, ...]:
-    """Texts of the same meals, each written in grams and minutes."""
+    """Texts of the same meals, each written in grams and minutes; ``own`` stands alone and stays."""
+    texts = tuple(texts)
+    if OWN in texts:
+        if texts != (OWN,):
+            raise Refusal("the meals are each person's own day, and others are given too; give one of the two")
+        return texts
     return tuple(meal_text(parse_meal(text)) for text in texts)
 
 
@@ -63,6 +72,8 @@ def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
     They were probably meant in a run of a day or longer.
     """
     for text in texts:
+        if text == OWN:
+            continue
         meal, match = parse_meal(text), _MEAL.fullmatch(text)
         if match is None or not (match["of_carbs"] or match["unit"]):
             raise Refusal(

@@ -23,7 +23,7 @@ from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, populations_of
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
-from glucoloop.printable import is_printable
+from glucoloop.printable import how_many, is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_toml
@@ -268,6 +268,29 @@ def _cell(column: str, text: str) -> Any:
         return float(text) if text else None
     except ValueError:
         return text  # which is refused as the value of a column
+
+
+def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[str]]:
+    """A population of a patient as plain values, and in lines: who its people are, or how they are drawn."""
+    population = populations_of(patient)[name]
+    table, drawn = population.table, population.distributions()
+    found: dict[str, Any] = {"kind": "population", "patient": patient, **population_keys(population)}
+    lines = [f"population {name}: {population.summary}"]
+    if table is not None:
+        own = [*table.profile, *([MEALS_COLUMN] if table.meals else [])]
+        lines += [
+            f"  {how_many(len(table.names), 'person', 'people')} of {patient}, by name: {', '.join(table.names)}",
+            f"  One alone: --patient '{patient}, person={table.names[0]}'; more than there are, by the seed: "
+            f"--population '{name}, {DRAW_KEY}={DRAWS[1]}'",
+            *([f"  Of each person are known: {', '.join(own)}"] if own else []),
+        ]
+    elif drawn:
+        lines.append(f"  People of {patient}, drawn by the seed; one alone: --patient '{patient}, person=17'")
+    meanings = patient_model(patient).meanings
+    for parameter, of in drawn.items():
+        meant = f": {meanings[parameter]}" if parameter in meanings else ""
+        lines.append(f"  {parameter} from {of.lower:.4g} to {of.upper:.4g}, about {of.centre:.4g} ({of.kind}){meant}")
+    return found, lines
 
 
 def person_of(text: str, patient: str, seed: int) -> Population:

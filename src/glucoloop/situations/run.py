@@ -125,7 +125,7 @@ class Run(ControlledSituation):
         tuple[str, ...],
         Option(
             "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
-            "for more; none for no meal.",
+            "for more; none for no meal, own for the person's own day.",
             panel=PATIENT_PANEL,
             flag="--meal",
             metavar="G@TIME",
@@ -150,9 +150,18 @@ class Run(ControlledSituation):
     def eaten(self) -> tuple[Meal, ...]:
         """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
         from glucoloop.meals.plan import counted_meals
-        from glucoloop.situations.meal_text import parse_meal
+        from glucoloop.situations.meal_text import OWN, parse_meal
 
-        meals = tuple(parse_meal(text) for text in self.meals)
+        if self.meals == (OWN,):
+            table = None if self.one_person is None else self.one_person.table
+            if table is None or not table.meals:
+                raise Refusal(
+                    "there is no own day of meals: the patient is no person of a table that has meals; give meals, or "
+                    "name such a person, like --patient 'kanderian-2009, person=3'"
+                )
+            meals = table.meals[0]
+        else:
+            meals = tuple(parse_meal(text) for text in self.meals)
         if not self.miscounts:
             return meals
         return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)

@@ -131,7 +131,11 @@ class Detection(Trial):
 
         day = self.trial.plan
         return MealPlan(
-            day.meals, self.number_of_days, size_spread_pct=day.size_spread_pct, time_spread_min=day.time_spread_min
+            day.meals,
+            self.number_of_days,
+            size_spread_pct=day.size_spread_pct,
+            time_spread_min=day.time_spread_min,
+            own=day.own,
         )
 
 
