@@ -21,12 +21,12 @@ from glucoloop import units
 from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.faults import FAULTS, TIMING
 from glucoloop.lab import pack
+from glucoloop.metrics.settings import METRICS
 from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
-from glucoloop.parts.faults import FAULTS, TIMING
-from glucoloop.parts.metrics import METRICS
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.setting import Default, value_text
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES
 

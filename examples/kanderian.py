@@ -17,8 +17,8 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
-from glucoloop.parts.patients import OperatingPoint, PatientPart
 from glucoloop.patients import Inputs, OdePatient, Population, Variation
+from glucoloop.patients.settings import OperatingPoint, PatientPart
 
 # Constants of person 1; they may vary from person to person.
 CONSTANTS = {

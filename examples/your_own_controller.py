@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import Decision, Observation, Status
 from glucoloop.control.design_case import DesignCase
-from glucoloop.parts.controllers import ControllerPart
+from glucoloop.control.part import ControllerPart
 from glucoloop.parts.setting import About
 
 

@@ -7,8 +7,8 @@ glucoloop detect --estimator moving-horizon --estimator your_own_estimator:Juice
 from typing import Annotated, ClassVar
 
 from glucoloop.estimation.unknown_meal import MealHabits, MealHorizon, design_meal_horizon
+from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
 from glucoloop.models.nonlinear import FedModel
-from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart
 from glucoloop.parts.setting import About
 
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.episodes import Episodes, always
-from glucoloop.parts.faults import Timed
+from glucoloop.faults import Timed
 from glucoloop.parts.setting import About
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.faults.wrapping import AlteredReadings

@@ -6,7 +6,7 @@ glucoloop run --meal-model 'your_own_meal_model:AfterFat, fat_g=30'
 from typing import Annotated, ClassVar
 
 from glucoloop.meals import HovorkaGut
-from glucoloop.parts.meals import MealModelPart
+from glucoloop.meals.settings import MealModelPart
 from glucoloop.parts.setting import About
 
 MIN_PER_G_OF_FAT = 0.7

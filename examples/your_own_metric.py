@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.metrics import Course, Ended, Metric
-from glucoloop.parts.metrics import MetricPart, Result
+from glucoloop.metrics.settings import MetricPart, Result
 from glucoloop.parts.setting import About
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 from scipy.stats import qmc
 
 from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.samplers import SamplerPart
+from glucoloop.tuning.settings import SamplerPart
 
 
 class Sobol(SamplerPart):

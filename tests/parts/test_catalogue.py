@@ -10,8 +10,8 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientPart
 from glucoloop.parts.setting import About, Default, Setting, known_names
+from glucoloop.patients.settings import USUAL_PATIENT, OperatingPoint, PatientPart
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
