@@ -313,6 +313,8 @@ def everyday() -> str:
     rows = []
     for name in sorted(glucoloop.__all__, key=str.lower):
         thing = getattr(glucoloop, name)
+        if isinstance(thing, ModuleType):
+            continue
         place = f"{thing.__module__}.{thing.__qualname__}"
         rows.append(f"   * - :py:obj:`{name} <{place}>`\n     - {first_sentence(thing).replace('`', '``')}")
     return "\n".join([".. list-table::", "   :widths: 30 70", "", *rows]) + "\n"

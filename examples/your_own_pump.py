@@ -16,10 +16,9 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
-from glucoloop.parts.setting import About
-from glucoloop.pumps import Delivery, Pump
+from glucoloop.parts import About
+from glucoloop.pumps import Delivery, Pump, PumpPart
 from glucoloop.pumps.protocol import deliver
-from glucoloop.pumps.settings import PumpPart
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["inner", "left"], meta_fields=[])
