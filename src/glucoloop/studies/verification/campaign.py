@@ -30,19 +30,19 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
+from glucoloop.control.guard_settings import guard_of
 from glucoloop.episodes import Episodes
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
+from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
-from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
-from glucoloop.parts.guard import guard_of
-from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
 from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise

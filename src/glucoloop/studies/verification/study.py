@@ -18,7 +18,7 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Observation, guarded
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.printable import how_many
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
