@@ -39,6 +39,7 @@ from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
+from glucoloop.metrics.promises import PROMISES, Caps, Promises
 from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
@@ -51,7 +52,6 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import Verification
-from glucoloop.studies.verification.promises import PROMISES, Caps, Promises
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
 
