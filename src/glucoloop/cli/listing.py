@@ -9,7 +9,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.screen import width_of_text
 from glucoloop.parts.listing import listed, listing
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.studies.catalogue import STUDIES
 
 HELP: Final = (

@@ -33,9 +33,9 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.meals import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
-from glucoloop.parts.patients import NOMINAL
 from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople, of_people, population, virtual_people
+from glucoloop.patients.settings import NOMINAL
 from glucoloop.profile import Profile
 from glucoloop.pumps import DoseLimits, LimitedPump
 from glucoloop.pumps.limits import BolusLimits

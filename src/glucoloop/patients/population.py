@@ -20,11 +20,11 @@ import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
-from glucoloop.parts.patients import NOMINAL
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient, patient_model
 from glucoloop.patients.protocol import Patient
+from glucoloop.patients.settings import NOMINAL
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
 from glucoloop.profile import Profile

@@ -16,11 +16,11 @@ from typing import Any, Final
 from glucoloop.arguments import converted
 from glucoloop.meals import Meal
 from glucoloop.parts.grammar import NAME, part_tree, plain
-from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
 from glucoloop.parts.setting import known_names
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import how_many, is_printable

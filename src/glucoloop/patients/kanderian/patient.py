@@ -27,12 +27,12 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, NOMINAL, PEOPLE
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.population import Population
 from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import refuse_not_positive
 from glucoloop.refusal import Refusal
 
