@@ -57,6 +57,7 @@ def pretend(trial):
         return SimpleNamespace(
             person=person,
             feasible=feasible,
+            profile={},
             drawn=dict(draw(trial.population, trial.seed, person).values),
             basal_insulin_mU_min=15.0 + 60.0 * luck + missing,
             metrics=metrics,

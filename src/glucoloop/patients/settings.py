@@ -256,8 +256,6 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
     operating_points = (OperatingPoint("fasting-120", "person 1, held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),)
     populations: ClassVar = {"kanderian2009": "the ten people of Kanderian et al. (2009), by name 1 to 10"}
     insulin_route = SUBCUTANEOUS
-    max_change_mU_min = 100.0
-    max_insulin_mU_min = 150.0
     pulse_mU_min = 20.0
 
 
