@@ -18,7 +18,7 @@ from pathlib import Path
 from made import made
 
 DOCS = Path(__file__).resolve().parent
-PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian:Person1")
+PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian-2009", "bergman:Minimal")
 
 
 def _of_run(found):
@@ -100,7 +100,7 @@ def carried_out(command, arguments, patient, folder):
 def cell(command, patient):
     arguments, said_of = COMMANDS[command]
     with tempfile.TemporaryDirectory() as folder:
-        shutil.copy(DOCS.parent / "examples" / "kanderian.py", folder)
+        shutil.copy(DOCS.parent / "examples" / "bergman.py", folder)
         said = said_of(carried_out(command, arguments, patient, Path(folder)))
     print(f"{command}, {patient}: {said}", flush=True)
     return said

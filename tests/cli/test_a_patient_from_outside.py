@@ -8,38 +8,40 @@ import numpy as np
 import pytest
 
 from glucoloop.parts.code import entry_points
+from glucoloop.parts.routes import PUMP_OF_1999
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.patients.settings import PATIENTS
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
-NAME = "kanderian:Person1"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "bergman.py"
+NAME = "bergman:Minimal"
 
 
 @pytest.fixture
 def outside(install, tmp_path):
     """A folder with the module, and an entry point that names it."""
-    install("kanderian", "patients", "person-1", "Person1")
+    install("bergman", "patients", "minimal", "Minimal")
     return tmp_path
 
 
 def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
-    assert "person-1" in entry_points("patients")
-    assert "person-1" in PATIENTS.names()
-    for name in ("person-1", NAME):
+    assert "minimal" in entry_points("patients")
+    assert "minimal" in PATIENTS.names()
+    for name in ("minimal", NAME):
         person = patient(name)
-        # Kanderian et al. (2009): person 1 needs 1.321 U/h at 120 mg/dl
-        assert 60e-3 * float(person.basal_insulin_mU_min) == pytest.approx(1.321, abs=5e-4)
-        assert float(person.glucose_mg_dl(person.steady_state(person.basal_insulin_mU_min))) == pytest.approx(120.0)
+        # p_1 (150 - 90) / 90 is the effect of insulin, p_2 / p_3 times it insulin, and V_I n times that the rate
+        by_hand = 12.0 * 0.09 * 0.025 / 1.3e-5 * 0.02 * (150.0 - 90.0) / 90.0
+        assert float(person.basal_insulin_mU_min) == pytest.approx(by_hand, rel=1e-12)
+        assert float(person.glucose_mg_dl(person.steady_state(person.basal_insulin_mU_min))) == pytest.approx(90.0)
 
 
 def test_its_people_rest_where_they_are_to(outside):
-    people = virtual_people(population("varied", patient="person-1"), 1, np.arange(40))
-    assert set(people.draw.values) == {"sensitivity", "clearance_ml_min", "tau_1_min", "EGP"}
+    people = virtual_people(population("varied", patient="minimal"), 1, np.arange(40))
+    assert set(people.draw.values) == {"p_1", "p_3", "n"}
     held = people.feasible
-    assert 20 < held.sum() <= 40
+    assert held.all()
     still = people.patient.derivative(0.0, people.rest, _fasting(people.basal_insulin_mU_min))
     np.testing.assert_allclose(np.asarray(still)[:, held], 0.0, atol=1e-12)
-    np.testing.assert_allclose(people.rest[3, held], 120.0)
+    np.testing.assert_allclose(people.rest[0, held], 90.0)
 
 
 def _fasting(insulin):
@@ -53,8 +55,8 @@ def _fasting(insulin):
     [
         ("nobody", "unknown patient 'nobody'; the known ones are: parker-1999, hovorka-2004"),
         ("no_such_module:X", "no_such_module cannot be imported: ModuleNotFoundError"),
-        ("kanderian:NOBODY", "kanderian has no NOBODY; name what it defines, like kanderian:NAME"),
-        ("kanderian:MODEL", "kanderian:MODEL is no patient: make it a class of PatientPart"),
+        ("bergman:NOBODY", "bergman has no NOBODY; name what it defines, like bergman:NAME"),
+        ("bergman:MODEL", "bergman:MODEL is no patient: make it a class of PatientPart"),
     ],
 )
 def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):
@@ -66,24 +68,22 @@ def test_what_cannot_be_found_is_told(outside, glucoloop, name, told):
 def test_another_operating_point_than_the_patients_is_refused(outside, glucoloop):
     answer = glucoloop("run", "--patient", f"{NAME}, operating_point=setpoint-81")
     assert answer.code == 2
-    assert "unknown operating point 'setpoint-81' of kanderian:Person1; the known ones are: at-120" in answer.err
+    assert "unknown operating point 'setpoint-81' of bergman:Minimal; the known ones are: at-90" in answer.err
 
 
 def test_a_population_of_another_patient_is_refused(outside, glucoloop):
     answer = glucoloop("trial", "--patient", NAME, "--population", "parker2000", "--out", "t")
     assert answer.code == 2
-    assert "unknown population 'parker2000' of kanderian:Person1; the known ones are: nominal, varied" in answer.err
+    assert "unknown population 'parker2000' of bergman:Minimal; the known ones are: nominal, varied" in answer.err
 
 
 @pytest.mark.long
 def test_a_run_and_its_repetition(outside, glucoloop):
-    first = glucoloop(
-        "run", "--patient", NAME, "--controller", "pid", "--sensor", "ideal, site=interstitial", "--out", "a", "--json"
-    )
+    first = glucoloop("run", "--patient", NAME, "--controller", "pid", "--out", "a", "--json")
     assert first.code == 0
     told = json.loads(first.out)
     assert told["config"]["patient"]["name"] == NAME
-    assert told["config"]["pump"]["max_insulin_mU_min"] == 150.0
+    assert told["config"]["pump"]["max_insulin_mU_min"] == PUMP_OF_1999.max_mU_min
     again = glucoloop("run", "--config", "a/run.toml", "--allow-code", "--out", "b")
     assert again.code == 0
     assert Path("a/trace.csv").read_bytes() == Path("b/trace.csv").read_bytes()

@@ -1,8 +1,5 @@
 """What is usual of a patient follows from the route of insulin, unless its entry says otherwise."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -79,16 +76,8 @@ def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
 
 
 @pytest.mark.long
-def test_person_of_an_example_in_python():
-    place = Path(__file__).parents[2] / "examples" / "kanderian.py"
-    spec = importlib.util.spec_from_file_location("kanderian", place)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["kanderian"] = module
-    try:
-        spec.loader.exec_module(module)
-        person = module.Kanderian.resting_at(120.0)
-    finally:
-        del sys.modules["kanderian"]
+def test_person_who_names_the_route_alone_in_python():
+    person = gl.patient("kanderian-2009")
     found = gl.identify(person)
     assert found.model.memory == 288
     stepper = gl.Stepper(person, sample_time_min=5.0)

@@ -41,7 +41,9 @@ def test_basal_rates_are_as_by_hand_to_the_printed_digits(glucose):
 @pytest.mark.parametrize(("name", "highest"), [("2", "136.99"), ("5", "138.57")])
 def test_who_cannot_rest_at_140_is_refused_with_what_can_be_held(name, highest):
     """Without insulin glucose rests at EGP / GEZI."""
-    with pytest.raises(ValueError, match=rf"no insulin infusion holds glucose at 140 mg/dl; .* at most {highest} mg/dl"):
+    with pytest.raises(
+        ValueError, match=rf"no insulin infusion holds glucose at 140 mg/dl; .* at most {highest} mg/dl"
+    ):
         person(name, 140.0)
 
 
@@ -62,7 +64,9 @@ def exact(who, trace, meals):
     def appearance(t_min):
         since = [t_min - meal.t_min for meal in meals]
         tau = c["tau_m"]
-        return sum(1e3 * meal.carbs_g * z * np.exp(-z / tau) / tau**2 for meal, z in zip(meals, since, strict=True) if z >= 0)
+        return sum(
+            1e3 * meal.carbs_g * z * np.exp(-z / tau) / tau**2 for meal, z in zip(meals, since, strict=True) if z >= 0
+        )
 
     z = np.append(np.asarray(who.steady_state(who.basal_insulin_mU_min))[:3], [0.0, 0.0])
     glucose = [120.0]
@@ -72,7 +76,9 @@ def exact(who, trace, meals):
         end = at_end @ z
         all_lost = c["GEZI"] * step + end[3]
         made = [c["EGP"] + appearance(step * k + node) / c["V_G"] for node in s]
-        gained = sum(w * np.exp(gone - all_lost) * m for w, gone, m in zip(weights, lost, made, strict=True)) * step / 2.0
+        gained = (
+            sum(w * np.exp(gone - all_lost) * m for w, gone, m in zip(weights, lost, made, strict=True)) * step / 2.0
+        )
         glucose.append(np.exp(-all_lost) * glucose[-1] + gained)
         z = end
     return np.array(glucose)
@@ -91,7 +97,9 @@ def test_exact_solution_is_that_of_the_reference_and_of_the_usual_integrator(nam
         trace = controlled(who, integrator)
         truth = exact(who, trace, DAY.meals)
         assert np.ptp(truth) > 50.0
-        np.testing.assert_allclose(np.asarray(trace.glucose_mg_dl), truth[: trace.glucose_mg_dl.size], rtol=0, atol=within)
+        np.testing.assert_allclose(
+            np.asarray(trace.glucose_mg_dl), truth[: trace.glucose_mg_dl.size], rtol=0, atol=within
+        )
 
 
 def test_a_meal_is_absorbed_whole_and_fastest_at_the_persons_own_time():
@@ -119,7 +127,9 @@ def test_glucose_is_seen_at_two_sites():
     who = person("1")
     x = np.array([1.0, 2.0, 0.01, 150.0, 130.0])
     assert [float(who.seen_mg_dl(x, site)) for site in who.sites] == [150.0, 130.0]
-    with pytest.raises(ValueError, match="glucose cannot be measured at 'arm'; the known sites are: plasma, interstitial"):
+    with pytest.raises(
+        ValueError, match="glucose cannot be measured at 'arm'; the known sites are: plasma, interstitial"
+    ):
         who.seen_mg_dl(x, "arm")
 
 
