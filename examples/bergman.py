@@ -18,19 +18,14 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.patients import OdePatient, OperatingPoint, PatientPart, Population, Variation
 
+# mg/dl, min, mU/l; volumes in dl and in l
+CONSTANTS = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "glucose_alone": 150.0, "V_G": 120.0, "V_I": 12.0}
+
 
 class Bergman(OdePatient):
     """State: glucose (mg/dl), effect of insulin (1/min), insulin (mU/l), of one person or of many on the last axis."""
 
-    nominal = {
-        "p_1": 0.02,
-        "p_2": 0.025,
-        "p_3": 1.3e-5,
-        "n": 0.09,
-        "glucose_alone": 150.0,
-        "V_G_dl": 120.0,
-        "V_I_l": 12.0,
-    }
+    nominal = CONSTANTS
     near_rest = (90.0, 0.015, 25.0)
     near_basal_mU_min = 27.0
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from glucoloop.meals import Meal
 from glucoloop.patients import PeopleTable, Population, Variation, draw, population, virtual_people
 from glucoloop.patients.population import alone
+from glucoloop.printable import is_printable
 
 TABLE = PeopleTable(
     names=("anna", "ben", "cleo"),
@@ -37,9 +38,7 @@ def test_what_is_not_known_follows_from_the_rules():
 
 
 def test_no_more_people_than_there_are():
-    with pytest.raises(
-        ValueError, match=r"^population three: person 3 is asked for, but the table has 3 people, from 0"
-    ):
+    with pytest.raises(ValueError, match=r"^population three: person 3 is asked for, but the table has 3 people"):
         draw(THREE, 0, [1, 3])
     with pytest.raises(ValueError, match=r"like --population 'three, draw=with-replacement'$"):
         draw(THREE, 0, [3])
@@ -104,22 +103,20 @@ def test_a_profile_holds_finite_values_above_zero(values, column):
     if all(0.0 < value < np.inf for value in values):
         PeopleTable(names=names, profile={column: tuple(values)})
     else:
-        with pytest.raises(
-            ValueError, match=rf"^{column} of '\d' is .*; give a finite value above 0, or leave it out$"
-        ):
+        with pytest.raises(ValueError, match=rf"^{column} of '\d' is .*; give a finite value above 0, or"):
             PeopleTable(names=names, profile={column: tuple(values)})
 
 
 @given(st.lists(st.text(max_size=3), min_size=1, max_size=5))
 def test_names_can_be_printed_and_are_given_once(names):
-    possible = len(set(names)) == len(names) and all(name.strip() and name.isprintable() for name in names)
-    try:
+    printed = all(name.strip() and is_printable(name) for name in names)
+    if printed and len(set(names)) == len(names):
+        assert PeopleTable(names=tuple(names)).row(names[-1]) == len(names) - 1
+        return
+    with pytest.raises(
+        ValueError, match=r"(?s)two people are called .*; give each a|the name .* of a person cannot be"
+    ):
         PeopleTable(names=tuple(names))
-    except ValueError as error:
-        assert not possible or "cannot be printed" in str(error)
-        assert str(error).startswith(("two people are called", "the name"))
-    else:
-        assert possible
 
 
 @pytest.mark.parametrize(
@@ -152,7 +149,7 @@ def test_what_is_no_table_is_refused(keys, told):
             {"weight_kg": (60.0, -80.0, 95.0)},
             "person 'ben': weight_kg is -80 but must stay above 0; give another value",
         ),
-        ({"S_XX": (1.0, 1.0, 1.0)}, "unknown parameter 'S_XX'; did you mean"),
+        ({"S_XX": (1.0, 1.0, 1.0)}, "unknown parameter 'S_XX'; the known ones are: weight_kg"),
     ],
 )
 def test_who_cannot_be_is_refused(values, told):
