@@ -105,8 +105,9 @@ WITH_FOLDER = ("trial", "stress", "robust", "adversary")
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("patient", [NAME, "kanderian-2009", "kanderian-2009, person=3", "hovorka-2004, person=17"])
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_takes_it(outside, glucoloop, command):
+def test_every_command_takes_it(outside, glucoloop, command, patient):
     folder = ("--out", "out") if command in WITH_FOLDER else ()
-    answer = glucoloop(command, *shlex.split(COMMANDS[command]), *folder, "--patient", NAME)
+    answer = glucoloop(command, *shlex.split(COMMANDS[command]), *folder, "--patient", patient)
     assert answer.code == 0, answer.err

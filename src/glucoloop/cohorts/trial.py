@@ -78,8 +78,7 @@ class Trial(ControlledSituation):
     population: Annotated[
         Any,
         _people(
-            "Population, see `glucoloop list` with the patient's name; or a table of your own in a file. With ', "
-            "draw=with-replacement' people with names are drawn by the seed.",
+            "Population, see `glucoloop list` with the patient's name; or a table of your own in a file.",
             metavar="NAME|FILE",
             default="the first of the patient's",
         ),
@@ -179,7 +178,9 @@ class Trial(ControlledSituation):
         usual = dict(usual or {})
         if self.given.get("days") is not None and "duration_min" not in self.given:
             usual["duration_min"] = Default(None)
-        if "people" not in self.given:
+        if self.patient.person is not None and "population" not in self.given:
+            usual["population"] = Default(None)
+        elif "people" not in self.given:
             most = self._resolved_population().most_people
             if most is not None:
                 number = usual.get("people", type(self).settings()["people"].default).noise_free

@@ -103,8 +103,11 @@ class ModelRequest(Situation):
         if given.get("best_pole") and given.get("laguerre_functions") == 0:
             raise Refusal("0 Laguerre functions have no pole to search for; give more, or leave out the search")
         if "data" not in given:
+            pulse = self.patient.pulse_mU_min
+            if self.patient.person is not None:  # insulin cannot be taken back from one who needs less
+                pulse = min(pulse, float(self.nominal.basal_insulin_mU_min))
             of_patient = {
-                "amplitude_mU_min": self.patient.pulse_mU_min,
+                "amplitude_mU_min": pulse,
                 **self.patient.identification(self.sample_time_min),
             }
             usual = {**(usual or {}), **{name: Default(value) for name, value in of_patient.items()}}

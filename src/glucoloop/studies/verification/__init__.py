@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.part import Part
-from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
+from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
@@ -39,7 +39,7 @@ class Verification(Part):
     ] = None
     seed: Annotated[int, _key("The same seed gives the same loops.", at_least=0, at_most=LARGEST_SEED)] = 1
     controllers: Annotated[tuple[str, ...], _key(_ONE_OF, flag="--controller", default="all")] = ()
-    patient: Annotated[str, _key("The patient, by name.")] = USUAL_PATIENT.name
+    patient: Annotated[str, _key("The patient, or one person, like 'kanderian-2009, person=3'.")] = USUAL_PATIENT.name
     person: Annotated[
         int | None, _key("Only the loops of this person, with their faults.", at_least=0, at_most=LARGEST_COUNTER)
     ] = None
@@ -63,7 +63,7 @@ class Verification(Part):
             raise Refusal("--loops and --nonsense exclude one another; leave one out")
         if self.nonsense is not None and self.patient != USUAL_PATIENT.name:
             raise Refusal("--nonsense has no patient at all; leave --patient out")
-        patient_entry(self.patient)
+        PATIENTS.parse(self.patient)
         for name in self.controllers:
             if controller_entry(name).slow and self.nonsense is not None:
                 quick = [name for name, entry in CONTROLLERS.items() if not entry.slow]

@@ -52,7 +52,8 @@ from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.population import person_of
+from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import Verification
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
@@ -80,9 +81,15 @@ PUMP_KINDS: Final = tuple(
 KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
 
 
-def populations_in_turn(patient: str = USUAL_PATIENT.name) -> list[Population]:
-    """Populations from which people are drawn in turn; the nominal one where the patient has no other."""
-    nominal, *others = populations_of(patient).values()
+def populations_in_turn(patient: str = USUAL_PATIENT.name, seed: int = 0) -> list[Population]:
+    """Populations from which people are drawn in turn, or the one person that the text of the patient names.
+
+    It is the nominal one where the patient has no other.
+    """
+    part = PATIENTS.parse(patient)
+    if part.person is not None:
+        return [person_of(part.person, part.called, seed)]
+    nominal, *others = populations_of(part.called).values()
     # any number of people is drawn, of a table with replacement
     return [other if other.most_people is None else other.drawn_as(REPLACED) for other in others] or [nominal]
 
@@ -90,7 +97,7 @@ def populations_in_turn(patient: str = USUAL_PATIENT.name) -> list[Population]:
 def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
     """People drawn from a patient's populations in turn, by their numbers; drawn values are those of the last one."""
     number = np.asarray(person, np.int64)
-    each = [virtual_people(population, seed, number) for population in populations_in_turn(patient)]
+    each = [virtual_people(population, seed, number) for population in populations_in_turn(patient, seed)]
     turn = number % len(each)
 
     def in_turn(*of_each: Any) -> Any:
@@ -304,14 +311,18 @@ def horizon_min(controller: str) -> float:
 
 def trial_of(asked: Verification, controller: str) -> Trial:
     """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
-    patient = PATIENTS.find(asked.patient).partial({})
-    given = {"patient": patient, "seed": asked.seed, "duration_min": horizon_min(controller), "meals": ()}
+    given = {
+        "patient": PATIENTS.parse(asked.patient),
+        "seed": asked.seed,
+        "duration_min": horizon_min(controller),
+        "meals": (),
+    }
     return Trial.partial(given).completed()
 
 
 def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
-    situation = usual_situation(patient)
+    situation = configured(Situation, patient=patient)
     return controller_of(situation, usual_case(name, situation))
 
 
@@ -320,7 +331,7 @@ def circumstances_of(controller: str, seed: int, person: int, patient: str = USU
 
     Meals are pairs of the minute and the carbohydrate in g; faults have the form of `glucoloop run --fault`.
     """
-    horizon, populations = horizon_min(controller), populations_in_turn(patient)
+    horizon, populations = horizon_min(controller), populations_in_turn(patient, seed)
     faults = random_faults(_order(seed, controller), seed, [person], sample_grid(horizon, SAMPLE_MIN).samples)
     drawn = draw_random_meals(seed, [person], horizon)
     return {
@@ -358,17 +369,17 @@ class WatchedLoops:
 
     def __init__(self, trial: Trial, controller: Controller, order: Order) -> None:
         self._trial, self._order, self.samples = trial, order, trial.samples
-        guard, patient = guard_settings_of(controller), trial.patient.called
+        guard = guard_settings_of(controller)
         faults = random_faults(order, trial.seed, np.arange(2), trial.samples)
         self.loop = loop_of(
             trial,
             controller,
             Promises(
                 limits=trial.limits,
-                sound=patient_model(patient).sound,
+                sound=patient_model(trial.patient.called).sound,
                 caps=None if guard is None else Caps(settings=guard, limits=trial.limits),
             ),
-            draw_people(trial.seed, np.arange(2), patient),
+            draw_people(trial.seed, np.arange(2), trial.patient.text),
             meals=None,
             surroundings=self._surroundings(faults, 0),
             varied=self._surroundings(faults),
@@ -386,7 +397,7 @@ class WatchedLoops:
         trial, seed = self._trial, self._trial.seed
         faults = random_faults(self._order, seed, person, self.samples)
         with one_at_a_time:
-            drawn = draw_people(seed, person, trial.patient.called)
+            drawn = draw_people(seed, person, trial.patient.text)
         run = self.loop.run(
             drawn,
             keys_of_people(seed, person),

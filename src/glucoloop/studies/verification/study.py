@@ -253,7 +253,7 @@ def notes(asked: Verification) -> tuple[str, ...]:
     if asked.nonsense is not None or not asked.controllers:
         return ()
     chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in asked.controllers)
-    return boluses_into_a_vein(ControlledSituation(patient=PATIENTS.find(asked.patient).partial({}), controller=chosen))
+    return boluses_into_a_vein(ControlledSituation(patient=PATIENTS.parse(asked.patient), controller=chosen))
 
 
 def amount(asked: Verification) -> int:
