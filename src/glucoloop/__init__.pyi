@@ -22,6 +22,7 @@ from . import parts as parts
 from . import patients as patients
 from . import plausible as plausible
 from . import printable as printable
+from . import profile as profile
 from . import pumps as pumps
 from . import refusal as refusal
 from . import report as report

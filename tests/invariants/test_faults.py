@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from glucoloop.control import GuardSettings, Status, design_pid, guarded, internal_model_tuning
 from glucoloop.episodes import Episodes
-from glucoloop.experiments.designs import with_guard, with_individual_basal
+from glucoloop.experiments.designs import with_guard
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.faults import FAULTS
@@ -18,6 +18,7 @@ from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
+from glucoloop.profile import given_profile
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor, white_noise
 from glucoloop.sensors.faults import Missing, Nonsense
@@ -151,7 +152,7 @@ class Gaps:
                 x=people.rest,
                 insulin_mU_min=people.basal_insulin_mU_min,
                 key=keys_of_people(0, np.arange(n)),
-                controller=with_individual_basal(self.controller, people.basal_insulin_mU_min),
+                controller=given_profile(self.controller, people.profile),
                 sensor=sensor_with_gap(np.asarray(onset, float), np.asarray(samples, float), value),
             )
         )
@@ -195,7 +196,7 @@ def gaps(name, guard, horizon_min):
         fold,
         setpoint_mg_dl=float(nominal.setpoint_mg_dl),
         meals=eaten([Meal(50.0, 50.0)]),
-        varied_controller=with_individual_basal(controller, PEOPLE.basal_insulin_mU_min),
+        varied_controller=given_profile(controller, PEOPLE.profile),
         varied_sensor=sensor_with_gap(np.ones(2), np.ones(2), 0.0),
     )
     return Gaps(cohort=cohort, controller=controller, fold=fold, samples=grid.samples)

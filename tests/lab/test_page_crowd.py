@@ -7,12 +7,13 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.experiments.designs import controller_of, with_individual_basal
+from glucoloop.experiments.designs import controller_of
 from glucoloop.lab.body import FAMILIES, people_of, situation
 from glucoloop.lab.pack import PAGE
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.patients.settings import PATIENTS
+from glucoloop.profile import given_profile
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.threefry import name_word, uniforms
@@ -121,7 +122,7 @@ def test_the_people_of_the_page_are_those_of_a_trial(in_node, family, controller
         assert answer["basal_insulin_mU_min"] == pytest.approx(basal, rel=1e-9)
         assert answer["glucose_mg_dl"] == pytest.approx(float(around.nominal.setpoint_mg_dl), abs=1e-9)
         np.testing.assert_allclose(answer["x"], people.rest[:, place], rtol=1e-9, atol=1e-9)
-        trace = simulate(of_people(people.patient, place), with_individual_basal(designed, basal))
+        trace = simulate(of_people(people.patient, place), given_profile(designed, of_people(people.profile, place)))
         expected = np.asarray(trace.fine_glucose_mg_dl)
         np.testing.assert_allclose(answer["trace"]["fine_glucose_mg_dl"], expected, rtol=0.0, atol=0.02)
 

@@ -19,7 +19,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
-from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
+from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
@@ -27,6 +27,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
+from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.faults import battery_gap, occlusion
 from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
@@ -272,7 +273,8 @@ class MismatchedLoops:
                 return leaves[0]
             return jnp.asarray(np.moveaxis(np.stack([np.asarray(leaf) for leaf in leaves])[which], 0, -1))
 
-        many = with_individual_basal(jax.tree_util.tree_map_with_path(of_people, *each), self._basal)
+        rest = Profile(basal_mU_min=jnp.asarray(self._basal), setpoint_mg_dl=jnp.nan)
+        many = given_profile(jax.tree_util.tree_map_with_path(of_people, *each), rest)
         one, guard, limits = each[0], GuardSettings() if self.rows[0].guarded else None, _trial().limits
         one, many = (
             with_guard(one, guard, limits, jnp.asarray(self._basal[0])),

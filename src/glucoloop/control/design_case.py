@@ -44,7 +44,7 @@ class DesignCase(Protocol):
 
     @property
     def profile(self) -> Profile:
-        """What is known of the person: basal rate, setpoint, carbohydrate ratio, correction factor, weight, daily dose.
+        """Profile of the person: basal rate, setpoint, carbohydrate ratio, correction factor, weight and daily dose.
 
         A controller that doses by it has a method ``with_profile``, by which people of a trial each bring their own.
         """

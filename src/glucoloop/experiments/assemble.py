@@ -50,7 +50,7 @@ class AtRest(Protocol):
 
     @property
     def profile(self) -> Profile:
-        """What is known of each by those who dose insulin, ``(people,)``."""
+        """Profile of each, ``(people,)``."""
 
 
 ControllersOf = Callable[[Any], Controller]

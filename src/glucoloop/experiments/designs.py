@@ -62,7 +62,7 @@ class SituationDesignCase:
 
     @property
     def profile(self) -> Profile:
-        """What is known of the person by whoever doses."""
+        """Profile of the person, as whoever doses insulin knows it."""
         if self.person is not None:
             return self.person
         return Profile(basal_mU_min=self.basal_insulin_mU_min, setpoint_mg_dl=self.patient.setpoint_mg_dl)

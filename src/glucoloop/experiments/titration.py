@@ -99,7 +99,7 @@ _MOST_FOUND: Final = 64
 
 
 def _kept(key: tuple[str, ...], make: Callable[[], Any]) -> Any:
-    """What was made for a key; the last ones are kept, since each case of a trial asks for the same people."""
+    """Object that was made for a key; the last ones are kept, since each case of a trial asks for the same people."""
     found = _FOUND.pop(key) if key in _FOUND else make()
     _FOUND[key] = found
     if len(_FOUND) > _MOST_FOUND:

@@ -52,7 +52,7 @@ class PatientModel:
     meanings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of parameters that can vary, in words."""
     profile: Mapping[str, float] = field(default_factory=dict)
-    """What is known of the nominal patient's profile, by the fields of `glucoloop.profile.Profile`."""
+    """Known fields of the nominal patient's `glucoloop.profile.Profile`, beside how the patient rests."""
     hint: str = ""
     """List of the known parameters, for the error about an unknown one."""
     sound: Sound = _finite

@@ -212,7 +212,7 @@ class VirtualPeople:
     feasible: npt.NDArray[np.bool_]
     """``(n,)`` whether a basal rate exists."""
     profile: Profile
-    """``(n,)`` what is known of the people by those who dose insulin."""
+    """``(n,)`` profiles, as whoever doses insulin knows the people."""
 
     def at(self, place: npt.NDArray[np.intp]) -> VirtualPeople:
         """The people at the given places, in their order; places may repeat."""

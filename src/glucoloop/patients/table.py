@@ -43,7 +43,7 @@ class PeopleTable:
     values : mapping of str to tuple of float
         Value of each person by parameter, in the parameter's unit; other parameters are nominal.
     profile : mapping of str to tuple of float or None
-        What is known of each person's profile, by `PROFILE_COLUMNS`; None where it is not known.
+        Fields of each person's profile, by `PROFILE_COLUMNS`; None where one is not known.
     meals : tuple of tuple of Meal
         Each person's own day, or none.
     draws : {"once", "with-replacement"}
@@ -107,7 +107,7 @@ class PeopleTable:
         raise Refusal(f"there is no person {person!r}; {known_names(person, self.names)}")
 
     def profile_of(self, person: str) -> dict[str, float]:
-        """What is known of a person's profile."""
+        """Known fields of a person's profile."""
         row = self.row(person)
         return {name: value for name, known in self.profile.items() if (value := known[row]) is not None}
 

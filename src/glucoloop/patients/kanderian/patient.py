@@ -56,7 +56,7 @@ class KanderianPatient(OdePatient):
         return HovorkaGut(time_to_maximum_min=self.parameters["tau_m"], bioavailability=1.0)
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
-        """Right-hand side."""
+        """Right-hand side of the equations."""
         c, (I_sc, I_p, I_eff, G, G_isf) = self.parameters, x
         return jnp.stack(
             [

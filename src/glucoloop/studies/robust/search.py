@@ -64,7 +64,7 @@ class Subjects:
     basal_insulin_mU_min: npt.NDArray[np.float64]
     """(subjects,) rates under which they rest."""
     profile: Profile
-    """(subjects,) profiles."""
+    """(subjects,) profiles of the subjects."""
     key: jax.Array
     """(subjects,) random key of each sensor."""
     people: int

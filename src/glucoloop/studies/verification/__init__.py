@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import shlex
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
@@ -86,7 +87,7 @@ class Verification(Part):
 
     def repeat(self, controller: str, person: int) -> str:
         """Command that repeats the loops of a person, or a loop of a nonsense test."""
-        kind = "" if self.patient == USUAL_PATIENT.name else f"--patient {self.patient} "
+        kind = "" if self.patient == USUAL_PATIENT.name else f"--patient {shlex.quote(self.patient)} "
         kind = kind if self.nonsense is None else "--nonsense 1 "
         return f"glucoloop verify {kind}--seed {self.seed} --controller {controller} --person {person}"
 
