@@ -50,3 +50,19 @@ def test_what_another_package_adds_is_listed(glucoloop, install):
 
 def test_an_unknown_name_is_refused_with_the_likely_one(refused):
     assert refused("list", "spike") == "there is no part and no kind of parts 'spike'; did you mean 'spikes'?"
+
+
+def test_the_people_of_a_population_by_its_name(glucoloop):
+    lines = glucoloop("list", "kanderian2009").out.splitlines()
+    assert lines[0] == "population kanderian2009: the ten people of Kanderian et al. (2009), by name 1 to 10"
+    assert "10 people of kanderian-2009, by name: 1, 2, 3, 4, 5, 6, 7, 8, 9, 10" in lines[1]
+    [told] = glucoloop("list", "kanderian2009", "--json").json["parts"]
+    assert [person["total_daily_dose_U"] for person in told["person"]] == [50, 43, 30, 65, 42, 21, 40, 30, 50, 34]
+    of_patient = glucoloop("list", "kanderian-2009").out
+    assert of_patient.count("kanderian2009") == 1  # one line, however many people there are
+
+
+def test_how_a_population_is_drawn(glucoloop):
+    told = " ".join(glucoloop("list", "boiroux2017").out.split())
+    assert "one alone: --patient 'hovorka-2004, person=17'" in told
+    assert "weight_kg from 65 to 95, about 80 (uniform): body weight" in told

@@ -1,10 +1,12 @@
 """Short names of faults, and sentences about a stress test."""
 
 import itertools
+from types import SimpleNamespace
 
 import pytest
 
 from glucoloop.faults import FAULTS
+from glucoloop.patients import population
 from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
 from glucoloop.report.descriptions import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES
@@ -166,7 +168,8 @@ def test_what_passes_and_what_fails_is_counted(make_stress):
 
 def test_reasons_follow_the_conclusions(make_stress):
     result = make_stress(["mpc"], [STUCK], {("mpc", True, STUCK): (4.04, [17])})
-    *first, reason = sentences(None, result)
+    asked = SimpleNamespace(population=population("parker2000"), seed=0)
+    *first, reason = sentences(asked, result)
     assert first == list(conclusions(result))
     assert reason == (
         "mpc under stuck, with the guard: person 17, below 60 mg/dl for 4.0 % of the run longer. "

@@ -9,7 +9,7 @@ size, whoever else is drawn, so that it too is the same to the bit.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeVar
 
@@ -120,6 +120,16 @@ class Population:
         """Names of persons by their numbers; None without a table of people."""
         table = self.table
         return None if table is None else [table.names[row] for row in table.rows(seed, checked_people(person))]
+
+    def called(self, seed: int, person: Iterable[int]) -> list[str]:
+        """Numbers of persons as texts, each with the name of one who has a name: ``1 (named 2)``."""
+        numbers = list(person)
+        names = self.names(seed, np.asarray(numbers, np.int64))
+        return (
+            list(map(str, numbers))
+            if names is None
+            else [f"{number} (named {name})" for number, name in zip(numbers, names, strict=True)]
+        )
 
     @property
     def most_people(self) -> int | None:

@@ -172,12 +172,16 @@ class Attack:
         return self._loop.engine
 
     def person(self, number: int | None) -> VirtualPeople:
-        """A person of the population by number, or the nominal patient; Refusal for one without a basal rate."""
+        """A person of the population by number, or the nominal patient; Refusal for one without a basal rate.
+
+        The nominal patient of a trial of one person is that person.
+        """
         trial = self._trial
-        drawn_from = trial.population if number is not None else population("nominal", patient=trial.patient.called)
+        alike = number is None and trial.one_person is None
+        drawn_from = population("nominal", patient=trial.patient.called) if alike else trial.population
         drawn = virtual_people(drawn_from, trial.seed, [number or 0], setpoint_mg_dl=trial.target_mg_dl)
         if not drawn.feasible.all():
-            who = "the nominal patient" if number is None else f"person {number} of seed {trial.seed}"
+            who = "the nominal patient" if alike else f"person {number or 0} of seed {trial.seed}"
             raise Refusal(f"no basal rate holds {who} at {trial.target_mg_dl:g} mg/dl; give another person or setpoint")
         return drawn
 

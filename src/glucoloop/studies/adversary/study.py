@@ -218,7 +218,9 @@ def tables(asked: Adversary, found: Findings) -> Iterator[FittingTable]:
 
 
 def _title(asked: Adversary) -> str:
-    who = "the nominal patient" if asked.person is None else f"person {asked.person} of {asked.population.name}"
+    who = "the nominal patient" if asked.one_person is None else asked.one_person.name
+    if asked.person is not None:
+        who = f"person {asked.population.called(asked.seed, [asked.person])[0]} of {asked.population.name}"
     stuck = f", {asked.stuck_times} stretches of {asked.stuck_min:g} min stuck" if asked.stuck_times else ""
     return f"The worst errors found for {who}: each held for {asked.hold_min:g} min{stuck}"
 

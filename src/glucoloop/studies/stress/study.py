@@ -258,8 +258,9 @@ def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
     yield from conclusions(found)
     names = Grid(found).names
     for reason in found.plain["reasons"]:
+        [who] = asked.population.called(asked.seed, [reason["person"]])
         yield (
-            f"{reason['controller']} under {names[reason['fault']]}, with the guard: person {reason['person']}, below "
+            f"{reason['controller']} under {names[reason['fault']]}, with the guard: person {who}, below "
             f"60 mg/dl for {percent(reason['more_pct'])} of the run longer. {reason['text']}"
         )
 

@@ -99,7 +99,9 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
         cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )
-    return Findings({**plain, "notes": list(_notes(plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report)
+    return Findings(
+        {**plain, "notes": list(_notes(asked, plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report
+    )
 
 
 def drawn(asked: Trial, found: Findings) -> dict[str, bytes]:
@@ -231,28 +233,28 @@ def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
     yield MetricRow("", "Engine", "", [controller["engine"] for controller in controllers])
 
 
-def _notes(summary: Mapping[str, Any]) -> Iterator[str]:
+def _notes(trial: Trial, summary: Mapping[str, Any]) -> Iterator[str]:
     """Notes on people who are left out, and on people whose basal rate is beyond the pump."""
     infeasible, beyond = summary["unable"], summary["basal_beyond_pump"]
     setpoint = f"{summary['setpoint_mg_dl']:g} mg/dl"
     if count := infeasible["count"]:
         yield (
             f"Of {how_many(summary['people'], 'person', 'people')} {how_many(count, 'has', 'have')} no basal rate for "
-            f"{setpoint}: {_persons(infeasible)}."
+            f"{setpoint}: {_persons(trial, infeasible)}."
         )
     if beyond["count"]:
         yield (
             f"{how_many(beyond['count'], 'person', 'people')} would need more than the pump gives to rest there: "
-            f"{_persons(beyond)}."
+            f"{_persons(trial, beyond)}."
         )
     yield from engine_notes(summary["controllers"])
     for label, plain in summary["controllers"].items():
         for name, happened in _LOST.items():
             if plain[name]["count"]:
                 who = how_many(plain[name]["count"], "person", "people")
-                yield f"{label}: glucose of {who} {happened.format(_persons(plain[name]))}"
+                yield f"{label}: glucose of {who} {happened.format(_persons(trial, plain[name]))}"
 
 
-def _persons(named: Mapping[str, Any]) -> str:
-    shown = ", ".join(map(str, named["person"][:_NAMED]))
+def _persons(trial: Trial, named: Mapping[str, Any]) -> str:
+    shown = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
     return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
