@@ -164,5 +164,5 @@ def refuse_exercise(patient: Any, called: str = "") -> None:
     if not getattr(patient, "takes_exercise", False):
         raise Refusal(
             f"the equations of {called or type(patient).__name__} have no exercise, so it would change nothing; leave "
-            "it out, or take a patient that has it, such as roy-parker-2007 or bergman-2020"
+            "it out, or take a patient that has it, such as roy-parker-2007 or mcgill-2020"
         )

@@ -14,6 +14,7 @@ from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.models import meal_model, meal_model_of
 from glucoloop.meals.plan import MealPlan, draw_meals
 from glucoloop.meals.protocol import Eaten, Jumps, MealModel
+from glucoloop.meals.roy_parker import RoyParkerGut
 from glucoloop.meals.scenario import Meal, Scenario, eaten
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Meal",
     "MealModel",
     "MealPlan",
+    "RoyParkerGut",
     "Scenario",
     "absorb",
     "appearance_mg_min",

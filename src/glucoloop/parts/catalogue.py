@@ -22,6 +22,7 @@ HOMES: Final = {
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "estimator": "glucoloop.parts.estimators:ESTIMATORS",
     "guard": "glucoloop.parts.guard:GUARDS",
+    "rhythm": "glucoloop.rhythms.catalogue:RHYTHMS",
     "metric": "glucoloop.parts.metrics:METRICS",
     "sampler": "glucoloop.parts.samplers:SAMPLERS",
     "model": "glucoloop.parts.models:MODELS",
