@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         guarded,
     )
     from glucoloop.estimation.unknown_meal import MealHabits, estimate_meals
+    from glucoloop.exercise import Exercise
     from glucoloop.identification import identify_record, record_from_samples
     from glucoloop.meals import Meal, Scenario
     from glucoloop.metrics import summarise
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
     from glucoloop.refusal import Refusal
     from glucoloop.report import plot
+    from glucoloop.rhythms import rhythm
     from glucoloop.sensors import dead_time, white_noise
     from glucoloop.shown_units import showing
     from glucoloop.simulation import (
@@ -81,6 +83,7 @@ _HOME = {
             "guarded",
         ),
         "estimation.unknown_meal": ("MealHabits", "estimate_meals"),
+        "exercise": ("Exercise",),
         "identification": ("identify_record", "record_from_samples"),
         "meals": ("Meal", "Scenario"),
         "metrics": ("summarise",),
@@ -88,6 +91,7 @@ _HOME = {
         "pumps": ("LimitedPump", "dose_limits", "with_resolution"),
         "refusal": ("Refusal",),
         "report": ("plot",),
+        "rhythms": ("rhythm",),
         "sensors": ("dead_time", "white_noise"),
         "shown_units": ("showing",),
         "simulation": (
@@ -109,6 +113,7 @@ _HOME = {
 
 __all__ = [
     "Adaptive",
+    "Exercise",
     "Explicit",
     "Exponential",
     "GuardSettings",
@@ -146,6 +151,7 @@ __all__ = [
     "plot",
     "population",
     "record_from_samples",
+    "rhythm",
     "showing",
     "simulate",
     "simulate_people",

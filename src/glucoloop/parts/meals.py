@@ -47,9 +47,7 @@ class RoyParkerSettings(MealModelPart, name="roy-parker"):
     rise_min: Annotated[float, About("Time in which emptying rises.", at_least=1.0, at_most=1440.0)] = 10.0
     plateau_min: Annotated[float, About("Time for which it stays.", at_least=0.0, at_most=1440.0)] = 35.0
     fall_min: Annotated[float, About("Time in which it falls.", at_least=1.0, at_most=1440.0)] = 10.0
-    absorption_per_min: Annotated[
-        float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)
-    ] = 0.022
+    absorption_per_min: Annotated[float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)] = 0.022
 
 
 MEAL_MODELS: Final = Catalogue(

@@ -65,7 +65,7 @@ def paced(
 
 
 def declared_by(patient: Patient, what: str) -> Any:
-    """Constants that a patient declares as ``insulin_sensitivity`` or ``glucose_production``; refused if it does not."""
+    """Constants that a patient declares as ``insulin_sensitivity`` or ``glucose_production``; Refusal without any."""
     declared = getattr(patient, what, None)
     if not declared:
         raise Refusal(

@@ -46,7 +46,7 @@ PAPER: Final = "Roy and Parker 2007, J. Diabetes Sci. Technol. 1(3)"
 RESTATED: Final = f"{PAPER}, default of the restatement in LoopInsighT1"
 
 # fmt: off
-# ruff: noqa: E501 (a table reads best with one value on each line)
+
 CONSTANTS: Final = (
     Constant("weight_kg", 70.0, "kg", "body weight", PAPER),
     Constant("V_G", 117.0, "dl", "volume of glucose", PAPER),

@@ -42,16 +42,14 @@ class DawnSettings(RhythmPart, name="dawn"):
     """Production of glucose by the liver that rises before dawn, of Mallad et al. (2015)."""
 
     make: ClassVar = "glucoloop.rhythms.dawn:Dawn"
-    rise_mg_kg_min: Annotated[
-        float, About("Rise of production at its end, in mg/kg/min.", above=0.0, at_most=10.0)
-    ] = 1.5
-    from_min: Annotated[
-        float, About("Time of day at which it begins to rise.", at_least=0.0, below=MIN_PER_DAY)
-    ] = 180.0
+    rise_mg_kg_min: Annotated[float, About("Rise of production at its end, in mg/kg/min.", above=0.0, at_most=10.0)] = (
+        1.5
+    )
+    from_min: Annotated[float, About("Time of day at which it begins to rise.", at_least=0.0, below=MIN_PER_DAY)] = (
+        180.0
+    )
     to_min: Annotated[float, About("Time of day at which it stops rising.", above=0.0, below=MIN_PER_DAY)] = 420.0
-    fall_min: Annotated[
-        float, About("Time in which it falls back afterwards.", at_least=1.0, at_most=720.0)
-    ] = 120.0
+    fall_min: Annotated[float, About("Time in which it falls back afterwards.", at_least=1.0, at_most=720.0)] = 120.0
 
     def __post_init__(self) -> None:
         if not self.from_min < self.to_min or not self.to_min + self.fall_min <= MIN_PER_DAY:
@@ -61,6 +59,4 @@ class DawnSettings(RhythmPart, name="dawn"):
             )
 
 
-RHYTHMS: Final = Catalogue(
-    RhythmPart, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl"
-)
+RHYTHMS: Final = Catalogue(RhythmPart, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl")

@@ -32,7 +32,7 @@ from glucoloop.simulation.held import refuse_held
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
-from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
@@ -79,7 +79,7 @@ class People:
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
-    held: Held = Held()
+    held: Held = NOTHING_HELD
     """(samples, points, people) exercise and what rhythms change, in a cohort that was made for them."""
 
 

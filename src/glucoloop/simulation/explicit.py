@@ -1,9 +1,9 @@
 """Explicit integrator of any patient: the classical Runge-Kutta method, with steps that end where glucose is recorded.
 
 The infusion is constant over a sample, exercise and what a rhythm changes are so to the next recorded moment, and the
-meal enters each step as the quadratic with its exact moments, so that
-the method keeps its fourth order where a meal is smooth. Meals that begin at whole minutes begin between two steps.
-The number of steps follows from the patient's fastest rate at rest, beyond which the method would not be stable.
+meal enters each step as the quadratic with its exact moments, so that the method keeps its fourth order where a meal is
+smooth. Meals that begin at whole minutes begin between two steps. The number of steps follows from the patient's
+fastest rate at rest, beyond which the method would not be stable.
 """
 
 from __future__ import annotations

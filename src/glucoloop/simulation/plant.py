@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import jax
 import numpy as np
@@ -73,6 +73,9 @@ class Held:
         return paced(patient, self.sensitivity, self.production_mg_kg_min)  # type: ignore[arg-type]
 
 
+NOTHING_HELD: Final = Held()
+
+
 @pytree
 class Exogenous:
     """Inputs of a patient in one sample besides insulin; in several with an axis of samples first."""
@@ -81,7 +84,7 @@ class Exogenous:
     """Time since the start, at the sample."""
     moments: jax.Array | None = None
     """(steps, 3, ...) Legendre moments of the appearance of meals in each step; None where the plant has the meals."""
-    held: Held = Held()
+    held: Held = NOTHING_HELD
     """Exercise, and what a rhythm changes."""
 
 
