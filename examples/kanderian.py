@@ -46,6 +46,8 @@ class Kanderian(OdePatient):
     insulin_route = "subcutaneous"  # from which the usual pump, identification and tunings follow
     sites = "plasma", "interstitial"  # where glucose can be read; the first is controlled
     meal_model = HovorkaGut(time_to_maximum_min=47.0, bioavailability=1.0)  # as after breakfast
+    insulin_sensitivity = ("sensitivity",)  # constants that a rhythm changes
+    glucose_production: ClassVar = {"EGP": 89.0 / 253.0}  # with what 1 mg/kg/min is: 89 kg in 253 dl
 
     def derivative(self, t_min, x, inputs: Inputs):
         c, (under_skin, plasma, effect, glucose, tissue) = self.parameters, x

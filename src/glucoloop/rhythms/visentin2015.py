@@ -56,7 +56,7 @@ class Visentin2015:
         number = 3 * day.astype(int) + np.searchsorted(PERIODS_MIN, minute, side="right")
         highs = np.array([[FACTORS[letter] for letter in pattern] for pattern in PROBABILITIES])
         levels = highs[patterns_of(self.pattern, seed, person)]
-        periods = np.arange(number.min(initial=0), number.max(initial=0) + 1)
+        periods, which = np.unique(number, return_inverse=True)
         factors = levels[:, (periods - 1) % 3].T
         if self.day_spread_pct > 0.0:
             below = ndtr(-_WITHIN_SD)
@@ -64,7 +64,7 @@ class Visentin2015:
                 uniform = uniforms(seed, "sensitivity of a period", person, int(period))
                 deviation = ndtri(below + (1.0 - 2.0 * below) * uniform)
                 factors[row] *= 1.0 + self.day_spread_pct / 100.0 * deviation
-        return Changes(sensitivity=factors[number - periods[0]])
+        return Changes(sensitivity=factors[which])
 
 
 def patterns_of(pattern: str, seed: int, person: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
