@@ -1,5 +1,7 @@
 """Families with exercise: rest and exercise in closed form, SciPy with switches and resets, and what is published."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -25,7 +27,7 @@ def integrated(rates, x, bouts, horizon_min, reset):
     """States at the ends of bouts and of the run, by SciPy; `reset` changes the state where a bout ends."""
     edges = sorted({0.0, horizon_min, *(t for u, start, lasts in bouts for t in (start, start + lasts))})
     minutes, glucose = np.arange(horizon_min + 1.0), []
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in itertools.pairwise(edges):
         u = max([level for level, begins, lasts in bouts if begins <= start < begins + lasts], default=0.0)
         x = reset(x) if u == 0.0 else x
         inside = minutes[(minutes >= start) & (minutes < end)]
@@ -60,7 +62,8 @@ def roy_parker(u_1):
 
 
 @pytest.mark.parametrize(
-    "bouts", [[(40.0, 60.0, 60.0)], [(60.0, 30.0, 120.0)], [(30.0, 20.0, 40.0), (70.0, 75.0, 60.0)], [(90.0, 10.0, 30.0)]]
+    "bouts",
+    [[(40.0, 60.0, 60.0)], [(60.0, 30.0, 120.0)], [(30.0, 20.0, 40.0), (70.0, 75.0, 60.0)], [(90.0, 10.0, 30.0)]],
 )
 def test_roy_and_parker_are_the_printed_equations(bouts):
     patient = gl.patient("roy-parker-2007")
@@ -77,11 +80,17 @@ def test_the_linear_states_of_roy_and_parker_are_closed_forms():
     V = u * (1.0 - np.exp(-0.8 * since))
     np.testing.assert_allclose(states[:, 3], V, atol=2e-3)
     for row, gain, rate in ((4, 0.00158, 0.056), (5, 0.00195, 0.0485), (6, 0.00125, 0.075)):
-        answer = gain * u * ((1.0 - np.exp(-rate * since)) / rate - (np.exp(-rate * since) - np.exp(-0.8 * since)) / (0.8 - rate))
+        answer = (
+            gain
+            * u
+            * ((1.0 - np.exp(-rate * since)) / rate - (np.exp(-rate * since) - np.exp(-0.8 * since)) / (0.8 - rate))
+        )
         np.testing.assert_allclose(states[:, row], answer, atol=2e-4)
     np.testing.assert_allclose(states[:, 8], u * since, rtol=1e-12)
     begins = -1.1521 * u + 87.471  # A_TH / u
-    np.testing.assert_allclose(states[since > begins + 2.0, 7], 0.0108 * (since[since > begins + 2.0] - begins), rtol=1e-3)
+    np.testing.assert_allclose(
+        states[since > begins + 2.0, 7], 0.0108 * (since[since > begins + 2.0] - begins), rtol=1e-3
+    )
     assert np.all(states[since < begins - 2.0, 7] == 0.0)
 
 

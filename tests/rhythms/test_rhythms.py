@@ -74,7 +74,10 @@ def test_a_rhythm_is_a_part():
     for text, told in (
         ("noon", "unknown rhythm 'noon'; the known ones are: visentin-2015, dawn"),
         ("visentin-2015, pattern=lll", "pattern is 'lll'"),
-        ("dawn, from_min=600", "a dawn from 600 to 420 min that falls for 120 min is not possible; give times in their"),
+        (
+            "dawn, from_min=600",
+            "a dawn from 600 to 420 min that falls for 120 min is not possible; give times in their",
+        ),
         ("dawn, to_min=1400", "a dawn from 180 to 1400 min"),
         ("dawn, rise_mg_kg_min=nan", "rise_mg_kg_min is nan"),
     ):

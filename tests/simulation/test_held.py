@@ -31,7 +31,15 @@ RHYTHMS = (Visentin2015("lhl"), Dawn())
 class Kanderian(OdePatient):
     """Person 1 of Kanderian et al. (2009), in whom exercise takes up glucose, and production follows the clock too."""
 
-    nominal: ClassVar = {"CI": 2.01, "tau_1": 49.0, "tau_2": 47.0, "p_2": 0.0106, "S": 8.11e-4, "GEZI": 0.0022, "EGP": 1.33}
+    nominal: ClassVar = {
+        "CI": 2.01,
+        "tau_1": 49.0,
+        "tau_2": 47.0,
+        "p_2": 0.0106,
+        "S": 8.11e-4,
+        "GEZI": 0.0022,
+        "EGP": 1.33,
+    }
     near_rest = (11.0, 11.0, 0.009, 120.0)
     near_basal_mU_min = 22.0
     insulin_route = "subcutaneous"
@@ -57,7 +65,9 @@ class Kanderian(OdePatient):
 
 def day(**more):
     meals = [Meal(40.0, 435.0), Meal(60.0, 733.3)]
-    return Scenario(meals, 1440.0, **{"start_min": 60.0, "rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2, **more})
+    return Scenario(
+        meals, 1440.0, **{"start_min": 60.0, "rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2, **more}
+    )
 
 
 def pid(patient):
@@ -119,7 +129,10 @@ def test_production_that_is_added_is_a_mass_of_glucose():
 def cohort(engine, precision="float64"):
     """Some people who differ in two constants, with bouts and rhythms of their own, and their run."""
     factors, number = np.linspace(0.8, 1.25, 9), np.arange(9)
-    nominal, varied = Kanderian.resting_at(120.0), Kanderian.resting_at(120.0, S=8.11e-4 * factors, tau_1=49.0 * factors)
+    nominal, varied = (
+        Kanderian.resting_at(120.0),
+        Kanderian.resting_at(120.0, S=8.11e-4 * factors, tau_1=49.0 * factors),
+    )
     grid = SampleGrid(5.0, 288, start_min=60.0)
     bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
     held = held_of_people(grid, bouts, (Visentin2015(), Dawn()), 4, number)
@@ -165,7 +178,7 @@ def test_a_stepper_steps_what_is_simulated():
     trace = by(patient, scenario)
     rhythm = {"rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2}
     stepper, other = (gl.Stepper(patient, start_min=60.0, **rhythm) for _ in range(2))
-    glucose, saved = [], b""
+    glucose = []
     for index, rate in enumerate(np.asarray(trace.insulin_mU_min).tolist()):
         for meal in scenario.meals:
             if index * 5.0 <= meal.t_min < index * 5.0 + 5.0:
@@ -192,7 +205,9 @@ def test_a_stepper_steps_what_is_simulated():
 
 def test_a_patient_that_does_not_take_an_input_refuses_it():
     patient = gl.patient()
-    with pytest.raises(ValueError, match="the equations of SorensenPatient have no exercise, so it would change nothing"):
+    with pytest.raises(
+        ValueError, match="the equations of SorensenPatient have no exercise, so it would change nothing"
+    ):
         by(patient, Scenario([], 600.0, exercise=BOUTS[:1]))
     for rhythm, constants in ((Visentin2015(), "insulin_sensitivity"), (Dawn(), "glucose_production")):
         told = rf"SorensenPatient does not declare which of its constants are its .* \({constants}\)"
@@ -236,7 +251,9 @@ def test_many_people_of_a_library_user_have_rhythms_of_their_own():
     people = gl.virtual_people(gl.population("boiroux2017", patient="hovorka-2004"), 3, np.arange(6))
     scenario = Scenario([], 1440.0, rhythms=[Visentin2015(day_spread_pct=0.0)])
     controller = gl.design_open_loop(6.7, gl.usual_limits(people.patient))
-    run, plain = (gl.simulate_people(people, controller, scenario=of, seed=2) for of in (scenario, Scenario([], 1440.0)))
+    run, plain = (
+        gl.simulate_people(people, controller, scenario=of, seed=2) for of in (scenario, Scenario([], 1440.0))
+    )
     assert run.engine == "native"
     changed = np.max(np.abs(run.glucose_mg_dl - plain.glucose_mg_dl), axis=0)
     high = patterns_of("drawn", 2, np.arange(6)) == list(PROBABILITIES).index("hhh")

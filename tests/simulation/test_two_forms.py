@@ -10,6 +10,7 @@ import pytest
 import glucoloop as gl
 from glucoloop.meals import Scenario
 from glucoloop.parts.patients import PATIENTS
+from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.hovorka.patient import HovorkaPatient
 from glucoloop.patients.model import patient_model
 from glucoloop.simulation import Adaptive, Exponential
@@ -50,7 +51,8 @@ def basal(person):
 
 
 def names():
-    return [(entry.name, point.name) for entry in PATIENTS.values() for point in entry.operating_points]
+    points = [(entry.name, point.name) for entry in PATIENTS.values() for point in entry.operating_points]
+    return [(name, point) for name, point in points if isinstance(gl.patient(name, point), SemilinearPatient)]
 
 
 @pytest.mark.parametrize(("name", "point"), names())

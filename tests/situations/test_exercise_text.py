@@ -1,13 +1,15 @@
 """Exercise as a text: what a person may write, and the way back."""
 
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop.exercise import Exercise
-from glucoloop.situations.situation import configured
 from glucoloop.situations.exercise_text import exercise_text, parse_exercise, same_exercise
 from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured
 
 
 @given(st.builds(Exercise, st.floats(1e-3, 100.0), st.floats(0.0, 1e5), st.floats(1.0, 1440.0)))
@@ -21,18 +23,19 @@ def test_what_a_person_may_write(text):
     assert parse_exercise(text).duration_min == 30.0
 
 
-@pytest.mark.parametrize("text", ["", "50@14h/30min", "50%@14/30min", "50%@14h", "50%@14h/30", "50 %14h/30min", "%@h/min"])
+@pytest.mark.parametrize(
+    "text", ["", "50@14h/30min", "50%@14/30min", "50%@14h", "50%@14h/30", "50 %14h/30min", "%@h/min"]
+)
 def test_what_lacks_a_part_or_a_unit_is_refused(text):
     with pytest.raises(ValueError, match=r"is not exercise; write its intensity .*, like 50%@14h/30min"):
         parse_exercise(text)
 
 
-@given(st.text(max_size=30))
+@given(st.text(st.sampled_from("0159.%@/hmind e-"), max_size=16))
 def test_any_text_is_read_or_refused(text):
-    try:
-        assert same_exercise([text]) == same_exercise(same_exercise([text]))
-    except ValueError:
-        pass
+    with contextlib.suppress(ValueError):
+        read = same_exercise([text])
+        assert same_exercise(read) == read
 
 
 def test_a_run_takes_exercise_of_a_patient_that_has_it():

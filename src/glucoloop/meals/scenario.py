@@ -99,8 +99,8 @@ class Scenario:
     exercise : iterable of Exercise
         Bouts of exercise, of which the controller is not told; for a patient that takes exercise.
     rhythms : iterable of Rhythm
-        What follows the clock in the patient, who starts at midnight unless `start_min` says otherwise. The patient
-        rests, and controllers are designed, as without it.
+        Rhythms of the patient by the clock, which starts at midnight unless `start_min` says otherwise. The patient
+        rests, and controllers are designed, as without them.
     rhythm_seed, rhythm_person : int
         Seed and number of the person, of which rhythms make their random numbers.
 

@@ -85,7 +85,7 @@ class McGillPatient(OdePatient):
 
     @property
     def glucose_production(self) -> Mapping[str, jax.Array]:
-        """What 1 mg/kg/min of production adds to G_b."""
+        """Increase of G_b by 1 mg/kg/min of production."""
         c = self.parameters
         return {"G_b": 1.0 / (c["V_G"] * c["P_1"])}
 
@@ -110,7 +110,7 @@ class McGillPatient(OdePatient):
         )
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Plasma glucose."""
+        """Concentration of glucose in plasma."""
         return x[0]
 
     def seen_mg_dl(self, x: jax.Array, site: str) -> jax.Array:

@@ -86,7 +86,7 @@ class RoyParkerPatient(OdePatient):
 
     @property
     def glucose_production(self) -> Mapping[str, jax.Array]:
-        """What 1 mg/kg/min of production adds to G_b."""
+        """Increase of G_b by 1 mg/kg/min of production."""
         c = self.parameters
         return {"G_b": c["weight_kg"] / c["V_G"] / c["p_1"]}
 
@@ -115,7 +115,7 @@ class RoyParkerPatient(OdePatient):
         )
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
-        """Plasma glucose."""
+        """Concentration of glucose in plasma."""
         return x[0]
 
 

@@ -112,14 +112,14 @@ def mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], horizon_min: fl
 
 
 def mark_exercise(axes: Axes, bouts: Sequence[Any], horizon_min: float, width: Width) -> None:
-    """Mark each bout of exercise by a bar along the upper edge, with its intensity below."""
+    """Mark each bout of exercise by a bar along the upper edge, with its intensity above."""
     divisor, upper_edge = time_axis(horizon_min, width)[0], axes.get_xaxis_transform()
     for bout in bouts:
         ends = bout.t_min / divisor, (bout.t_min + bout.duration_min) / divisor
         axes.plot(
             ends, (1.0, 1.0), linewidth=3.0, color=GREY, solid_capstyle="butt", clip_on=False, transform=upper_edge
         )
-        write(axes, f"{bout.intensity_pct:.3g} %", (ends[0], 1.0), down=8, xycoords=upper_edge)
+        write(axes, f"{bout.intensity_pct:.3g} %", (sum(ends) / 2.0, 1.0), down=-4, xycoords=upper_edge)
 
 
 def _characters(width: Width, font_pt: float) -> int:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from glucoloop.rhythms.catalogue import RHYTHMS
-from glucoloop.rhythms.protocol import Rhythm
+
+if TYPE_CHECKING:
+    from glucoloop.rhythms.protocol import Rhythm
 
 
 def rhythm(text: str) -> Rhythm:

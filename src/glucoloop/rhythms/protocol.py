@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Changes:
-    """What a rhythm changes at some times, ``(n, people)`` each; None for what it leaves as it is."""
+    """Changes by a rhythm at some times, ``(n, people)`` each; None for what it leaves as it is."""
 
     sensitivity: Floats | None = None
     """Factor on the constants that are a person's sensitivity to insulin."""

@@ -303,7 +303,7 @@ class Situation(Part):
 
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:
-        """What follows the clock in the patient."""
+        """Rhythms of the patient, as a scenario takes them."""
         return tuple(part.made() for part in self.rhythm)
 
     @property

@@ -184,7 +184,7 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
 
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
-    """What a rhythm is not in, and the basal rate in the unit of pumps, where insulin is given under the skin."""
+    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
     yield from rests_without_rhythm(situation)
     if situation.patient.under_the_skin:
         basal = float(situation.nominal.basal_insulin_mU_min)
