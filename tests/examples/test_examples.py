@@ -33,6 +33,7 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
         ("your_own_metric", "time from 70 to 140 mg/dl: 91.8 %"),
         ("your_own_data", "1 of 576 samples were missing"),
         ("a_guarded_controller", "alone: glucose down to 59.9 mg/dl"),
+        ("bergman", "Exercise lowers glucose from 90 to 81 mg/dl"),
         ("kanderian", "1.321 U/h hold 120 mg/dl"),
         ("a_population", "1000 people; undershoot: median 10.0, worst 22.2 mg/dl"),
     ],
