@@ -15,8 +15,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.parts.patients import OperatingPoint, PatientPart
 from glucoloop.patients import OdePatient
+from glucoloop.patients.settings import OperatingPoint, PatientPart
 
 
 class Bergman(OdePatient):

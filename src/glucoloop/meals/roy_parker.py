@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.protocol import Eaten, Jumps
-from glucoloop.parts.meals import RoyParkerSettings
+from glucoloop.meals.settings import RoyParkerSettings
 from glucoloop.units import MG_PER_G
 
 

@@ -6,13 +6,16 @@ A rhythm joins every command by one class, entered in `RHYTHMS` or by the entry 
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
+
+if TYPE_CHECKING:
+    from glucoloop.rhythms.protocol import Rhythm
 
 
 class RhythmPart(MadePart):
@@ -60,3 +63,16 @@ class DawnSettings(RhythmPart, name="dawn"):
 
 
 RHYTHMS: Final = Catalogue(RhythmPart, (Visentin2015Settings, DawnSettings), example="visentin-2015, pattern=hhl")
+
+
+def rhythm(text: str) -> Rhythm:
+    """Rhythm by its text, as ``"visentin-2015, pattern=hhl"`` or ``"dawn"``; ValueError for one that is unknown.
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> gl.rhythm("dawn, rise_mg_kg_min=1").rise_mg_kg_min
+    1.0
+    """
+    made: Rhythm = RHYTHMS.choose(text).made()
+    return made
