@@ -16,7 +16,7 @@ def test_it_passes_on_all_that_is_eaten(carbs_g, rise, plateau, fall, rate):
     absorbed = absorb(gut, eaten([Meal(carbs_g, 0.0)]))
     times = np.linspace(0.0, rise + plateau + fall + 30.0 / rate, 40_001)
     appearing = np.array([float(appearance_mg_min(t, absorbed)) for t in times[::2000]])
-    assert np.all(appearing >= -1e-9)
+    assert np.all(appearing >= -1e-9 * appearing.max())  # four jumps of slope that cancel
 
     def emptying(t):
         peak = 2.0 * 1000.0 * carbs_g / (rise + 2.0 * plateau + fall)
