@@ -141,11 +141,13 @@ def draw_bouts(
 def mean_intensity_pct(bouts: Bouts, edges_min: npt.ArrayLike) -> Floats:
     """Mean intensity ``(n, people)`` of people between consecutive times ``(n + 1,)``."""
     edges = np.asarray(edges_min, float)
-    start, end = edges[:-1, None], edges[1:, None]
     found = np.zeros((edges.size - 1, bouts.t_min.shape[1]))
     for intensity_pct, begins, lasts in zip(bouts.intensity_pct, bouts.t_min, bouts.duration_min, strict=True):
+        first = max(0, int(np.searchsorted(edges, begins.min(), side="right")) - 1)
+        there = slice(first, int(np.searchsorted(edges, (begins + lasts).max())))
+        start, end = edges[:-1][there, None], edges[1:][there, None]
         share = np.clip((np.minimum(begins + lasts, end) - np.maximum(begins, start)) / (end - start), 0.0, 1.0)
-        np.maximum(found, share * intensity_pct, out=found)
+        np.maximum(found[there], share * intensity_pct, out=found[there])
     return found
 
 

@@ -86,7 +86,7 @@ def test_the_linear_states_of_roy_and_parker_are_closed_forms():
             * ((1.0 - np.exp(-rate * since)) / rate - (np.exp(-rate * since) - np.exp(-0.8 * since)) / (0.8 - rate))
         )
         np.testing.assert_allclose(states[:, row], answer, atol=2e-4)
-    np.testing.assert_allclose(states[:, 8], u * since, rtol=1e-12)
+    np.testing.assert_allclose(states[:, 8], u * since, rtol=1e-12, atol=1e-11)  # it rests at 1e-12
     begins = -1.1521 * u + 87.471  # A_TH / u
     np.testing.assert_allclose(
         states[since > begins + 2.0, 7], 0.0108 * (since[since > begins + 2.0] - begins), rtol=1e-3
@@ -116,6 +116,13 @@ def test_moderate_exercise_lowers_glucose_and_long_exercise_depletes_the_liver()
     assert slope < 3.0 * (moderate[100] - moderate[60]) / 60.0 < 0.0
     states, _ = course(patient, [(60.0, 60.0, 60.0)], 120.0)
     assert states[-1, 2] < states[0, 2] - 3.0  # insulin falls in exercise
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_no_state_becomes_subnormal_in_days_of_rest(name):
+    states, _ = course(gl.patient(name), [(60.0, 30.0, 60.0)], 2880.0)
+    fading = states[-1][3:] if name == "roy-parker-2007" else states[-1][5:]
+    assert np.all((fading > 1e-16) & (fading < 1e-9))
 
 
 def test_no_insulin_falls_below_zero_in_exercise_without_any():

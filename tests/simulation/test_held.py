@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
+from glucoloop._pytree import pytree
 from glucoloop.exercise import draw_bouts
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import Inputs, OdePatient
 from glucoloop.patients.capabilities import paced
+from glucoloop.patients.hovorka.patient import HovorkaPatient
 from glucoloop.rhythms.dawn import Dawn
 from glucoloop.rhythms.visentin2015 import PROBABILITIES, Visentin2015, patterns_of
 from glucoloop.sensors import IdealSensor
@@ -225,6 +227,11 @@ def test_the_exponential_integrator_takes_neither():
         by(patient, day(), Exponential())
     assert isinstance(default_integrator(patient), Exponential)
     assert isinstance(default_integrator(patient, held=True), Explicit)
+
+    class Exercising(HovorkaPatient):
+        takes_exercise = True
+
+    assert isinstance(default_integrator(pytree(Exercising)(**vars(patient))), Explicit)
 
 
 def test_what_is_not_there_is_in_no_program():

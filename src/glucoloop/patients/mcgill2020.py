@@ -62,6 +62,8 @@ CONSTANTS: Final = (
 )
 # fmt: on
 RESET_MIN: Final = 1.0
+FADED: Final = 1e-12
+"""Hours to which h decays, so that no number becomes subnormal, with which processors are slow."""
 PLASMA: Final = "plasma"
 INTERSTITIAL: Final = "interstitial"
 
@@ -105,7 +107,7 @@ class McGillPatient(OdePatient):
                 inputs.insulin_mU_min - S_1 / c["tau_I"],
                 (S_1 - S_2) / c["tau_I"],
                 (G - C) / c["tau_S"],
-                jnp.where(exercising, 1.0 / MIN_PER_H, -h / RESET_MIN),
+                jnp.where(exercising, 1.0 / MIN_PER_H, (FADED - h) / RESET_MIN),
             ]
         )
 

@@ -13,13 +13,15 @@ accumulated effort A has passed a threshold, production falls by k every minute,
     A' = u in exercise;   A_TH = -1.1521 u^2 + 87.471 u                     %, min
     L' = 0 before A reaches A_TH, k from then on in exercise, -L / T_1 after it     lost production, mg/kg/min
 
-Four points are made for an integrator of fixed steps, or beyond the paper:
+Five points are made for an integrator of fixed steps, or beyond the paper:
 
 - The paper sets A to 0 when exercise ends. A matters in exercise only, so here it decays then with a time constant of
   1 min: after ten minutes of rest nothing that counts is left.
 - The switch at A_TH is a ramp of 4 min about its moment. L is the same before and after, and at most k / 2 mg/kg/min
   apart within, so that glucose differs by less than .01 mg/dl.
 - The paper lets E take insulin that is not there. Here E falls in proportion to insulin below 1 uU/ml.
+- What fades away fades to 1e-12 of its unit and not to 0, so that no number becomes subnormal, with which processors
+  are slow.
 - Two numbers are a person's own: where glucose rests, and the rate that goes with it. The restatement that is known
   here leaves them to its user, with 100 mg/dl and 1 U/h.
 
@@ -72,6 +74,7 @@ THRESHOLD: Final = (-1.1521, 87.471)
 RESET_MIN: Final = 1.0
 SWITCH_MIN: Final = 4.0
 LEAST_INSULIN: Final = 1.0
+FADED: Final = 1e-12
 
 
 class RoyParkerPatient(OdePatient):
@@ -105,12 +108,12 @@ class RoyParkerPatient(OdePatient):
                 c["p_1"] * (c["G_b"] - G) - X * G + (by_exercise + inputs.meal_mg_min) / c["V_G"],
                 c["p_3"] * (I - c["I_b"]) - c["p_2"] * X,
                 c["p_4"] * inputs.insulin_mU_min - c["n"] * I - removed,
-                OXYGEN_PER_MIN * (u - V),
+                OXYGEN_PER_MIN * (u + FADED - V),
                 c["a_1"] * V - c["a_2"] * P,
                 c["a_3"] * V - c["a_4"] * U,
                 c["a_5"] * V - c["a_6"] * E,
-                jnp.where(exercising, c["k"] * exhausted, -L / c["T_1"]),
-                jnp.where(exercising, u, -A / RESET_MIN),
+                jnp.where(exercising, c["k"] * exhausted, (FADED - L) / c["T_1"]),
+                jnp.where(exercising, u, (FADED - A) / RESET_MIN),
             ]
         )
 
