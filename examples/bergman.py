@@ -1,12 +1,13 @@
-"""A patient of your own: Bergman's minimal model, insulin into a vein.
+"""A patient of your own: Bergman's minimal model, insulin into a vein, with exercise and rhythms.
 
-    glucoloop run --patient bergman:Minimal --controller pid
+    glucoloop run --patient bergman:Minimal --controller pid --exercise "40%@2h/30min" --rhythm visentin-2015
 
 References
 ----------
 R. N. Bergman, L. S. Phillips, C. Cobelli, "Physiologic evaluation of factors controlling glucose tolerance in man",
 J. Clin. Invest. 68(6), 1981, 1456-1467: the equations. Without insulin of the person's own, glucose rises to that at
-which the liver makes as much as is taken up; volumes and rates are of the usual size for 70 kg.
+which the liver makes as much as is taken up; volumes and rates are of the usual size for 70 kg. The uptake by exercise
+is an example.
 """
 
 from __future__ import annotations
@@ -28,12 +29,15 @@ class Bergman(OdePatient):
     nominal = CONSTANTS
     near_rest = (90.0, 0.015, 25.0)
     near_basal_mU_min = 27.0
+    takes_exercise = True
+    insulin_sensitivity = ("p_3",)  # constants that a rhythm changes
 
     def derivative(self, t_min, x, inputs):
         c, (glucose, effect, insulin) = self.parameters, x
+        taken_up = c["p_1"] + effect + 2e-4 * inputs.exercise_pct
         return jnp.stack(
             [
-                c["p_1"] * (c["glucose_alone"] - glucose) - effect * glucose + inputs.meal_mg_min / c["V_G"],
+                c["p_1"] * c["glucose_alone"] - taken_up * glucose + inputs.meal_mg_min / c["V_G"],
                 c["p_3"] * insulin - c["p_2"] * effect,
                 inputs.insulin_mU_min / c["V_I"] - c["n"] * insulin,
             ]

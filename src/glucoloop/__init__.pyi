@@ -5,6 +5,7 @@ from . import cohorts as cohorts
 from . import control as control
 from . import episodes as episodes
 from . import estimation as estimation
+from . import exercise as exercise
 from . import experiments as experiments
 from . import faults as faults
 from . import firmware as firmware
@@ -26,6 +27,7 @@ from . import profile as profile
 from . import pumps as pumps
 from . import refusal as refusal
 from . import report as report
+from . import rhythms as rhythms
 from . import sensors as sensors
 from . import shown_units as shown_units
 from . import simulation as simulation
@@ -53,6 +55,7 @@ from .control import design_pid as design_pid
 from .control import guarded as guarded
 from .estimation.unknown_meal import MealHabits as MealHabits
 from .estimation.unknown_meal import estimate_meals as estimate_meals
+from .exercise import Exercise as Exercise
 from .identification import identify_record as identify_record
 from .identification import record_from_samples as record_from_samples
 from .meals import Meal as Meal
@@ -68,6 +71,7 @@ from .pumps import dose_limits as dose_limits
 from .pumps import with_resolution as with_resolution
 from .refusal import Refusal as Refusal
 from .report import plot as plot
+from .rhythms import rhythm as rhythm
 from .sensors import dead_time as dead_time
 from .sensors import white_noise as white_noise
 from .shown_units import showing as showing

@@ -20,9 +20,10 @@ import numpy.typing as npt
 from glucoloop.meals import Eaten, Meal, Scenario, absorb, eaten, meal_model_of
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.closed_loop import sample_grid
+from glucoloop.simulation.held import held_of
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.parts import compiled_by_class
-from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
+from glucoloop.simulation.plant import Exogenous, Held, Plant, SampleGrid
 
 Values = npt.NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class RunModel:
     plant: Plant
     moments: Values
     """(samples, substeps, 3, members) moments of the meals."""
+    held: Held
+    """(samples, points) exercise and what a rhythm changes."""
     state: Values
     """(states, 1) state at the start, at rest."""
     grid: SampleGrid
@@ -64,7 +67,8 @@ class RunModel:
         """The course restricted to some of the circumstances and to the first samples."""
         samples = self.samples if samples is None else samples
         grid = replace(self.grid, samples=samples)
-        return replace(self, moments=self.moments[:samples, ..., list(members)], grid=grid)
+        held = jax.tree.map(lambda values: values[:samples], self.held)
+        return replace(self, moments=self.moments[:samples, ..., list(members)], held=held, grid=grid)
 
     def glucose_mg_dl(self, insulin_mU_min: Values) -> Values:
         """Glucose on the fine grid, ``(points, members)``, under doses ``(samples, members)``."""
@@ -83,7 +87,8 @@ class RunModel:
         return np.concatenate(list(one), axis=1)
 
     def _exogenous(self, member: int) -> Exogenous:
-        return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=jnp.asarray(self.moments[..., [member]]))
+        moments = jnp.asarray(self.moments[..., [member]])
+        return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=moments, held=self.held)
 
 
 def course_of(
@@ -92,7 +97,9 @@ def course_of(
     """Model of a scenario with other meals, one list of them for each member."""
     grid = sample_grid(scenario.horizon_min, sample_time_min, scenario.start_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
-    gut, integrator = meal_model_of(patient, scenario.meal_model), default_integrator(patient)
+    held = held_of(patient, scenario, grid)
+    gut = meal_model_of(patient, scenario.meal_model)
+    integrator = default_integrator(patient, held=bool(held.names))
     prepared = {
         eaten_meals: integrator.prepare(patient, absorb(gut, _padded(eaten(eaten_meals), most)), grid)
         for eaten_meals in {tuple(eaten_meals) for eaten_meals in meals}
@@ -104,6 +111,7 @@ def course_of(
     return RunModel(
         plant=prepared[tuple(meals[0])][0],
         moments=np.concatenate([np.asarray(prepared[tuple(eaten_meals)][1].moments) for eaten_meals in meals], axis=-1),
+        held=held,
         state=np.asarray(patient.steady_state(resting))[:, None],
         grid=grid,
         setpoint_mg_dl=float(setpoint),

@@ -164,7 +164,7 @@ NOISE: Final = CommandOption(
 DEAD_TIME: Final = CommandOption(
     "dead_time",
     "--dead-time",
-    "Delay of the readings; a whole number of samples. Short for a part of --sensor.",
+    "Delay of the readings in whole samples. Short for a part of --sensor.",
     panel="Sensor and pump",
     metavar="MIN",
 )

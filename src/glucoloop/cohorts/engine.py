@@ -16,6 +16,7 @@ from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
+from glucoloop.exercise import Bouts, Exercise, draw_bouts
 from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
@@ -29,6 +30,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.held import held_of_people
+from glucoloop.simulation.plant import Held
 from glucoloop.simulation.varying import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
@@ -149,6 +152,7 @@ def loop_of(
         "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
+        "held": held_of(trial, np.array([trial.first_person])).names,
     }
     example = people_of(trial, [trial.first_person]) if example is None else example
     return PeopleLoop(trial, controller, example, trial.grid, fold, **{**usual, **others})
@@ -234,6 +238,10 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
             announced=trial.announce_meals,
             meal_model=trial.gut,
             start_min=trial.start_min,
+            exercise=exercise_of(trial, person),
+            rhythms=trial.rhythms,
+            rhythm_seed=trial.seed,
+            rhythm_person=person,
         ),
         patient=of_people(drawn.patient, 0),
         surroundings=of_case.surroundings,
@@ -247,7 +255,35 @@ def brought(trial: Trial, person: npt.NDArray[np.int64], meals: Eaten | None) ->
         "key": keys_of_people(trial.seed, person),
         "meals": meals if trial.plan.varies else None,
         "announced_g": None if meals is None else announced_to(trial, meals, person),
+        "held": held_of(trial, person),
     }
+
+
+def bouts_of(trial: Trial, person: npt.NDArray[np.int64]) -> Bouts | None:
+    """Exercise of people of a trial; None without any."""
+    if not trial.exercise:
+        return None
+    return draw_bouts(
+        trial.bouts,
+        trial.seed,
+        person,
+        intensity_spread_pct=trial.exercise_spread_pct,
+        time_spread_min=trial.exercise_time_spread_min,
+        a_day=len(trial.exercise),
+    )
+
+
+def exercise_of(trial: Trial, person: int) -> list[Exercise]:
+    """Bouts of one person of a trial that begin within it."""
+    drawn = bouts_of(trial, np.array([person], np.int64))
+    every = [] if drawn is None else np.stack(list(vars(drawn).values()))[..., 0].T.tolist()
+    return [Exercise(*bout) for bout in every if bout[1] < trial.plan.horizon_min]
+
+
+def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> Held:
+    """Exercise of people of a trial, and what its rhythms change in them."""
+    grid = dataclasses.replace(trial.grid, start_min=trial.start_min or 0.0)
+    return held_of_people(grid, bouts_of(trial, person), trial.rhythms, trial.seed, person)
 
 
 def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from glucoloop.arguments import checked, on_host
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
+from glucoloop.exercise import draw_bouts
 from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
@@ -26,6 +28,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid, usual_limits
 from glucoloop.simulation.cohort import CohortRun
+from glucoloop.simulation.held import held_of_people
+from glucoloop.simulation.plant import Held
 from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]
@@ -80,7 +84,8 @@ def simulate_people(
     sensor, pump : Sensor, Pump, optional
         As for `simulate`.
     scenario : Scenario, optional
-        The 50 g oral glucose test at 50 min over 600 min by default. All people eat the same.
+        The 50 g oral glucose test at 50 min over 600 min by default. All people eat the same, and exercise at the same
+        times; rhythms are drawn for each of them by the seed.
     seed : int
         Seed of the sensors; each person has an individual key.
     limits : DoseLimits, optional
@@ -112,6 +117,12 @@ def simulate_people(
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
     announced_carbs_g = announced_g(scenario.meals)
     announced_otherwise = bool(scenario.announced and np.any(announced_carbs_g != scenario.eaten().carbs_g))
+
+    def held_by(person: npt.NDArray[np.int64]) -> Held:
+        bouts = draw_bouts(scenario.exercise, seed, person) if scenario.exercise else None
+        at_clock = dataclasses.replace(grid, start_min=scenario.start_min or 0.0)
+        return held_of_people(at_clock, bouts, scenario.rhythms, seed, person)
+
     loop = PeopleLoop(
         Situation(
             patient=patient_entry(people.name).partial({}, asked=people.name),
@@ -132,13 +143,15 @@ def simulate_people(
         start_min=scenario.start_min,
         engine=engine,
         precision=precision,
+        held=held_by(people.draw.person[:1]).names,
     )
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
         carbs_g = np.repeat(announced_carbs_g[:, None], place.size, axis=1) if announced_otherwise else None
-        return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=carbs_g)
+        keys = keys_of_people(seed, some.draw.person)
+        return loop.run(some, keys, announced_g=carbs_g, held=held_by(some.draw.person))
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
     number = people.feasible.size

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from glucoloop.exercise import Exercise
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
     from glucoloop.simulation.plant import SampleGrid
@@ -116,6 +117,33 @@ class Trial(ControlledSituation):
         float,
         _meals("Largest deviation of a meal's time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY),
     ] = 0.0
+    exercise: Annotated[
+        tuple[str, ...],
+        _meals(
+            "Intensity, time of the day and duration, like 50%@14h/30min, in percent of the largest oxygen uptake "
+            "above rest; repeat it for more.",
+            metavar="%@TIME/DURATION",
+            rare=True,
+        ),
+    ] = ()
+    exercise_spread_pct: Annotated[
+        float,
+        _meals(
+            "Largest deviation of the intensity of exercise, drawn for each person and day.",
+            at_least=0.0,
+            below=100.0,
+            rare=True,
+        ),
+    ] = 0.0
+    exercise_time_spread_min: Annotated[
+        float,
+        _meals(
+            "Largest deviation of its time, drawn for each person and day.",
+            at_least=0.0,
+            below=MIN_PER_DAY,
+            rare=True,
+        ),
+    ] = 0.0
     design: Annotated[
         Literal["nominal", "individual"],
         Option(
@@ -154,10 +182,12 @@ class Trial(ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
+        from glucoloop.situations.exercise_text import same_exercise
         from glucoloop.situations.meal_text import same_meals
 
         super().__post_init__()
         resolved = {
+            "exercise": same_exercise(self.exercise),
             "population": self._resolved_population(),
             "meals": same_meals(self.meals),
         }
@@ -216,6 +246,11 @@ class Trial(ControlledSituation):
             raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
             raise Refusal(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
+        from glucoloop.exercise import refuse_exercise
+
+        if self.exercise:
+            refuse_exercise(self.nominal, self.patient.called)
+        _ = self.bouts  # refuses those beyond the day
         horizon_min = self.plan.horizon_min
         refuse_parts_of_samples(horizon_min, self.sample_time_min, has_duration=self.days is None)
         self.refuse_late_faults(horizon_min)
@@ -275,6 +310,15 @@ class Trial(ControlledSituation):
         if self.duration_min is not None and self.meals == same_meals(USUAL_DAY):
             meals = [meal for meal in meals if meal.t_min < self.duration_min]
         return MealPlan(meals, self.days or 1, **settings)
+
+    @property
+    def bouts(self) -> tuple[Exercise, ...]:
+        """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
+        from glucoloop.exercise import exercise_in_order, repeated_daily
+        from glucoloop.situations.exercise_text import parse_exercise
+
+        a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
+        return repeated_daily(a_day, self.days or 1)
 
     @property
     def products(self) -> str:

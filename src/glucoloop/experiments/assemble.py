@@ -6,7 +6,7 @@ Every command, study and paper makes its loops here, so that a situation means t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import jax
@@ -26,7 +26,7 @@ from glucoloop.profile import Profile, given_profile
 from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.simulation.plant import Held, Integrator, SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 
@@ -149,6 +149,7 @@ class PeopleLoop:
         precision: str = "float64",
         products: str = FUSED,
         record_decisions: bool = False,
+        held: Sequence[str] = (),
     ) -> None:
         self.controllers_of, self._example = controllers_of, example.patient
         if controllers_of is not None:
@@ -176,6 +177,7 @@ class PeopleLoop:
             precision=precision,
             products=products,
             record_decisions=record_decisions,
+            held=held,
         )
 
     @property
@@ -198,12 +200,13 @@ class PeopleLoop:
         surroundings: Surroundings | None = None,
         meals: Eaten | None = None,
         announced_g: Array | None = None,
+        held: Held | None = None,
     ) -> People:
         """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
         `announced_g`, ``(meals, people)``, is the carbohydrate that is announced of the meals [g], by default what is
-        eaten.
+        eaten; `held`, ``(samples, points, people)``, exercise and what rhythms change, in a loop made for them.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -223,6 +226,7 @@ class PeopleLoop:
             pump=None if surroundings is None else surroundings.pump,
             meals=meals,
             announced_g=announced_g,
+            held=Held() if held is None else held,
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:

@@ -160,6 +160,8 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
         key=seed,
         meal_model=situation.gut,
         start_min=situation.start_min,
+        rhythms=situation.rhythms,
+        rhythm_seed=seed,
     )
 
 

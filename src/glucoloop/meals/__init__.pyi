@@ -14,6 +14,7 @@ from .plan import draw_meals as draw_meals
 from .protocol import Eaten as Eaten
 from .protocol import Jumps as Jumps
 from .protocol import MealModel as MealModel
+from .roy_parker import RoyParkerGut as RoyParkerGut
 from .scenario import Meal as Meal
 from .scenario import Scenario as Scenario
 from .scenario import eaten as eaten

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
+from glucoloop.exercise import Exercise, exercise_in_order
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
@@ -19,6 +20,7 @@ from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.refusal import Refusal
+from glucoloop.rhythms.protocol import Rhythm
 from glucoloop.units import MIN_PER_DAY
 
 LARGEST_MEAL_G: Final = 1000.0
@@ -94,13 +96,20 @@ class Scenario:
         Whether an implausible glucose, such as 5.5 mg/dl, is accepted.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the controller is told; by default it is not.
+    exercise : iterable of Exercise
+        Bouts of exercise, of which the controller is not told; for a patient that takes exercise.
+    rhythms : iterable of Rhythm
+        Rhythms of the patient by the clock, which starts at midnight unless `start_min` says otherwise. The patient
+        rests, and controllers are designed, as without them.
+    rhythm_seed, rhythm_person : int
+        Seed and number of the person, of which rhythms make their random numbers.
 
     Raises
     ------
     ValueError
-        For a horizon that is not positive or longer than a year, a meal that begins after it, a glucose that is not
-        positive or that is implausible, a meal model that is unknown or not possible, or a time of day that is
-        none.
+        For a horizon that is not positive or longer than a year, a meal or exercise that begins after it, a glucose
+        that is not positive or that is implausible, a meal model that is unknown or not possible, or a time of day
+        that is none.
     """
 
     meals: tuple[Meal, ...] = (Meal(50.0, 50.0),)
@@ -111,6 +120,10 @@ class Scenario:
     allow_unusual: bool = False
     meal_model: MealModel | None = None
     start_min: float | None = None
+    exercise: tuple[Exercise, ...] = ()
+    rhythms: tuple[Rhythm, ...] = ()
+    rhythm_seed: int = 0
+    rhythm_person: int = 0
 
     def __init__(
         self,
@@ -123,6 +136,10 @@ class Scenario:
         allow_unusual: bool = False,
         meal_model: MealModel | str | None = None,
         start_min: float | None = None,
+        exercise: Iterable[Exercise] = (),
+        rhythms: Iterable[Rhythm] = (),
+        rhythm_seed: int = 0,
+        rhythm_person: int = 0,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
@@ -132,6 +149,10 @@ class Scenario:
         object.__setattr__(self, "allow_unusual", allow_unusual)
         object.__setattr__(self, "meal_model", _meal_model(meal_model))
         object.__setattr__(self, "start_min", start_min)
+        object.__setattr__(self, "exercise", tuple(exercise))
+        object.__setattr__(self, "rhythms", tuple(rhythms))
+        object.__setattr__(self, "rhythm_seed", rhythm_seed)
+        object.__setattr__(self, "rhythm_person", rhythm_person)
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
@@ -149,6 +170,7 @@ class Scenario:
                     f"the meal at {meal.t_min:g} min begins after the run ends at {self.horizon_min:g} min; "
                     "move the meal or lengthen the run"
                 )
+        object.__setattr__(self, "exercise", exercise_in_order(self.exercise, self.horizon_min))
         for called, name, value, quantity in (
             ("a setpoint", "setpoint_mg_dl", setpoint_mg_dl, SETPOINT),
             ("an initial glucose", "initial_glucose_mg_dl", initial_glucose_mg_dl, GLUCOSE),

@@ -40,6 +40,18 @@ class HovorkaGutSettings(MealModelPart, name="hovorka"):
     ] = 0.8
 
 
+class RoyParkerSettings(MealModelPart, name="roy-parker"):
+    """A stomach that empties for an hour whatever the meal, and a gut, of Roy and Parker (2006)."""
+
+    make: ClassVar = "glucoloop.meals:RoyParkerGut"
+    rise_min: Annotated[float, About("Time in which emptying rises.", at_least=1.0, at_most=1440.0)] = 10.0
+    plateau_min: Annotated[float, About("Time for which it stays.", at_least=0.0, at_most=1440.0)] = 35.0
+    fall_min: Annotated[float, About("Time in which it falls.", at_least=1.0, at_most=1440.0)] = 10.0
+    absorption_per_min: Annotated[float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)] = 0.022
+
+
 MEAL_MODELS: Final = Catalogue(
-    MealModelPart, (LehmannDeutschSettings, HovorkaGutSettings), example="hovorka, time_to_maximum_min=55"
+    MealModelPart,
+    (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings),
+    example="hovorka, time_to_maximum_min=55",
 )

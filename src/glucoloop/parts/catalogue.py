@@ -22,6 +22,7 @@ HOMES: Final = {
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "estimator": "glucoloop.estimation.unknown_meal.settings:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
+    "rhythm": "glucoloop.rhythms.settings:RHYTHMS",
     "metric": "glucoloop.metrics.settings:METRICS",
     "sampler": "glucoloop.tuning.settings:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",

@@ -5,7 +5,8 @@ Each function asks the patient for an attribute of the function's name.
 
 from __future__ import annotations
 
-from typing import Final
+import dataclasses
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from glucoloop.parts.routes import INTRAVENOUS, PumpRange, route_of
 from glucoloop.patients.protocol import Patient
+from glucoloop.refusal import Refusal
 
 USUAL_SITE: Final = "plasma"
 
@@ -25,6 +27,52 @@ def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
     """
     limit: jax.Array | float = getattr(patient, "lowest_valid_glucose_mg_dl", 0.0)
     return limit
+
+
+def takes_exercise(patient: Patient) -> bool:
+    """Whether the derivative makes something of ``inputs.exercise_pct``; by default it does not."""
+    declared: bool = getattr(patient, "takes_exercise", False)
+    return declared
+
+
+def paced(
+    patient: Patient, sensitivity: jax.Array | None = None, production_mg_kg_min: jax.Array | None = None
+) -> Patient:
+    """The patient with sensitivity to insulin times a factor, and some production of glucose more; None changes none.
+
+    Which constants these are the patient says, one of a record or a table of constants named ``parameters``:
+    ``insulin_sensitivity`` has the names of those that are proportional to it, and ``glucose_production`` what 1
+    mg/kg/min adds to each of those that are production.
+
+    Raises
+    ------
+    ValueError
+        For a patient that declares no such constants.
+    """
+    if sensitivity is None and production_mg_kg_min is None:
+        return patient
+    constants: Any = patient.parameters  # type: ignore[attr-defined]  # whoever declares constants has them
+    table = constants if isinstance(constants, dict) else vars(constants)
+    changed: dict[str, Any] = {}
+    if sensitivity is not None:
+        changed = {name: table[name] * sensitivity for name in declared_by(patient, "insulin_sensitivity")}
+    if production_mg_kg_min is not None:
+        for name, of_1_mg_kg_min in declared_by(patient, "glucose_production").items():
+            changed[name] = changed.get(name, table[name]) + of_1_mg_kg_min * production_mg_kg_min
+    new = {**table, **changed} if isinstance(constants, dict) else dataclasses.replace(constants, **changed)
+    made: Patient = dataclasses.replace(patient, parameters=new)  # type: ignore[type-var]
+    return made
+
+
+def declared_by(patient: Patient, what: str) -> Any:
+    """Constants that a patient declares as ``insulin_sensitivity`` or ``glucose_production``; Refusal without any."""
+    declared = getattr(patient, what, None)
+    if not declared:
+        raise Refusal(
+            f"{type(patient).__name__} does not declare which of its constants are its {what.replace('_', ' ')} "
+            f"({what}), so a rhythm cannot change them; leave the rhythm out, or take another patient"
+        )
+    return declared
 
 
 def insulin_route(patient: Patient) -> str:

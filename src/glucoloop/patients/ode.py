@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.patients.model import PatientModel, Values
-from glucoloop.patients.protocol import Inputs
+from glucoloop.patients.protocol import Inputs, inputs_of
 from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
 
 _MOST_STEPS: Final = 100
@@ -37,7 +37,9 @@ class OdePatient(RestingPatient[dict[str, Any]]):
     - ``glucose_mg_dl(x)``, the glucose that is controlled;
 
     and what is optional of any patient, such as ``insulin_route``, ``sites`` or ``meal_model``. Equations of the clock
-    rest with the clock at midnight.
+    rest with the clock at midnight. With ``takes_exercise = True`` the derivative may read ``inputs.exercise_pct``,
+    which is 0 at rest. Rhythms change the constants that ``insulin_sensitivity`` names, a tuple of those that are
+    proportional to sensitivity, and ``glucose_production``, a mapping of constants to what 1 mg/kg/min adds to each.
 
     Examples
     --------
@@ -169,7 +171,7 @@ def _holding(kind: type[OdePatient], p: Constants, glucose_mg_dl: jax.Array) -> 
 
 
 def _rates(kind: type[OdePatient], p: Constants, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
-    inputs = Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=jnp.zeros_like(insulin_mU_min))
+    inputs = inputs_of(insulin_mU_min, jnp.zeros_like(insulin_mU_min))
     return kind._with(p).derivative(jnp.zeros(()), x, inputs)  # type: ignore[no-any-return]
 
 

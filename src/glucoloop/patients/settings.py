@@ -259,6 +259,23 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
     pulse_mU_min = 20.0
 
 
+class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
+    """The minimal model with exercise of Roy and Parker (2007); insulin into a vein, 70 kg."""
+
+    model = "glucoloop.patients.roy_parker2007:ROY_PARKER_2007_MODEL"
+    operating_points = (OperatingPoint("fasting-100", "held at 100 mg/dl by 16.67 mU/min, which is 1 U/h"),)
+    pulse_mU_min = 16.0
+
+
+class McGill2020Part(PatientPart, name="mcgill-2020"):
+    """Bergman's minimal model with exercise and insulin under the skin, of the McGill Diabetes Lab (2020); 70 kg."""
+
+    model = "glucoloop.patients.mcgill2020:MCGILL_2020_MODEL"
+    insulin_route = SUBCUTANEOUS
+    operating_points = (OperatingPoint("fasting-117", "held at 117.1 mg/dl by 12.37 mU/min, which is 0.742 U/h"),)
+    pulse_mU_min = 12.0
+
+
 class _Patients(Catalogue[PatientPart]):
     """The patients; one that is named by its operating point is refused with the mend."""
 
@@ -274,7 +291,7 @@ class _Patients(Catalogue[PatientPart]):
 
 PATIENTS: Final = _Patients(
     PatientPart,
-    (Parker1999Part, Hovorka2004Part, Wilinska2010Part, Kanderian2009Part),
+    (Parker1999Part, Hovorka2004Part, Wilinska2010Part, Kanderian2009Part, RoyParker2007Part, McGill2020Part),
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

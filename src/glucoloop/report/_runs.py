@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Status
+from glucoloop.exercise import Exercise
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import concentrations, stretches, validity_note
 from glucoloop.simulation import Trace
@@ -33,6 +34,14 @@ STATUS_WORDS: Final = {
 """Statuses of decisions in words, in the order shown."""
 
 _SAME_MG_DL = 1e-9
+
+
+class Bout(NamedTuple):
+    """Exercise that was simulated, in whole samples."""
+
+    intensity_pct: float
+    t_min: float
+    duration_min: float
 
 
 class PlottedRun:
@@ -65,6 +74,7 @@ class PlottedRun:
         self.boluses = _above_zero(self.t_min, trace.bolus_mU, MU_PER_U)
         self.command_boluses = _above_zero(self.t_min, trace.command_bolus_mU, MU_PER_U)
         self.meals = _above_zero(self.t_min, trace.carbs_g)
+        self.exercise = _bouts(self.t_min, trace.exercise_pct)
         # periods without a valid reading, and those of each status of decisions but OK
         there = {text: np.asarray(trace.status) == kind for kind, text in STATUS_WORDS.items()}
         there[STATUS_WORDS[Status.READING_MISSING]] |= ~valid
@@ -100,6 +110,20 @@ def _above_zero(t_min: Floats, amounts: npt.ArrayLike | None, divisor: float = 1
     """Times and amounts, where there is any."""
     some = () if amounts is None else np.asarray(amounts, float) / divisor
     return [(float(t), float(amount)) for t, amount in zip(t_min, some, strict=False) if amount > 0.0]
+
+
+def _bouts(t_min: Floats, intensity_pct: npt.ArrayLike | None) -> list[Bout]:
+    """Bouts of exercise on the grid of samples ``(n + 1,)``, each with its mean intensity."""
+    intensity = np.zeros(t_min.size - 1) if intensity_pct is None else np.asarray(intensity_pct, float)
+    return [
+        Bout(float(intensity[first:after].mean()), float(t_min[first]), float(t_min[after] - t_min[first]))
+        for first, after in stretches(intensity > 0.0)
+    ]
+
+
+def exercise_in_words(bout: Bout | Exercise) -> str:
+    """A bout without its time, to be written beside it."""
+    return f"{bout.intensity_pct:.3g} % for {bout.duration_min:g} min"
 
 
 def limits_passed(runs: Sequence[PlottedRun]) -> list[float]:

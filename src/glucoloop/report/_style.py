@@ -111,6 +111,17 @@ def mark_meals(axes: Axes, meals: Sequence[tuple[float, float]], horizon_min: fl
         write(axes, text, (t / divisor, 1.0), down=-4, xycoords=upper_edge, rotation=90 if upright else 0)
 
 
+def mark_exercise(axes: Axes, bouts: Sequence[Any], horizon_min: float, width: Width) -> None:
+    """Mark each bout of exercise by a bar along the upper edge, with its intensity above."""
+    divisor, upper_edge = time_axis(horizon_min, width)[0], axes.get_xaxis_transform()
+    for bout in bouts:
+        ends = bout.t_min / divisor, (bout.t_min + bout.duration_min) / divisor
+        axes.plot(
+            ends, (1.0, 1.0), linewidth=3.0, color=GREY, solid_capstyle="butt", clip_on=False, transform=upper_edge
+        )
+        write(axes, f"{bout.intensity_pct:.3g} %", (sum(ends) / 2.0, 1.0), down=-4, xycoords=upper_edge)
+
+
 def _characters(width: Width, font_pt: float) -> int:
     """Number of characters that certainly fit side by side."""
     return int(WIDTHS_MM[width] / _MM_PER_INCH * 72.0 / (0.65 * font_pt))

@@ -17,6 +17,7 @@ from glucoloop.patients.settings import patient_entry
 from glucoloop.printable import the_first
 from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
+from glucoloop.simulation.parts import goes_fast
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
@@ -56,7 +57,7 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     return {
         "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
         "Length": _length(plan.horizon_min),
-        **_situation_facts(trial, meals),
+        **_situation_facts(trial, meals, _exercise(trial)),
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
         "Arithmetic": f"{trial.precision}, {trial.arithmetic}, JAX {jax.__version__}",
         **({"First person": str(trial.first_person)} if trial.first_person else {}),
@@ -85,16 +86,24 @@ def case_in_words(case: Case) -> str:
 
 def _run_facts(run: Run) -> dict[str, str]:
     start = run.initial_glucose_mg_dl
-    integrator = "exponential integrator" if run.integrator == "fast" else "adaptive Runge-Kutta integrator"
+    fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
+    integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
-        **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none"),
+        **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none", ", ".join(run.exercise)),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.duration_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
     }
 
 
-def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
+def _exercise(trial: Trial) -> str:
+    """Exercise of a trial, as it is given."""
+    spreads = f"{trial.exercise_spread_pct:g} % and {trial.exercise_time_spread_min:g} min"
+    varied = trial.exercise_spread_pct or trial.exercise_time_spread_min
+    return ", ".join(trial.exercise) + (f"; varied by {spreads}" if trial.exercise and varied else "")
+
+
+def _situation_facts(situation: Situation, meals: str, exercise: str) -> dict[str, str]:
     limits, pump, under_the_skin = situation.limits, situation.pump, situation.patient.under_the_skin
     usual = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
     least, most = float(limits.min_mU_min), float(limits.max_mU_min)
@@ -125,6 +134,8 @@ def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
         "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
+        **({"Exercise": exercise} if exercise else {}),
+        **({"Rhythm": "; ".join(part.text for part in situation.rhythm)} if situation.rhythm else {}),
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,
         "Sensor": ", ".join(filter(None, sensor_parts)),
         "Pump": ", ".join(filter(None, pump_parts)),

@@ -9,11 +9,12 @@ import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.cohorts.people_run import PeopleRun
+from glucoloop.exercise import Exercise
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
-from glucoloop.report._runs import Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
+from glucoloop.report._runs import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
 from glucoloop.simulation import Trace
@@ -41,9 +42,9 @@ def plot(
 ) -> Figure:
     """Draw one run, or several of the same scenario over each other.
 
-    Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, and
-    each meal with its carbohydrate. Below, the delivered rate as steps, boluses as stems on an axis in U, the basal
-    rate, and the pump's limits where they come into view.
+    Above, glucose free of noise, readings as dots where they differ from it, the setpoint, the bound on glucose, each
+    meal with its carbohydrate, and exercise with its intensity. Below, the delivered rate as steps, boluses as stems on
+    an axis in U, the basal rate, and the pump's limits where they come into view.
 
     Parameters
     ----------
@@ -90,15 +91,18 @@ def plot(
     entries: dict[str, Artist] = {}
     if of_people:
         _draw_people(above, below, of_people, divisor, entries)
-        meals = [(meal.t_min, meal.carbs_g) for meal in next(iter(of_people.values())).scenario.meals]
+        scenario = next(iter(of_people.values())).scenario
+        meals = [(meal.t_min, meal.carbs_g) for meal in scenario.meals]
+        exercise: Sequence[Bout | Exercise] = scenario.exercise
     else:
         _draw_glucose(above, runs, divisor, entries)
-        meals = runs[0].meals
+        meals, exercise = runs[0].meals, runs[0].exercise
     _draw_levels(above, [float(run.setpoint_mg_dl) for run in shown], lowest_glucose_mg_dl, entries)
     if runs:
         _draw_glucose_limits(above, runs, lowest_glucose_mg_dl, entries)
         _draw_insulin(below, runs, divisor, limits, entries)
     _style.mark_meals(above, meals, horizon_min, width)
+    _style.mark_exercise(above, exercise, horizon_min, width)
     if mmol:
         _style.add_axis(above, mmol_l_from_mg_dl(1.0), "Glucose (mmol/l)")
     if any(run.boluses for run in runs):

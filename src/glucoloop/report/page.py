@@ -13,7 +13,15 @@ from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.report._runs import STATUS_WORDS, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
+from glucoloop.report._runs import (
+    STATUS_WORDS,
+    Floats,
+    PlottedRun,
+    exercise_in_words,
+    labelled_runs,
+    limits_passed,
+    values_in_words,
+)
 from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
 from glucoloop.report.columns import metric_rows
 from glucoloop.report.descriptions import fault_in_words, windows
@@ -136,7 +144,10 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float) -> Panel:
         lowest_mg_dl,
         [part for run in runs for part in (run.shown_glucose_mg_dl, run.reading_mg_dl)],
         height=310,
-        marks=[(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals],
+        marks=[
+            *((t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in runs[0].meals),
+            *((bout.t_min, exercise_in_words(bout)) for bout in runs[0].exercise),
+        ],
     )
     if passed := limits_passed(runs):
         panel.rule(passed, 4, f"model not valid below {values_in_words(passed, 'mg/dl')}")
@@ -212,6 +223,8 @@ def _boluses_text(boluses: Sequence[tuple[float, float]]) -> str:
 def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart]) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
+    if runs[0].exercise:
+        yield f"Exercise: {', '.join(f'{exercise_in_words(b)} at {b.t_min:g} min' for b in runs[0].exercise)}."
     yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
     for run in runs:
         yield from (_name(runs, run, event, ": ") for event in _events_of(run))

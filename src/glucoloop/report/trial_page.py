@@ -14,6 +14,7 @@ from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
 from glucoloop.metrics.settings import result_named
 from glucoloop.printable import NOT_AVAILABLE, percent
+from glucoloop.report._runs import exercise_in_words
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import INSULIN, Panel, Plot, extent, thinned
 from glucoloop.report.columns import MetricRow
@@ -96,6 +97,7 @@ def _text(value: float | str) -> str:
 def _panels(report: TrialReport, glucose: list[Floats], insulin: list[Floats]) -> tuple[Panel, Panel]:
     """Empty panels of glucose and insulin, the same for all controllers."""
     marks = [(t_min, f"{carbs_g:.4g} g") for t_min, carbs_g in report.meals if t_min < report.horizon_min]
+    marks += [(bout.t_min, exercise_in_words(bout)) for bout in report.exercise]
     above = glucose_panel([report.setpoint_mg_dl], report.lowest_glucose_mg_dl, glucose, height=240, marks=marks)
     below = Panel(INSULIN, (0.0, 1.05 * extent([0.0], *insulin)[1]), height=150)
     mark_faults((above, below), map(FAULTS.choose, report.faults), report.horizon_min)

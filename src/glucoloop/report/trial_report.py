@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.exercise import Exercise
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
 from glucoloop.report.template import Repeat
 
@@ -110,6 +111,8 @@ class TrialReport:
     """Whether figures for print show insulin in U/h too, as pumps do that give it under the skin."""
     meals: Sequence[tuple[float, float]] = ()
     """Planned time in min and carbohydrate in g of each meal."""
+    exercise: Sequence[Exercise] = ()
+    """Planned bouts of exercise."""
     faults: Sequence[str] = ()
     """Faults of sensor and pump under every controller."""
     repeat: Repeat | None = None

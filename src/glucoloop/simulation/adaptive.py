@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.meals.absorption import Absorption, appearance_mg_min
-from glucoloop.patients.protocol import Inputs, Patient
-from glucoloop.simulation.plant import Exogenous, SampleGrid
+from glucoloop.patients.protocol import Patient
+from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 
 
 @pytree
@@ -30,28 +30,44 @@ class AdaptivePlant:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        start = exogenous.t_min
-        end = start + self.inside_min[-1]
+        start, held = exogenous.t_min, exogenous.held
+        if not held.names:
+            states = self._between(x, insulin_mU_min, start, self.inside_min, held)
+        else:
+            from_min = jnp.concatenate([jnp.zeros(1), self.inside_min[:-1]])
+
+            def point(x: jax.Array, entry: tuple[jax.Array, jax.Array, Held]) -> tuple[jax.Array, jax.Array]:
+                after, to, held = entry
+                [x] = self._between(x, insulin_mU_min, start + after, (to - after)[None], held)
+                return x, x
+
+            _, states = jax.lax.scan(point, x, (from_min, self.inside_min, held))
+        return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
+
+    def _between(
+        self, x: jax.Array, insulin_mU_min: jax.Array, start: jax.Array, after_min: jax.Array, held: Held
+    ) -> jax.Array:
+        """States at times after a start, under inputs that are held from there to the last of them."""
+        patient, end = held.of(self.patient), start + after_min[-1]
 
         def rates(t: Any, x: jax.Array, _: Any) -> jax.Array:
             meal = appearance_mg_min(t, self.absorption)
-            inputs = Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal)
-            return self.patient.derivative(self.clock_min + t, x, inputs)
+            return patient.derivative(self.clock_min + t, x, held.inputs(insulin_mU_min, meal))
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rates),
             diffrax.Dopri8(),
             start,
             end,
-            self.inside_min[-1] / 50.0,
+            after_min[-1] / 50.0,
             x,
-            saveat=diffrax.SaveAt(ts=start + self.inside_min),
+            saveat=diffrax.SaveAt(ts=start + after_min),
             stepsize_controller=self._steps(start, end),
             max_steps=None,
         )
-        states = solution.ys
+        states: jax.Array | None = solution.ys
         assert states is not None
-        return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
+        return states
 
     def _steps(self, start: jax.Array, end: jax.Array) -> Any:
         """Adaptive steps between two times, none of them across a jump of a meal."""

@@ -20,10 +20,11 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation.held import held_of
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
-from glucoloop.simulation.plant import Integrator, SampleGrid
+from glucoloop.simulation.plant import Held, Integrator, SampleGrid
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ class Trace:
     """(samples, ...) bolus that the pump reports."""
     announced_carbs_g: jax.Array | None = None
     """(samples,) announced carbohydrate; None where meals were not announced."""
+    exercise_pct: jax.Array | None = None
+    """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
 
     @property
     def glucose_valid(self) -> jax.Array:
@@ -93,7 +96,8 @@ class Trace:
         ``insulin_mU_min``, delivered from this sample to the next; ``command_mU_min``, what the controller asked for,
         null where that was no number; ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
         ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample. Where meals
-        are announced, ``announced_carbs_g`` tells what the controller was told; where it gives boluses, ``bolus_mU``,
+        are announced, ``announced_carbs_g`` tells what the controller was told; ``exercise_pct`` is there where there
+        was exercise, its mean intensity until the next sample; where the controller gives boluses, ``bolus_mU``,
         ``command_bolus_mU`` and ``reported_bolus_mU`` tell of them what the rates tell of the basal rate.
 
         Raises
@@ -109,7 +113,7 @@ class Trace:
                 "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
             )
         reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
-        others = ("announced_carbs_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
+        others = ("announced_carbs_g", "exercise_pct", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
         return pl.DataFrame(
             {
                 "t_min": np.asarray(self.t_min),
@@ -283,22 +287,24 @@ def simulate(
         Source of all randomness: the same key gives the same trace.
     integrator : Integrator, optional
         Integrator; by default `Exponential` if the patient has the parts for it, else `Explicit`, as for one whose
-        constants follow the clock.
+        constants follow the clock, and in a scenario with exercise or rhythms.
 
     Raises
     ------
     ValueError
-        If the horizon is not a whole number of the controller's samples, or the patient cannot rest at the
-        initial glucose.
+        If the horizon is not a whole number of the controller's samples, the patient cannot rest at the initial
+        glucose, or it does not take the exercise or the rhythms of the scenario.
     """
     sensor = IdealSensor() if sensor is None else sensor
     pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario
-    integrator = default_integrator(patient) if integrator is None else integrator
     key = random_key(key)
 
     grid = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min)
+    held = held_of(patient, scenario, grid)
+    integrator = default_integrator(patient, held=bool(held.names)) if integrator is None else integrator
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
+    exogenous = dataclasses.replace(exogenous, held=held)
     start = start_of(patient, scenario)
     loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
     numbers, fixed = apart(loop)
@@ -310,9 +316,14 @@ def simulate(
         if wrong is None:
             raise
         raise ArgumentTypeError(wrong) from None
-    if scenario.announced:
-        trace = dataclasses.replace(trace, announced_carbs_g=jnp.asarray(on_grid.announced_g))
-    return trace
+    return with_what_was_held(trace, scenario, on_grid, held)
+
+
+def with_what_was_held(trace: Trace, scenario: Scenario, on_grid: OnGrid, held: Held) -> Trace:
+    """A trace with what was announced, and the exercise of its scenario."""
+    announced_g = jnp.asarray(on_grid.announced_g) if scenario.announced else None
+    exercise = None if held.exercise_pct is None else jnp.mean(jnp.asarray(held.exercise_pct), axis=1)
+    return dataclasses.replace(trace, announced_carbs_g=announced_g, exercise_pct=exercise)
 
 
 def _first_observation(start: Start, controller: Controller, scenario: Scenario) -> Observation:

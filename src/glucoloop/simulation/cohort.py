@@ -7,6 +7,7 @@ axis; shared values are part of the program. `people_plant` integrates, and `eng
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -27,10 +28,11 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
+from glucoloop.simulation.held import refuse_held
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
-from glucoloop.simulation.plant import Exogenous, SampleGrid
+from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
@@ -77,6 +79,8 @@ class People:
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
+    held: Held = NOTHING_HELD
+    """(samples, points, people) exercise and what rhythms change, in a cohort that was made for them."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,8 @@ class Cohort:
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. For engine, precision and products see `make_engine`. By default the integrator makes the steps
-    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too.
+    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
+    names of the inputs of people that are held over minutes, see `plant.Held`.
     """
 
     def __init__(
@@ -155,12 +160,15 @@ class Cohort:
         products: str = FUSED,
         substeps: int | None = None,
         record_decisions: bool = False,
+        held: Sequence[str] = (),
     ) -> None:
+        self._held = tuple(held)
+        refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
         self._records_decisions = record_decisions
         self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
         grid = dataclasses.replace(grid, start_min=start_min or 0.0)
         self._meals, self._instead = meals, meal_model
-        self._plants = plants_of_people(nominal, varied, grid, substeps, products)
+        self._plants = plants_of_people(nominal, varied, grid, substeps, products, held=bool(self._held))
         self._substeps = self._plants.substeps
         self._single = Loop(
             plant=self._plants.single,
@@ -210,6 +218,9 @@ class Cohort:
         with one_at_a_time:
             person = self._values_of(people)
             reaching, first_announced = self._meals_of_people(people)
+            if people.held.names != self._held:
+                raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
+            reaching |= {name: getattr(people.held, name) for name in self._held}
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
             carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
             for computed in jax.tree.leaves((person, carry, keys)):
@@ -267,7 +278,8 @@ class Cohort:
             (reaching if self._individual_announcements else shared)["told"] if self._announced else jnp.zeros(())
         )
         (key, index), time = rng, shared.get("time_of_day_min")
-        outside = Exogenous(t_min=shared["t_min"], moments=moments)
+        held = Held(**{name: reaching[name] for name in self._held})
+        outside = Exogenous(t_min=shared["t_min"], moments=moments, held=held)
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
@@ -285,7 +297,7 @@ class Cohort:
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
-        reaching: dict[str, Array] = {}
+        reaching: dict[str, Array] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
         if self._individual_meals:
             reaching["jumps"] = np.zeros((self._substeps, self._entries))
         if self._individual_meals or self._individual_announcements:

@@ -1,15 +1,16 @@
 """Explicit integrator of any patient: the classical Runge-Kutta method, with steps that end where glucose is recorded.
 
-The infusion is constant over a sample, and the meal enters each step as the quadratic with its exact moments, so that
-the method keeps its fourth order where a meal is smooth. Meals that begin at whole minutes begin between two steps.
-The number of steps follows from the patient's fastest rate at rest, beyond which the method would not be stable.
+The infusion is constant over a sample, exercise and what a rhythm changes are so to the next recorded moment, and the
+meal enters each step as the quadratic with its exact moments, so that the method keeps its fourth order where a meal is
+smooth. Meals that begin at whole minutes begin between two steps. The number of steps follows from the patient's
+fastest rate at rest, beyond which the method would not be stable.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,10 +21,10 @@ import numpy as np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption, at_start_middle_end, meal_moments, moments_of_sample
-from glucoloop.patients.protocol import Inputs, Patient
+from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.parts import Content, compiled_by_class
-from glucoloop.simulation.plant import Exogenous, SampleGrid
+from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
 
 USUAL_STEPS_PER_MIN: Final = 2
@@ -49,22 +50,23 @@ class ExplicitPlant:
         assert moments is not None
         of_points = moments.reshape(-1, self.steps_per_point, *moments.shape[1:])
 
-        def point(carry: tuple[jax.Array, jax.Array], moments: jax.Array) -> tuple[Any, jax.Array]:
-            x, clock = carry
+        def point(carry: tuple[jax.Array, jax.Array], entry: tuple[jax.Array, Held]) -> tuple[Any, jax.Array]:
+            (x, clock), (moments, held) = carry, entry
+            patient = held.of(self.patient)
+
+            def rate(t: jax.Array, x: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+                return patient.derivative(t, x, held.inputs(insulin_mU_min, meal_mg_min))
+
             for of_step in moments:
-                x, clock = self._step(x, clock, insulin_mU_min, of_step), clock + self.step_min
+                x, clock = self._step(rate, x, clock, of_step), clock + self.step_min
             return (x, clock), self.patient.glucose_mg_dl(x)
 
-        (x, _), inside = jax.lax.scan(point, (x, start), of_points)
+        (x, _), inside = jax.lax.scan(point, (x, start), (of_points, exogenous.held))
         return x, inside
 
-    def _step(self, x: jax.Array, t_min: jax.Array, insulin_mU_min: jax.Array, moments: jax.Array) -> jax.Array:
+    def _step(self, rate: Callable[..., jax.Array], x: jax.Array, t_min: jax.Array, moments: jax.Array) -> jax.Array:
         h = self.step_min
         start, middle, end = at_start_middle_end(moments)
-
-        def rate(t: jax.Array, x: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-            return self.patient.derivative(t, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=meal_mg_min))
-
         k_1 = rate(t_min, x, start)
         k_2 = rate(t_min + h / 2.0, x + h / 2.0 * k_1, middle)
         k_3 = rate(t_min + h / 2.0, x + h / 2.0 * k_2, middle)
@@ -175,7 +177,7 @@ def _jacobian(patient: Patient, x: jax.Array, insulin_mU_min: jax.Array) -> jax.
     none = jnp.zeros_like(insulin_mU_min)
 
     def derivative(x: jax.Array) -> jax.Array:
-        return patient.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=none))
+        return patient.derivative(jnp.zeros(()), x, inputs_of(insulin_mU_min, none))
 
     def along(direction: jax.Array) -> jax.Array:
         tangent = jnp.broadcast_to(direction.reshape(-1, *[1] * (x.ndim - 1)), x.shape)

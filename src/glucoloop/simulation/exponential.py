@@ -209,6 +209,11 @@ class ExponentialPlant:
         """State after one sample, and glucose on the fine grid inside it."""
         dense, moments = self.matrices.dense, exogenous.moments
         assert moments is not None
+        if exogenous.held.names:
+            raise Refusal(
+                "the exponential integrator has matrices for a patient whose constants stay, and knows no exercise; "
+                "leave the integrator out, or take Explicit() or Adaptive()"
+            )
         if dense.shape[0] == 1:
             return step(self.patient, self.matrices, dense[0], x, insulin_mU_min, moments[0])
 

@@ -18,12 +18,13 @@ from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
 
 
-def default_integrator(patient: Patient) -> SteppingIntegrator:
+def default_integrator(patient: Patient, *, held: bool = False) -> SteppingIntegrator:
     """The exponential integrator if the patient has its parts and makes nothing of the time, otherwise the explicit.
 
-    A patient that JAX traces has no rates from which the steps of the explicit one follow, and gets the adaptive one.
+    With inputs that are held over minutes, exercise or what a rhythm changes, it is always an explicit one. A patient
+    that JAX traces has no rates from which the steps of the explicit one follow, and gets the adaptive one.
     """
-    if goes_fast(patient):
+    if goes_fast(patient) and not held:
         return Exponential()
     return Adaptive() if is_traced(patient) else Explicit()
 
@@ -48,9 +49,15 @@ class PlantsOfPeople(Protocol):
 
 
 def plants_of_people(
-    nominal: Patient, varied: Patient, grid: SampleGrid, substeps: int | None = None, products: str = FUSED
+    nominal: Patient,
+    varied: Patient,
+    grid: SampleGrid,
+    substeps: int | None = None,
+    products: str = FUSED,
+    *,
+    held: bool = False,
 ) -> PlantsOfPeople:
-    """Plants by the exponential integrator if the patient has the parts for it, otherwise by the explicit one."""
-    if goes_fast(nominal):
+    """Plants by the integrator that `default_integrator` chooses."""
+    if goes_fast(nominal) and not held:
         return PeoplePlant(nominal, varied, grid, substeps, products)  # type: ignore[arg-type]  # by goes_fast
     return ExplicitPeople(nominal, varied, grid, substeps)

@@ -14,7 +14,7 @@ from glucoloop.meals.absorption import moments_of_parts
 from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
-from glucoloop.patients.protocol import Inputs, Patient
+from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.explicit import Explicit
 from glucoloop.simulation.exponential import Exponential
@@ -29,7 +29,7 @@ def linear_model_at(
     """Linearisation at a state and a rate; JAX can trace it, and map it over people."""
 
     def derivative(x: jax.Array, u: jax.Array, meal: jax.Array) -> jax.Array:
-        return patient.derivative(jnp.zeros(()), x, Inputs(insulin_mU_min=u, meal_mg_min=meal))
+        return patient.derivative(jnp.zeros(()), x, inputs_of(u, meal))
 
     model = linearise(derivative, patient.glucose_mg_dl, x, insulin_mU_min, jnp.zeros(()))
     return discretise(linear_behind_lag(model, sensor_lag_min) if sensor_lag_min else model, sample_time_min)
@@ -101,7 +101,7 @@ class InternalModel:
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the patient's state without a meal."""
         none = jnp.zeros_like(insulin_mU_min)
-        return self.plant.patient.derivative(none, x, Inputs(insulin_mU_min=insulin_mU_min, meal_mg_min=none))
+        return self.plant.patient.derivative(none, x, inputs_of(insulin_mU_min, none))
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """State after one sample, without a meal."""

@@ -22,7 +22,8 @@ import numpy.typing as npt
 from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.control.tuning import check_sample_time
-from glucoloop.patients.protocol import Inputs, Patient, SemilinearPatient
+from glucoloop.patients.capabilities import takes_exercise
+from glucoloop.patients.protocol import Patient, SemilinearPatient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
@@ -188,8 +189,11 @@ def refuse_two_patients(patient: SemilinearPatient) -> None:
 
 
 def goes_fast(patient: Patient) -> bool:
-    """Whether a patient has the parts of the exponential integrator, and its derivative makes nothing of the time."""
-    if not isinstance(patient, SemilinearPatient):
+    """Whether a patient has the parts of the exponential integrator, and no others.
+
+    Those parts are told neither the time nor exercise.
+    """
+    if not isinstance(patient, SemilinearPatient) or takes_exercise(patient):
         return False
     found = _compared(patient)
     return found is None or not (found[0] and found[1])
@@ -239,7 +243,7 @@ def _rates(
     patient: SemilinearPatient, t_min: jax.Array, x: jax.Array, insulin: jax.Array, meal: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Rates of slow and driven block by the derivative and by the parts, and the sizes of what they are made of."""
-    derivative = patient.derivative(t_min, x, Inputs(insulin_mU_min=insulin, meal_mg_min=meal))
+    derivative = patient.derivative(t_min, x, inputs_of(insulin, meal))
     _, by_derivative = jax.jvp(patient.split, (x,), (derivative,))
     y, z = patient.split(x)
     parts = patient.transport(y), patient.kinetics(y, patient.effects(z), meal)

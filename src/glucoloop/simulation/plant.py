@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import jax
 import numpy as np
@@ -12,7 +12,8 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.absorption import Absorption
-from glucoloop.patients.protocol import Patient
+from glucoloop.patients.capabilities import paced
+from glucoloop.patients.protocol import Inputs, Patient, inputs_of
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,37 @@ class SampleGrid:
 
 
 @pytree
+class Held:
+    """Inputs that are held constant from one moment of the fine grid to the next, ``(points, ...)`` of a sample each.
+
+    What is None is not there, and no program knows of it.
+    """
+
+    exercise_pct: jax.Array | npt.NDArray[np.float64] | None = None
+    """Mean intensity of exercise."""
+    sensitivity: jax.Array | npt.NDArray[np.float64] | None = None
+    """Factor on the constants that are a patient's sensitivity to insulin."""
+    production_mg_kg_min: jax.Array | npt.NDArray[np.float64] | None = None
+    """Production of glucose that is added to a patient's own."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs that are there."""
+        return tuple(name for name, value in vars(self).items() if value is not None)
+
+    def inputs(self, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> Inputs:
+        """Inputs of a patient, of those at one moment."""
+        return inputs_of(insulin_mU_min, meal_mg_min, self.exercise_pct)  # type: ignore[arg-type]
+
+    def of(self, patient: Patient) -> Patient:
+        """The patient as it is at one moment."""
+        return paced(patient, self.sensitivity, self.production_mg_kg_min)  # type: ignore[arg-type]
+
+
+NOTHING_HELD: Final = Held()
+
+
+@pytree
 class Exogenous:
     """Inputs of a patient in one sample besides insulin; in several with an axis of samples first."""
 
@@ -52,6 +84,8 @@ class Exogenous:
     """Time since the start, at the sample."""
     moments: jax.Array | None = None
     """(steps, 3, ...) Legendre moments of the appearance of meals in each step; None where the plant has the meals."""
+    held: Held = NOTHING_HELD
+    """Exercise, and what a rhythm changes."""
 
 
 class Plant(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import jax
@@ -14,15 +14,18 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
 from glucoloop.control.protocol import Decision, Observation, Status
+from glucoloop.exercise import Bouts, Exercise, refuse_exercise
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.scenario import Meal, Scenario
+from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
+from glucoloop.rhythms.protocol import Rhythm
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import (
     Trace,
@@ -31,17 +34,22 @@ from glucoloop.simulation.closed_loop import (
     start_of,
     trace_of,
     usual_limits,
+    with_what_was_held,
 )
+from glucoloop.simulation.held import held_between, held_of, refuse_held
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import Fixed, apart
-from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
+from glucoloop.simulation.plant import Held, SampleGrid, SteppingIntegrator
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
 _FIRST_ROOM: Final = 8
 """Initial number of meals that can be stored; it is doubled when it is reached."""
 _NO_MEALS: Final = Eaten(**{name: np.zeros(_FIRST_ROOM) for name in ("t_min", "carbs_g", "eating_min")})
+
+_NO_BOUTS: Final = np.zeros((3, 0))
+"""Intensity, time and duration of no bout of exercise."""
 
 
 @pytree
@@ -103,11 +111,13 @@ def _step(
     grid: SampleGrid,
     now: _Now,
     absorption: Absorption,
+    held: Held,
     insulin_mU_min: float,
     bolus_mU: float | None,
 ) -> tuple[_Now, Sampled]:
     loop: Loop = fixed.joined(numbers)
     plant, outside = integrator.at_sample(loop.plant, absorption, grid, now.sample)
+    outside = dataclasses.replace(outside, held=held)
     bolus = None if bolus_mU is None else jnp.asarray(bolus_mU, float)
     asked = dataclasses.replace(
         loop.controller,  # type: ignore[type-var]
@@ -143,6 +153,8 @@ class Stepper:
         Model of absorption; the patient's own by default.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
+    rhythms, rhythm_seed, rhythm_person
+        Arguments as for `Scenario`.
 
     Examples
     --------
@@ -173,9 +185,13 @@ class Stepper:
         integrator: SteppingIntegrator | None = None,
         meal_model: MealModel | None = None,
         start_min: float | None = None,
+        rhythms: Iterable[Rhythm] = (),
+        rhythm_seed: int = 0,
+        rhythm_person: int = 0,
     ) -> None:
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=start_min or 0.0)
-        self._integrator = default_integrator(patient) if integrator is None else integrator
+        self._rhythms = tuple(rhythms), rhythm_seed, rhythm_person
+        self._integrator = integrator or default_integrator(patient, held=bool(self._rhythms[0]))
         fasting = Scenario(
             (),
             setpoint_mg_dl=setpoint_mg_dl,
@@ -186,6 +202,9 @@ class Stepper:
         self._start_min = start_min
         self.start: Final = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
+        self._takes_exercise = takes_exercise(patient)
+        self._bouts = _NO_BOUTS
+        refuse_held(patient, self._held(0))
         plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
         pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
         self._no_bolus = 0.0 if gives_bolus(pump) else None
@@ -205,6 +224,7 @@ class Stepper:
             (patient, self._meal_model, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl)
         )
         self._of += f" {self._integrator} {start_min}"
+        self._of += f" {self._rhythms}" if self._rhythms[0] else ""
         self._key = random_key(key)
         self.last: Sampled | None = None
         self.reset()
@@ -252,6 +272,7 @@ class Stepper:
             eaten=jax.tree.map(jnp.asarray, _NO_MEALS),
             meals=jnp.asarray(0),
         )
+        self._bouts = _NO_BOUTS
         self._absorption = absorb(self._meal_model, self._now.eaten)
         self.last = None
         return self.observation()
@@ -300,6 +321,42 @@ class Stepper:
         self._absorption = absorb(self._meal_model, with_meal)
 
     @checked
+    def exercise(self, intensity_pct: float, duration_min: float, after_min: float = 0.0) -> None:
+        """Begin a bout of exercise during the coming sample.
+
+        Parameters
+        ----------
+        intensity_pct : float
+            Oxygen uptake above that at rest, in percent of the largest.
+        duration_min : float
+            Time for which it lasts.
+        after_min : float
+            Minutes from the beginning of the sample; less than its length.
+
+        Raises
+        ------
+        ValueError
+            For a patient that takes no exercise, or exercise that is not possible or begins outside of the sample.
+        """
+        refuse_exercise(self.patient)
+        if not 0.0 <= after_min < self.sample_time_min:
+            raise Refusal(
+                f"exercise {after_min:g} min into a sample of {self.sample_time_min:g} min is not possible; "
+                f"give 0 or more and less than {self.sample_time_min:g}"
+            )
+        bout = Exercise(intensity_pct, self.t_min + after_min, duration_min)
+        new = np.array([[bout.intensity_pct], [bout.t_min], [bout.duration_min]])
+        self._bouts = np.concatenate([self._bouts, new], axis=1)
+
+    def _held(self, sample: int) -> Held:
+        """Exercise and what rhythms change in a sample, ``(points,)`` each."""
+        edges = sample * self.sample_time_min + np.concatenate([[0.0], self._grid.inside_min])
+        bouts = Bouts(*self._bouts[..., None]) if self._takes_exercise else None
+        rhythms, seed, person = self._rhythms
+        held = held_between(edges, bouts, rhythms, seed, [person], self._grid.start_min)
+        return Held(**{name: getattr(held, name)[..., 0] for name in held.names})
+
+    @checked
     def step(self, insulin_mU_min: float, carbs_g: float = 0.0, bolus_mU: float | None = None) -> Observation:
         """Deliver a dose until the next sample, and return what is observed then.
 
@@ -336,6 +393,7 @@ class Stepper:
             self._grid,
             self._now,
             self._absorption,
+            self._held(self.sample),
             insulin_mU_min,
             self._no_bolus if bolus_mU is None else bolus_mU,
         )
@@ -343,7 +401,7 @@ class Stepper:
 
     def save(self) -> bytes:
         """State of the stepper as bytes, for `restore`."""
-        return pack(self._now, self._of)
+        return pack((self._now, self._bouts) if self._takes_exercise else self._now, self._of)
 
     def restore(self, saved: bytes) -> Observation:
         """Continue from the saved state of a stepper with the same patient, sensor and pump, to the same bits.
@@ -356,7 +414,11 @@ class Stepper:
             For bytes that are damaged, of another version, or of a stepper that differs from this one. The stepper
             is then unchanged.
         """
-        now = unpack(saved, self._now, self._of)
+        if self._takes_exercise:
+            now, bouts = unpack(saved, (self._now, self._bouts), self._of)
+            self._bouts = np.asarray(bouts)
+        else:
+            now = unpack(saved, self._now, self._of)
         self._now, self._absorption, self.last = now, absorb(self._meal_model, now.eaten), None
         return self.observation()
 
@@ -388,6 +450,9 @@ def scenario_stepper(
         integrator=integrator,
         meal_model=scenario.meal_model,
         start_min=scenario.start_min,
+        rhythms=scenario.rhythms,
+        rhythm_seed=scenario.rhythm_seed,
+        rhythm_person=scenario.rhythm_person,
     )
 
 
@@ -400,13 +465,18 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     grid = sample_grid(scenario.horizon_min, stepper.sample_time_min)
     on_grid = on_the_grid(scenario, grid)
     announced = np.asarray(on_grid.announced_g).tolist()
-    at = [int(meal.t_min / grid.sample_time_min) for meal in scenario.meals]
+    at, bouts_at = (
+        [int(begun.t_min / grid.sample_time_min) for begun in every] for every in (scenario.meals, scenario.exercise)
+    )
     happened: list[Sampled] = []
     for index in range(grid.samples):
         decision = decide(index, stepper.observation(announced[index]))
         for meal, begins in zip(scenario.meals, at, strict=True):
             if begins == index:
                 stepper.eat(meal.carbs_g, max(0.0, meal.t_min - stepper.t_min), meal.eating_min)
+        for bout, begins in zip(scenario.exercise, bouts_at, strict=True):
+            if begins == index:
+                stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, bout.t_min - stepper.t_min))
         bolus = None if decision.bolus_mU is None or not gives_boluses else float(decision.bolus_mU)
         stepper.step(float(decision.insulin_mU_min), bolus_mU=bolus)
         assert stepper.last is not None
@@ -415,9 +485,7 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     trace = trace_of(stepper.patient, stepper.start, on_grid, together, stepper.state)
     if not gives_boluses:
         trace = dataclasses.replace(trace, command_bolus_mU=None, bolus_mU=None, reported_bolus_mU=None)
-    return (
-        dataclasses.replace(trace, announced_carbs_g=jnp.asarray(on_grid.announced_g)) if scenario.announced else trace
-    )
+    return with_what_was_held(trace, scenario, on_grid, held_of(stepper.patient, scenario, grid))
 
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:

@@ -22,6 +22,10 @@ BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
     "meant for insulin under the skin, as of hovorka-2004."
 )
+RESTS_WITHOUT_RHYTHM: Final = (
+    "The rhythm begins with the run: the patient rests at the start, and controllers are designed, with its clock "
+    "stopped, at high sensitivity to insulin and outside of dawn."
+)
 _MOST_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 
@@ -131,19 +135,38 @@ class Run(ControlledSituation):
             metavar="G@TIME",
         ),
     ] = ("50g@50min",)
+    exercise: Annotated[
+        tuple[str, ...],
+        Option(
+            "Intensity, time and duration, like 50%@14h/30min, in percent of the largest oxygen uptake above rest; "
+            "repeat it for more.",
+            panel=PATIENT_PANEL,
+            metavar="%@TIME/DURATION",
+            rare=True,
+        ),
+    ] = ()
     duration_min: Annotated[
         float, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
     ] = 600.0
     integrator: Annotated[
         Literal["fast", "adaptive"],
-        Option("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference.", rare=True),
+        Option(
+            "fast: exponential steps, or explicit ones of half a minute; adaptive: Runge-Kutta of order 8, the "
+            "reference.",
+            rare=True,
+        ),
     ] = "fast"
 
     def __post_init__(self) -> None:
+        from glucoloop.exercise import refuse_exercise
+        from glucoloop.situations.exercise_text import same_exercise
         from glucoloop.situations.meal_text import same_meals
 
         super().__post_init__()
         object.__setattr__(self, "meals", same_meals(self.meals))
+        object.__setattr__(self, "exercise", same_exercise(self.exercise))
+        if self.exercise:
+            refuse_exercise(self.nominal, self.patient.called)
         refuse_parts_of_samples(self.duration_min, self.sample_time_min)
         self.refuse_late_faults(self.duration_min)
 
@@ -169,6 +192,7 @@ class Run(ControlledSituation):
     def scenario(self) -> Scenario:
         """Meals, length, target, start and time of day; Refusal for meals or a length that are not possible."""
         from glucoloop.meals import Scenario
+        from glucoloop.situations.exercise_text import parse_exercise
 
         return Scenario(
             self.eaten(),
@@ -179,6 +203,9 @@ class Run(ControlledSituation):
             announced=self.announce_meals,
             meal_model=self.gut,
             start_min=self.start_min,
+            exercise=map(parse_exercise, self.exercise),
+            rhythms=self.rhythms,
+            rhythm_seed=self.seed,
         )
 
     def refuse_unusual(self) -> None:
@@ -216,3 +243,8 @@ def boluses_into_a_vein(asked: ControlledSituation) -> tuple[str, ...]:
     """`BOLUS_INTO_A_VEIN` if any of the controllers gives boluses to a patient with insulin into a vein."""
     boluses = any(case.controller.gives_boluses for case in asked.cases)
     return (BOLUS_INTO_A_VEIN,) if boluses and not asked.patient.under_the_skin else ()
+
+
+def rests_without_rhythm(asked: Situation) -> tuple[str, ...]:
+    """`RESTS_WITHOUT_RHYTHM` if the patient follows a clock."""
+    return (RESTS_WITHOUT_RHYTHM,) if asked.rhythm else ()

@@ -31,6 +31,7 @@ from glucoloop.plausible import (
 )
 from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.refusal import Refusal
+from glucoloop.rhythms.settings import RhythmPart
 from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.request import read_root
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from glucoloop.patients import Patient, Population
     from glucoloop.profile import Profile
     from glucoloop.pumps import BolusLimits, DoseLimits
+    from glucoloop.rhythms.protocol import Rhythm
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 """Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
@@ -113,6 +115,14 @@ class Situation(Part):
             "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
         ),
     ] = None
+    rhythm: Annotated[
+        tuple[RhythmPart, ...],
+        _patient(
+            "What follows the clock in the patient, like 'visentin-2015, pattern=hhl' or dawn; repeat it for more. The "
+            "patient rests, and controllers are designed, as without it.",
+            rare=True,
+        ),
+    ] = ()
     sensor: Annotated[
         tuple[SensorPart, ...],
         _sensor(
@@ -157,13 +167,15 @@ class Situation(Part):
         }
         object.__setattr__(self, "patient", patient)
         object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
-        for name in ("sensor", "faults", "metrics"):
+        for name in ("rhythm", "sensor", "faults", "metrics"):
             object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
         self._refuse_at_odds()
 
     def _refuse_at_odds(self) -> None:
         from glucoloop.meals import meal_model_of
         from glucoloop.patients.capabilities import sites
+        from glucoloop.simulation.held import held_of_people, refuse_held
+        from glucoloop.simulation.plant import SampleGrid
 
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
         if self.miscounts and not self.announce_meals:
@@ -177,6 +189,7 @@ class Situation(Part):
                 "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
             )
         meal_model_of(self.nominal, self.gut)
+        refuse_held(self.nominal, held_of_people(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]))
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(
@@ -324,6 +337,11 @@ class Situation(Part):
     def gut(self) -> MealModel | None:
         """Meal model that replaces the patient's own; None if the patient's own is used."""
         return None if self.meal_model is None else self.meal_model.made()
+
+    @property
+    def rhythms(self) -> tuple[Rhythm, ...]:
+        """Rhythms of the patient, as a scenario takes them."""
+        return tuple(part.made() for part in self.rhythm)
 
     @property
     def target_mg_dl(self) -> float:

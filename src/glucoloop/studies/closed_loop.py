@@ -22,7 +22,7 @@ from glucoloop.simulation import Adaptive, Trace
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import SteppingIntegrator
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run
+from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, rests_without_rhythm
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.units import u_h_from_mu_min
@@ -154,7 +154,8 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
 
 def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    return default_integrator(run.nominal) if run.integrator == "fast" else Adaptive()
+    held = bool(run.exercise or run.rhythm)
+    return default_integrator(run.nominal, held=held) if run.integrator == "fast" else Adaptive()
 
 
 def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Iterator[str]:
@@ -183,7 +184,8 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
 
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
-    """The basal rate in the unit of pumps, where insulin is given under the skin."""
+    """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
+    yield from rests_without_rhythm(situation)
     if situation.patient.under_the_skin:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (

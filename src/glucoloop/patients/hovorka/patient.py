@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import jax
@@ -14,7 +15,7 @@ from glucoloop.arguments import checked
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
-from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, HovorkaConstants
+from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, MG_PER_MMOL, HovorkaConstants
 from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.resting import Rest, RestingPatient
@@ -40,6 +41,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
     usual_pump: ClassVar[PumpRange] = PUMP_OF_1999
     sites: ClassVar[tuple[str, ...]] = (PLASMA, INTERSTITIAL)
     """Sites at which glucose can be measured."""
+    insulin_sensitivity: ClassVar[tuple[str, ...]] = ("S_IT", "S_ID", "S_IE")
+    glucose_production: ClassVar[Mapping[str, float]] = {"EGP_0": 1.0 / MG_PER_MMOL}
 
     @property
     def meal_model(self) -> HovorkaGut:

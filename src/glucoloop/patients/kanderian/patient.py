@@ -49,6 +49,7 @@ class KanderianPatient(OdePatient):
     near_basal_mU_min = 22.0
     insulin_route: ClassVar[str] = SUBCUTANEOUS
     sites: ClassVar[tuple[str, ...]] = ("plasma", "interstitial")
+    insulin_sensitivity: ClassVar[tuple[str, ...]] = ("S_I",)
 
     @property
     def meal_model(self) -> HovorkaGut:

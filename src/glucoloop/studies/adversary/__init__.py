@@ -31,6 +31,7 @@ class Adversary(GuardedTrial):
     kind: ClassVar = "search for the worst errors"
     refused: ClassVar[tuple[str, ...]] = (
         *("traces", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min", "days"),
+        *("exercise_spread_pct", "exercise_time_spread_min"),
     )
 
     people: int = 1000

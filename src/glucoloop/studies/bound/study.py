@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
+from glucoloop.exercise import Exercise
 from glucoloop.meals import Meal
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -213,17 +214,20 @@ def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
 def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
     """The figure of all plans."""
     title = f"The best that could be done at {asked.place}"
-    return figure_files("figure", plot_bound(found.extra.drawn, asked.eaten(), title=title, limits=asked.limits))
+    bouts = asked.scenario().exercise
+    figure = plot_bound(found.extra.drawn, asked.eaten(), bouts, title=title, limits=asked.limits)
+    return figure_files("figure", figure)
 
 
 def plot_bound(
     plans: Mapping[str, OptimalDoses],
     meals: Sequence[Meal] = (),
+    exercise: Sequence[Exercise] = (),
     *,
     title: str | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
 ) -> Figure:
-    """Draw plans over each other: glucose with the setpoint and the meals above, the doses as steps below.
+    """Draw plans over each other: glucose with the setpoint, meals and exercise above, the doses as steps below.
 
     A plan ends where it is followed to. The pump's limits are drawn where they come into view.
     """
@@ -242,6 +246,7 @@ def plot_bound(
     entries[f"setpoint {first.setpoint_mg_dl:.4g} mg/dl"] = setpoint
     entries[f"basal {first.basal_insulin_mU_min:.4g} mU/min"] = basal
     _style.mark_meals(above, [(meal.t_min, meal.carbs_g) for meal in meals], horizon_min, "double")
+    _style.mark_exercise(above, exercise, horizon_min, "double")
     low, high = extent(*(plan.glucose_mg_dl for plan in plans.values()))
     above.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     low, high = extent([0.0], *(plan.insulin_mU_min for plan in plans.values()))

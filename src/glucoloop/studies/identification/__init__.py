@@ -40,6 +40,7 @@ class ModelRequest(Situation):
     refused: ClassVar = (
         "setpoint_mg_dl",
         "meal_model",
+        "rhythm",
         "announce_meals",
         "carb_error_pct",
         "carb_bias_pct",

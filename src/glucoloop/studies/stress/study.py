@@ -32,7 +32,7 @@ from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_ma
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import people_table
@@ -171,7 +171,10 @@ _ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
 _MOST_LISTED: Final = 5
 _MOST_NAMED: Final = 20
 
-notes = boluses_into_a_vein
+
+def notes(asked: StressTest) -> tuple[str, ...]:
+    """Notes on boluses into a vein, and on rhythms."""
+    return (*boluses_into_a_vein(asked), *rests_without_rhythm(asked))
 
 
 def found(asked: StressTest, folder: TrialFolder) -> Findings:

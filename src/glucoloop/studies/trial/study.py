@@ -26,7 +26,7 @@ from glucoloop.report.descriptions import (
 )
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
-from glucoloop.situations.run import boluses_into_a_vein
+from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import Counts, add_counts, edges, no_counts, times
@@ -75,7 +75,9 @@ def trial_of(asked: Trial) -> Trial:
     return asked
 
 
-notes = boluses_into_a_vein
+def notes(asked: Trial) -> tuple[str, ...]:
+    """Notes on boluses into a vein, and on rhythms."""
+    return (*boluses_into_a_vein(asked), *rests_without_rhythm(asked))
 
 
 def found(asked: Trial, folder: TrialFolder) -> Findings:
@@ -95,6 +97,7 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         infeasible=numbers["unable"]["count"],
         facts={**controllers_facts(asked.cases, designed), **trial_facts(asked), **engine_facts(prepared.engines)},
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
+        exercise=asked.bouts,
         faults=asked.fault_texts,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
         cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},

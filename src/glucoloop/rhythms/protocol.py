@@ -1,0 +1,54 @@
+"""Protocol of a rhythm: what the clock changes in a person's constants, minute by minute.
+
+A rhythm is a function of the clock, a seed and a person's number, computed before a run. The patient gets its values as
+inputs that are held constant over each minute, so that any family takes any rhythm, and days may differ without end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.threefry import checked_counter, checked_people
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes by a rhythm at some times, ``(n, people)`` each; None for what it leaves as it is."""
+
+    sensitivity: Floats | None = None
+    """Factor on the constants that are a person's sensitivity to insulin."""
+    production_mg_kg_min: Floats | None = None
+    """Production of glucose by the liver that is added, per kilogram of body weight."""
+
+
+class Rhythm(Protocol):
+    """Something that follows the clock; hashable, and equal to another with the same settings."""
+
+    def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
+        """Changes of people at times ``(n,)`` in minutes after the midnight before the start of a run."""
+
+
+def changes_of(rhythms: Sequence[Rhythm], clock_min: Floats, seed: int, person: npt.ArrayLike) -> Changes:
+    """Changes by several rhythms at once: factors are multiplied, and productions added.
+
+    Raises
+    ------
+    ValueError
+        For a seed or a person that does not exist.
+    """
+    checked_counter("seed", seed)
+    people = checked_people(person)
+    found = [rhythm.changes(clock_min, seed, people) for rhythm in rhythms]
+    factors = [some.sensitivity for some in found if some.sensitivity is not None]
+    added = [some.production_mg_kg_min for some in found if some.production_mg_kg_min is not None]
+    return Changes(
+        sensitivity=np.prod(factors, axis=0) if factors else None,
+        production_mg_kg_min=np.sum(added, axis=0) if added else None,
+    )

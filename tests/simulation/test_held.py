@@ -1,0 +1,270 @@
+"""Inputs that are held over minutes: exercise and rhythms, in every loop, and nowhere else."""
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import glucoloop as gl
+from glucoloop._pytree import pytree
+from glucoloop.exercise import draw_bouts
+from glucoloop.meals import Meal, Scenario, eaten
+from glucoloop.metrics.running import RunningMetrics
+from glucoloop.patients import Inputs, OdePatient
+from glucoloop.patients.capabilities import paced
+from glucoloop.patients.hovorka.patient import HovorkaPatient
+from glucoloop.rhythms.dawn import Dawn
+from glucoloop.rhythms.visentin2015 import PROBABILITIES, Visentin2015, patterns_of
+from glucoloop.sensors import IdealSensor
+from glucoloop.simulation import Adaptive, Explicit, Exponential
+from glucoloop.simulation.cohort import Cohort, People
+from glucoloop.simulation.explicit import plant_with
+from glucoloop.simulation.held import held_of_people
+from glucoloop.simulation.integrators import default_integrator
+from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+
+BOUTS = (gl.Exercise(45.0, 420.0, 40.0), gl.Exercise(70.0, 1000.5, 60.0))
+RHYTHMS = (Visentin2015("lhl"), Dawn())
+
+
+class Kanderian(OdePatient):
+    """Person 1 of Kanderian et al. (2009), in whom exercise takes up glucose, and production follows the clock too."""
+
+    nominal: ClassVar = {
+        "CI": 2.01,
+        "tau_1": 49.0,
+        "tau_2": 47.0,
+        "p_2": 0.0106,
+        "S": 8.11e-4,
+        "GEZI": 0.0022,
+        "EGP": 1.33,
+    }
+    near_rest = (11.0, 11.0, 0.009, 120.0)
+    near_basal_mU_min = 22.0
+    insulin_route = "subcutaneous"
+    takes_exercise = True
+    insulin_sensitivity = ("S",)
+    glucose_production: ClassVar = {"EGP": 89.0 / 253.0}
+
+    def derivative(self, t_min, x, inputs):
+        c, (skin, plasma, effect, glucose) = self.parameters, x
+        made = c["EGP"] * (1.0 + 0.1 * jnp.sin(2.0 * jnp.pi * t_min / 1440.0))
+        return jnp.stack(
+            [
+                (inputs.insulin_mU_min / c["CI"] - skin) / c["tau_1"],
+                (skin - plasma) / c["tau_2"],
+                c["p_2"] * (c["S"] * plasma - effect),
+                made - (c["GEZI"] + effect + 1e-4 * inputs.exercise_pct) * glucose + inputs.meal_mg_min / 253.0,
+            ]
+        )
+
+    def glucose_mg_dl(self, x):
+        return x[3]
+
+
+def day(**more):
+    meals = [Meal(40.0, 435.0), Meal(60.0, 733.3)]
+    return Scenario(
+        meals, 1440.0, **{"start_min": 60.0, "rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2, **more}
+    )
+
+
+def pid(patient):
+    return gl.design_pid(gl.PIDTuning(0.15, 400.0, 20.0), gl.usual_limits(patient))
+
+
+def by(patient, scenario, integrator=None):
+    return gl.simulate(patient, pid(patient), scenario=scenario, integrator=integrator)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("patient", "exercise"),
+    [(Kanderian.resting_at(120.0), BOUTS), (gl.patient("hovorka-2004"), ()), (gl.patient("wilinska-2010"), ())],
+)
+def test_the_fast_integrator_is_the_adaptive_one(patient, exercise):
+    fast, truth = (by(patient, day(exercise=exercise), of) for of in (None, Adaptive(1e-11)))
+    plain = by(patient, day(rhythms=(), exercise=()))
+    difference = np.abs(np.asarray(fast.fine_glucose_mg_dl) - truth.fine_glucose_mg_dl)
+    assert difference.max() < 0.01
+    assert np.max(np.abs(np.asarray(truth.fine_glucose_mg_dl) - plain.fine_glucose_mg_dl)) > 20.0
+
+
+def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
+    person = gl.patient("hovorka-2004")
+
+    @dataclasses.dataclass(frozen=True)
+    class Half:
+        def changes(self, clock_min, seed, person):
+            from glucoloop.rhythms.protocol import Changes
+
+            return Changes(sensitivity=np.full((len(clock_min), len(person)), 0.5))
+
+    p = person.parameters
+    halved = dataclasses.replace(
+        person, parameters=dataclasses.replace(p, S_IT=p.S_IT / 2.0, S_ID=p.S_ID / 2.0, S_IE=p.S_IE / 2.0)
+    )
+    held = gl.design_open_loop(float(person.basal_insulin_mU_min), gl.usual_limits(person))
+    scenario = Scenario([Meal(30.0, 60.0)], 600.0, rhythms=[Half()])
+    ours = gl.simulate(person, held, scenario=scenario)
+    grid = SampleGrid(5.0, 120)
+    plant, outside = Explicit().prepare(halved, Scenario([Meal(30.0, 60.0)], 600.0).absorbed_by(person), grid)
+
+    def one(x, entry):
+        return plant.advance(x, person.basal_insulin_mU_min, entry)
+
+    _, inside = jax.lax.scan(one, person.steady_state(person.basal_insulin_mU_min), outside)
+    np.testing.assert_allclose(np.asarray(ours.fine_glucose_mg_dl)[1:], np.asarray(inside).ravel(), rtol=1e-12)
+
+
+def test_production_that_is_added_is_a_mass_of_glucose():
+    person = gl.patient("hovorka-2004")
+    x, inputs = person.steady_state(0.0), Inputs(insulin_mU_min=jnp.asarray(0.0), meal_mg_min=jnp.asarray(0.0))
+    more = paced(person, production_mg_kg_min=2.0).derivative(0.0, x, inputs) - person.derivative(0.0, x, inputs)
+    assert float(more[0]) * 180.16 == pytest.approx(2.0 * 75.0)
+    assert paced(person) is person
+
+
+def cohort(engine, precision="float64"):
+    """Some people who differ in two constants, with bouts and rhythms of their own, and their run."""
+    factors, number = np.linspace(0.8, 1.25, 9), np.arange(9)
+    nominal, varied = (
+        Kanderian.resting_at(120.0),
+        Kanderian.resting_at(120.0, S=8.11e-4 * factors, tau_1=49.0 * factors),
+    )
+    grid = SampleGrid(5.0, 288, start_min=60.0)
+    bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
+    held = held_of_people(grid, bouts, (Visentin2015(), Dawn()), 4, number)
+    made = Cohort(
+        nominal,
+        varied,
+        pid(nominal),
+        IdealSensor(),
+        gl.LimitedPump(limits=gl.usual_limits(nominal)),
+        grid,
+        RunningMetrics(setpoint_mg_dl=120.0, inside_min=tuple(grid.inside_min.tolist())),
+        setpoint_mg_dl=120.0,
+        meals=eaten(day().meals),
+        start_min=60.0,
+        engine=engine,
+        precision=precision,
+        held=held.names,
+    )
+    basal = np.asarray(varied.basal_insulin_mU_min)
+    rest, keys = np.asarray(varied.steady_state(basal)), jax.random.split(jax.random.key(0), 9)
+    people = People(patient=varied, x=rest, insulin_mU_min=basal, key=keys, held=held)
+    return varied, bouts, made.run(people)
+
+
+@pytest.mark.long
+def test_many_people_are_each_the_simulation_of_one():
+    varied, bouts, native = cohort("native")
+    _, _, mapped = cohort("xla")
+    np.testing.assert_allclose(native.glucose_mg_dl, mapped.glucose_mg_dl, rtol=0.0, atol=1e-9)
+    for i in (0, 5):
+        one = jax.tree.map(lambda number, i=i: jnp.asarray(number)[i] if np.ndim(number) else number, varied)
+        own = [gl.Exercise(*bout) for bout in np.stack(list(vars(bouts).values()))[..., i].T.tolist()]
+        scenario = day(exercise=own, rhythms=(Visentin2015(), Dawn()), rhythm_person=i)
+        alone = np.asarray(by(one, scenario).fine_glucose_mg_dl)
+        np.testing.assert_allclose(native.glucose_mg_dl[:, i], alone[::5], rtol=0.0, atol=1e-9)
+    _, _, single = cohort("native", "float32")
+    np.testing.assert_allclose(single.glucose_mg_dl, native.glucose_mg_dl, rtol=0.0, atol=5e-3)
+
+
+@pytest.mark.long
+def test_a_stepper_steps_what_is_simulated():
+    patient, scenario = Kanderian.resting_at(120.0), day(exercise=BOUTS)
+    trace = by(patient, scenario)
+    rhythm = {"rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2}
+    stepper, other = (gl.Stepper(patient, start_min=60.0, **rhythm) for _ in range(2))
+    glucose = []
+    for index, rate in enumerate(np.asarray(trace.insulin_mU_min).tolist()):
+        for meal in scenario.meals:
+            if index * 5.0 <= meal.t_min < index * 5.0 + 5.0:
+                stepper.eat(meal.carbs_g, meal.t_min - stepper.t_min)
+        for bout in BOUTS:
+            if index * 5.0 <= bout.t_min < index * 5.0 + 5.0:
+                stepper.exercise(bout.intensity_pct, bout.duration_min, bout.t_min - stepper.t_min)
+        glucose.append(stepper.glucose_mg_dl)
+        if index == 88:  # within the first bout
+            other.restore(stepper.save())
+        if 88 <= index < 120:
+            other.step(rate)
+        stepper.step(rate)
+        if index == 119:
+            assert other.glucose_mg_dl == stepper.glucose_mg_dl
+    np.testing.assert_allclose(glucose, trace.glucose_mg_dl, rtol=1e-12)
+    np.testing.assert_array_equal(np.flatnonzero(trace.exercise_pct), [*range(84, 92), *range(200, 213)])
+    assert trace.to_polars()["exercise_pct"].sum() * 5.0 == pytest.approx(45.0 * 40.0 + 70.0 * 60.0)
+    with pytest.raises(ValueError, match="exercise 5 min into a sample of 5 min is not possible"):
+        stepper.exercise(50.0, 30.0, 5.0)
+    with pytest.raises(ValueError, match="the equations of SorensenPatient have no exercise"):
+        gl.Stepper(gl.patient()).exercise(50.0, 30.0)
+
+
+def test_a_patient_that_does_not_take_an_input_refuses_it():
+    patient = gl.patient()
+    with pytest.raises(
+        ValueError, match="the equations of SorensenPatient have no exercise, so it would change nothing"
+    ):
+        by(patient, Scenario([], 600.0, exercise=BOUTS[:1]))
+    for rhythm, constants in ((Visentin2015(), "insulin_sensitivity"), (Dawn(), "glucose_production")):
+        told = rf"SorensenPatient does not declare which of its constants are its .* \({constants}\)"
+        with pytest.raises(ValueError, match=told):
+            by(patient, Scenario([], 600.0, rhythms=[rhythm]))
+        with pytest.raises(ValueError, match=told):
+            gl.Stepper(patient, rhythms=[rhythm])
+        with pytest.raises(ValueError, match=told):
+            gl.optimal_doses(patient, Scenario([], 300.0, rhythms=[rhythm]))
+
+
+def test_the_exponential_integrator_takes_neither():
+    patient = gl.patient("hovorka-2004")
+    with pytest.raises(ValueError, match="the exponential integrator has matrices for a patient whose constants stay"):
+        by(patient, day(), Exponential())
+    assert isinstance(default_integrator(patient), Exponential)
+    assert isinstance(default_integrator(patient, held=True), Explicit)
+
+    class Exercising(HovorkaPatient):
+        takes_exercise = True
+
+    assert isinstance(default_integrator(pytree(Exercising)(**vars(patient))), Explicit)
+
+
+def test_what_is_not_there_is_in_no_program():
+    patient = gl.patient("hovorka-2004")
+    plant = plant_with(patient, 2, SampleGrid(5.0, 1))
+    x, moments = patient.working_state(), jnp.zeros((10, 3))
+
+    def operations(held):
+        outside = Exogenous(t_min=jnp.zeros(()), moments=moments, held=held)
+        program = jax.make_jaxpr(lambda x, outside: plant.advance(x, jnp.ones(()), outside))(x, outside)
+        return str(program), len(program.in_avals)
+
+    nothing, inputs = operations(Held())
+    assert inputs == 3  # the state, the time and the moments of meals
+    # the derivative of before, with two inputs, is the same program to the letter
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Held, "inputs", lambda self, u, m: Inputs(insulin_mU_min=u, meal_mg_min=m))
+        assert operations(Held())[0] == nothing
+    assert operations(Held(sensitivity=jnp.ones(5)))[1] == 4
+
+
+@pytest.mark.long
+def test_many_people_of_a_library_user_have_rhythms_of_their_own():
+    people = gl.virtual_people(gl.population("boiroux2017", patient="hovorka-2004"), 3, np.arange(6))
+    scenario = Scenario([], 1440.0, rhythms=[Visentin2015(day_spread_pct=0.0)])
+    controller = gl.design_open_loop(6.7, gl.usual_limits(people.patient))
+    run, plain = (
+        gl.simulate_people(people, controller, scenario=of, seed=2) for of in (scenario, Scenario([], 1440.0))
+    )
+    assert run.engine == "native"
+    changed = np.max(np.abs(run.glucose_mg_dl - plain.glucose_mg_dl), axis=0)
+    high = patterns_of("drawn", 2, np.arange(6)) == list(PROBABILITIES).index("hhh")
+    assert people.feasible.all()
+    assert 0 < high.sum() < 6
+    np.testing.assert_array_less(changed[high], 0.01)  # the one integrator for the other
+    assert np.all(changed[~high] > 1.0)
