@@ -16,7 +16,6 @@ from glucoloop.lab.body import FAMILIES
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.native.targets.wasm.module import HOST
 from glucoloop.pages.script import PAGES
-from glucoloop.patients import SemilinearPatient, patient
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

@@ -117,14 +117,15 @@ def mismatched_people(row: Mismatch, seed: int, runs: int) -> VirtualPeople:
     if row.people == "parker2000":
         return virtual_people(table, seed, number, setpoint_mg_dl=row.setpoint_mg_dl)
     model = patient_model(table.patient)
-    sides = np.random.default_rng(seed).choice([0.6, 1.4], size=(len(table.variations), runs))
+    sides = np.random.default_rng(seed).choice([0.6, 1.4], size=(len(table.parameters), runs))
     share = sides if row.people == "corners" else np.ones_like(sides)
-    values = {v.parameter: model.nominal[v.parameter] * share[i] for i, v in enumerate(table.variations)}
+    values = {name: model.nominal[name] * share[i] for i, name in enumerate(table.parameters)}
     setpoint = np.full(runs, row.setpoint_mg_dl)
     anybody = model.build(values, np.full(runs, np.nan), setpoint)
     basal, rest = map(np.asarray, rest_at(anybody, jnp.asarray(setpoint)))
     patient = model.build(values, basal, setpoint)
-    return VirtualPeople(table.patient, Draw(number, values), patient, basal, rest, np.isfinite(basal))
+    profile = Profile(basal_mU_min=basal, setpoint_mg_dl=setpoint)
+    return VirtualPeople(table.patient, Draw(number, values), patient, basal, rest, np.isfinite(basal), profile)
 
 
 def _digesting(person: SemilinearPatient, stomach: Mapping[str, float], runs: int | None) -> Any:
