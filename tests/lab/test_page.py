@@ -223,8 +223,8 @@ LINKS = {
         "a prediction horizon of 3 is not possible with a move horizon of 4"
     ),
     "#patient=hovorka-2004&controller=prediction_horizon=29": (
-        "a prediction horizon of 29 samples sees less than 5 % of the gain of insulin; a controller that sees so little "
-        "gives far too much or too little, so give a prediction horizon of 30 or more"
+        "a prediction horizon of 29 samples sees less than 5 % of the gain of insulin; a controller that sees so "
+        "little gives far too much or too little, so give a prediction horizon of 30 or more"
     ),
     "#patient=hovorka-2004&controller=prediction_horizon=29.5": (
         "prediction horizon is 29.5; give a whole number from 30 to 48"
