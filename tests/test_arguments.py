@@ -88,6 +88,10 @@ def person():
         (lambda p: gl.simulate(PID, p), r"patient is a PID, which would do as controller; the arguments are sim"),
         (lambda p: gl.simulate(p, PID, 1.45), "sensor is 1.45, a float; give a sensor, an object with init and read"),
         (lambda p: gl.simulate(p, PID, None, IdealSensor()), "pump is an IdealSensor, which would do as sensor"),
+        (
+            lambda p: gl.design_mpc_se(gl.linear_model(p), gl.StateTuning()),
+            "process_noise is a StateTuning, which would do as tuning; the arguments are design_mpc_se",
+        ),
         (lambda p: gl.simulate(p, PID, scenario=[gl.Meal(50, 50)]), "scenario is .*; give an instance of Scenario"),
         (lambda p: gl.simulate(p, type(PID)), "controller is the class PID, not an instance of it"),
         (lambda p: gl.simulate(p, PID, key="1"), "key is '1', a str; give a whole number"),

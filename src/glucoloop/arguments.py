@@ -166,6 +166,8 @@ class _Argument:
             kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
             if (self.value is None and len(kinds) < len(typing.get_args(annotation))) or len(kinds) > 1:
                 as_it_is = set(kinds) != {float, jax.Array} or isinstance(self.value, jax.Array | np.ndarray)
+                if not any(map(_is_ours, kinds)):
+                    self._refuse_swapped()
                 return self.value if as_it_is else self._number()
             annotation = kinds[0]
         if annotation is float:
@@ -221,15 +223,19 @@ class _Argument:
             without = f" without {_names_text(lacking)}" if len(lacking) < len(members) else ""
             name = re.sub(r"(?<!^)(?=[A-Z])", " ", kind.__name__).lower()
             wanted = f"{'an' if name[0] in 'aeiou' else 'a'} {name}, an object with {_names_text(members)}"
+        self._refuse_swapped()
+        record = dataclasses.is_dataclass(self.value) and not isinstance(self.value, type)
+        fields = dataclasses.fields(self.value) if record else ()
+        part = next((field.name for field in fields if _is_a(getattr(self.value, field.name), kind)), None)
+        raise self._refusal(f"{without}; give {wanted if part is None else f'its part .{part}'}")
+
+    def _refuse_swapped(self) -> None:
+        """Refuse an object of a class that another argument wants."""
         for other, annotation in self.hints.items():
             kinds = (annotation, *typing.get_args(annotation))
             if other not in (self.name, "return") and any(_is_ours(kind) and _is_a(self.value, kind) for kind in kinds):
                 order = ", ".join(self.parameters)
                 raise self._refusal(f", which would do as {other}; the arguments are {self.function}({order})")
-        record = dataclasses.is_dataclass(self.value) and not isinstance(self.value, type)
-        fields = dataclasses.fields(self.value) if record else ()
-        part = next((field.name for field in fields if _is_a(getattr(self.value, field.name), kind)), None)
-        raise self._refusal(f"{without}; give {wanted if part is None else f'its part .{part}'}")
 
     def _refusal(self, rest: str) -> ArgumentTypeError:
         return ArgumentTypeError(f"{self.name} is {_described(self.value)}{rest}")

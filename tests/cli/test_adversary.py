@@ -51,6 +51,8 @@ def test_a_folder_holds_the_worst_loops_and_repeats_the_search(glucoloop, tmp_pa
     (row,) = told["searches"]
     assert (row["controller"], row["guarded"], row["error_pct"], row["sequences_tried"]) == ("pid", False, 30.0, 12)
     assert row["lowest_mg_dl"] <= row["lowest_without_errors_mg_dl"]
+    assert told["engines"] == {"pid": {"engine": "native"}}
+    assert "Engine: native code." in answer.out
     loop = pl.read_parquet(tmp_path / "worst" / "worst.parquet")
     assert loop.height == 24
     assert (loop["error_of_reading_pct"].abs() <= 30.0 + 1e-9).all()

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import tomllib
 
 import pytest
 
@@ -66,6 +67,17 @@ def test_an_emulated_chip_gives_the_same_bits(folder):
     assert rung["holds"]
     assert rung["samples"] == 60
     assert rung["instructions"] > 0
+
+
+@pytest.mark.long
+def test_the_folder_tells_the_gain_that_followed_from_the_design(tmp_path):
+    assert call("export", "--controller", "pid, closed_loop_min=40", "--samples", "10", "--out", tmp_path / "pid") == 0
+    used = tomllib.loads((tmp_path / "pid" / "run.toml").read_text())["used"]["controller"][0]
+    numbers = (tmp_path / "pid" / "controller.csv").read_text()
+    assert used["gain"] == 0.0  # it follows from the model
+    assert f"proportional,,,{used['settled']['gain']!r}\n" in numbers
+    manifest = json.loads((tmp_path / "pid" / "manifest.json").read_text())
+    assert manifest["settled"] == used["settled"]
 
 
 def test_what_was_not_run_is_not_claimed(folder):

@@ -17,7 +17,7 @@ _STOPS = (
     "glucoloop.studies.closed_loop.controller_of",
     "glucoloop.studies.identification.study._method",
     "glucoloop.studies.identification.study._from_patient",
-    "glucoloop.studies.tuning.study.found",
+    "glucoloop.studies.tuning.study.model_for",
     "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
     "glucoloop.papers.parker1999.study.study",

@@ -93,6 +93,27 @@ def test_options_over_any_file_are_answered(asked, tmp_path_factory, command, ke
     asked(command, "--config", str(file), *pieces)
 
 
+@pytest.mark.parametrize(
+    ("ranges", "told"),
+    [
+        ("move_horizon=1000", "move_horizon is 1000; give a whole number from 1 to 50."),
+        ("prediction_horizon=-1:3", "prediction_horizon is -1; give a whole number from 0 to 288."),
+        ("move_weight=0|1e99", "move_weight is 1e+99; give a number of a size up to 1e+30."),
+        ("move_weight=5:1:1", "move_weight runs from 5 down to 1; write the lower end first."),
+        ("move_weight=nan:3:1", "move_weight is 'nan:3:1'; write it like .3:.8:.05 or 0|1|3."),
+        ("reference_filter=٠", "reference_filter is '٠'; write it like .3:.8:.05 or 0|1|3."),
+    ],
+)
+def test_a_range_that_is_not_possible_is_refused_before_a_model_is_identified(asked, ranges, told):
+    assert asked("tune", "--controller", f"mpc-se, {ranges}").err == f"glucoloop: {told}\n"
+
+
+def test_a_small_weight_of_a_run_is_a_range_of_one(asked, tmp_path):
+    file = tmp_path / "run.toml"
+    file.write_text('controller = {name = "mpc", move_weight = 1e-05}\n')
+    assert asked("tune", "--config", str(file)).code == 130
+
+
 @pytest.mark.parametrize("option", ["--guard", "--model"])
 def test_a_part_that_a_file_leaves_out_is_given_settings(asked, tmp_path, option):
     file = tmp_path / "none.toml"

@@ -225,7 +225,11 @@ LINKS = {
         "a prediction horizon of 3 is not possible with a move horizon of 4"
     ),
     "#patient=hovorka-2004&controller=prediction_horizon=29": (
-        "prediction horizon is 29; give a whole number from 30 to 48"
+        "a prediction horizon of 29 samples sees less than 5 % of the gain of insulin; a controller that sees so "
+        "little gives far too much or too little, so give a prediction horizon of 30 or more"
+    ),
+    "#patient=hovorka-2004&controller=prediction_horizon=29.5": (
+        "prediction horizon is 29.5; give a whole number from 30 to 48"
     ),
     "#controller=pid,+derivative_time_min=-0.5": "a derivative time of -0.5 min is not possible; give 0 or more, or -1",
     "#sensor=white-noise,+variance=-1": "the variance of the noise is -1 (mg/dl)²; give from 0 to 900",

@@ -451,5 +451,5 @@ def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
         return dataclasses.replace(case, controller=controller.completed())
 
     controller_of(around, looking(least))
-    with pytest.raises(Refusal, match=f"give a prediction horizon of {least} or more"):
+    with pytest.raises(Refusal, match=f"sees less than 5 % gives far .* give a prediction horizon of {least} or more"):
         controller_of(around, looking(least - 1))

@@ -2,7 +2,7 @@
 
 from glucoloop.control.protocol import computed_settings
 from glucoloop.experiments.designs import controller_of
-from glucoloop.report.descriptions import controllers_facts, engine_facts, engine_notes
+from glucoloop.report.descriptions import case_in_words, controllers_facts, engine_facts, engine_notes
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
@@ -31,3 +31,11 @@ def test_the_page_of_a_trial_has_the_tuning_that_a_controller_used():
     facts = controllers_facts(run.cases, {"pid": pid, "basal": {}})
     assert f"gain {pid['gain']:.4g}" in facts["As designed, pid"]
     assert "As designed, basal" not in facts
+    # a 0 that stands for what follows from the design is not told beside it
+    assert facts["Controller pid"].endswith("closed loop 30 min, step 0 mU/min")
+
+
+def test_a_setting_without_a_value_is_not_told():
+    run = configured(Run, controller="meal-mpc")
+    assert run.case.tuning["meals_by_time"] == ""
+    assert "meals by time" not in case_in_words(run.case)

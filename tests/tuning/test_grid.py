@@ -48,6 +48,7 @@ def test_any_other_text_is_refused_in_a_sentence(text):
 def test_ranges_and_lists_together():
     assert parse_integers("1:3| 8") == (1, 2, 3, 8)
     assert parse_numbers(".3:.5:.1|.57") == (0.3, 0.4, 0.5, 0.57)
+    assert parse_numbers("1e-05|1E3:3e3:1e+3") == (1e-5, 1e3, 2e3, 3e3)
 
 
 @pytest.mark.parametrize(

@@ -50,11 +50,12 @@ def _export(typed: Given) -> None:
         from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):
-            exported, rungs = write(asked, folder)
+            made, rungs = write(asked, folder)
         files = folder.paths()
     if output.json:
-        print_json(report(asked, exported, rungs), files)
+        print_json(report(made, rungs), files)
     else:
+        exported = made.exported
         print(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
         print_rungs(rungs)
         print(where_written(output.out, files))

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from glucoloop.control.protocol import computed_settings
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
-from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
@@ -30,6 +30,7 @@ class Made:
         self.asked, case = asked, asked.case
         self.model = model_for(asked, case)
         self.controller = controller_of(asked, case, **model_arguments(self.model))
+        self.settled = computed_settings(self.controller)
         self.exported = exported_controller(asked, case, self.controller, stepper_of(asked, 0))
 
     @functools.cached_property
@@ -46,7 +47,7 @@ class Made:
         return record(self.exported, self.controller, self.asked, init, step, samples=samples, seed=seed)
 
 
-def write(asked: Export, folder: OutputFolder) -> tuple[Exported, list[Rung]]:
+def write(asked: Export, folder: OutputFolder) -> tuple[Made, list[Rung]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
     made, chip = Made(asked), chip_of(asked.target)
     exported = made.exported
@@ -59,21 +60,23 @@ def write(asked: Export, folder: OutputFolder) -> tuple[Exported, list[Rung]]:
     checks = [rung.as_dict() for rung in rungs]
     folder.write("README.md", readme(exported, name, asked.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
-    folder.write("manifest.json", json_text(with_version(report(asked, exported, rungs))) + "\n")
+    folder.write("manifest.json", json_text(with_version(report(made, rungs))) + "\n")
     used, given = asked.tree(whole=True), asked.tree()
+    used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
         folder.write("model.json", made.model.text())
         if isinstance(asked.case.model, FilePart):
             used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
     folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
-    return exported, rungs
+    return made, rungs
 
 
-def report(asked: Export, exported: Exported, rungs: Sequence[Rung]) -> dict[str, Any]:
+def report(made: Made, rungs: Sequence[Rung]) -> dict[str, Any]:
     """Plain values for JSON."""
-    source = exported.source
+    exported, source = made.exported, made.exported.source
     return {
-        "config": asked.tree(whole=True),
+        "config": made.asked.tree(whole=True),
+        "settled": made.settled,
         "design": source.design,
         "form": source.form,
         "precision": exported.precision,

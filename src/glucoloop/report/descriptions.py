@@ -43,7 +43,7 @@ def comparison_facts(asked: Run, designed: Mapping[str, Mapping[str, float]]) ->
 
 def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
     numbers = {key: float(f"{value:.4g}") for key, value in (designed or {}).items()}
-    return {name: case_in_words(case), **({as_designed: _settings(numbers)} if numbers else {})}
+    return {name: case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
@@ -72,11 +72,11 @@ def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str,
     return facts
 
 
-def case_in_words(case: Case) -> str:
-    """A controller with its settings, guard and faults."""
+def case_in_words(case: Case, told_apart: Iterable[str] = ()) -> str:
+    """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
-        _settings(case.tuning),
+        _settings({key: value for key, value in case.tuning.items() if key not in told_apart and value != ""}),
         "knows the dead time" if case.known_dead_time else "",
         "with the guard" if case.guard is not None else "",
         *map(fault_in_words, case.faults),

@@ -17,7 +17,7 @@ MOST_VALUES: Final = 1000
 MOST_TUNINGS: Final = 100_000
 """Largest number of tunings of a grid, with those that are left out."""
 
-_NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})", re.ASCII)
+_NUMBER: Final = re.compile(r"[+-]?(\d{1,9}(\.\d{0,9})?|\.\d{1,9})(e[+-]?\d{1,2})?", re.ASCII | re.IGNORECASE)
 
 Number = TypeVar("Number", int, float)
 

@@ -235,6 +235,20 @@ function allowed(given, settings, what) {
   }
 }
 
+/**
+ * Refuse a horizon at whose end insulin has hardly begun to act, as `glucoloop.control.horizon` does.
+ * @param {number | undefined} ahead samples
+ * @param {number | undefined} least
+ */
+function seesInsulin(ahead = 0, least = 0) {
+  if (Number.isInteger(ahead) && ahead > 0 && ahead < least) {
+    throw new RangeError(
+      `a prediction horizon of ${ahead} samples sees less than 5 % of the gain of insulin; a controller that sees so ` +
+        `little gives far too much or too little, so give a prediction horizon of ${least} or more`,
+    );
+  }
+}
+
 /** Refuse a fault that is not possible. @param {Fault} fault @param {number} duration_min of the run @param {Data} data */
 export function checkedFault(fault, duration_min, data) {
   among("a fault", fault.name, Object.keys(data.faults));
@@ -269,7 +283,9 @@ export function checked(given, data) {
     within("a meal", meal.carbs_g, 1, LARGEST_MEAL_G, " g");
     within("the time of a meal", meal.t_min, 0, given.duration_min - 1, " min");
   }
-  allowed(given.tuning, controllers[given.controller].settings, "a setting");
+  const { settings } = controllers[given.controller];
+  seesInsulin(given.tuning.prediction_horizon, settings.prediction_horizon?.least);
+  allowed(given.tuning, settings, "a setting");
   allowed(given.guard_limits, guard_limits, "a limit of the guard");
   allowed(given.pump_limits, pump_limits, "a limit of the pump");
   if (given.faults.length > MOST_FAULTS) {

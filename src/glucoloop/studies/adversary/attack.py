@@ -167,9 +167,9 @@ class Attack:
         )
 
     @property
-    def engine(self) -> str:
-        """Engine of the loops, native or xla."""
-        return self._loop.engine
+    def engine_facts(self) -> dict[str, str]:
+        """Engine of the loops, and what native code lacks for them, as `PeopleLoop.engine_facts`."""
+        return self._loop.engine_facts
 
     def person(self, number: int | None) -> VirtualPeople:
         """A person of the population by number, or the nominal patient; Refusal for one without a basal rate.

@@ -18,6 +18,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
+from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.sensors.settings import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
@@ -140,6 +141,7 @@ class AdversarySearch:
         self._asked = asked
         self._numbers: list[dict[str, Any]] = []
         self._loops: list[pl.DataFrame] = []
+        self._engines: dict[str, dict[str, str]] = {}
 
     def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
         """Carry out the searches; the generations that are known are not simulated again."""
@@ -149,6 +151,7 @@ class AdversarySearch:
                 controller = controller_of(first.trial, first.trial.cases[0])
                 attack = Attack(first.trial, controller, first.space, lanes=first.settings.lanes)
                 who = attack.person(self._asked.person)
+            self._engines[_called(first.key)] = attack.engine_facts
             smaller: tuple[ErrorSpace, Array] | None = None
             for one in searches:
                 name = _name(one.key)
@@ -170,7 +173,13 @@ class AdversarySearch:
         glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
         table = pl.DataFrame(self._numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
         tables = {"adversary.csv": table, "worst.parquet": pl.concat(self._loops)}
-        return Findings({"config": self._asked.tree(whole=True), "searches": self._numbers}, tables)
+        plain = {
+            "config": self._asked.tree(whole=True),
+            "searches": self._numbers,
+            "engines": self._engines,
+            "notes": [f"Engine: {engine_facts(self._engines)['Engine']}."],
+        }
+        return Findings(plain, tables)
 
 
 search = AdversarySearch
@@ -195,7 +204,6 @@ def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeop
         "random_lowest_mg_dl": float(random.lowest_mg_dl.min()) if people else None,
         "lowest_without_errors_mg_dl": without.lowest_mg_dl.item(),
         "peak_without_errors_mg_dl": without.peak_mg_dl.item(),
-        "engine": attack.engine,
     }
 
 

@@ -41,6 +41,9 @@ def grid_of(asked: GridSearch) -> list[MPCTuning]:
     ranges = asked.all_ranges
     whole = {key: parse_integers(ranges[key], key) for key in ("move_horizon", "prediction_horizon")}
     numbers = {key: parse_numbers(ranges[key], key) for key in ranges if key not in whole}
+    for key, values in {**whole, **numbers}.items():
+        for value in values:
+            asked.case.controller.setting(key).check(value)
     return tuning_grid(
         whole["move_horizon"],
         whole["prediction_horizon"],
@@ -69,10 +72,10 @@ def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     case = asked.case
     name = case.controller.called
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    model = model_for(asked, case)
-    design = designer(asked, case, **model_arguments(model))
     usual, grid = usual_tuning(asked, name), grid_of(asked)
     grid = grid if usual in grid else [*grid, usual]
+    model = model_for(asked, case)
+    design = designer(asked, case, **model_arguments(model))
     progress(f"designing {len(grid)} controllers")
     surface = search(
         asked,
