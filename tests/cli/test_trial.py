@@ -336,6 +336,8 @@ def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):
 
 
 def test_people_below_the_validity_of_their_model_are_told():
+    from glucoloop.cohorts.trial import Trial
+    from glucoloop.situations.situation import configured
     from glucoloop.studies.trial.study import _notes
 
     nobody = {"count": 0, "person": []}
@@ -344,7 +346,7 @@ def test_people_below_the_validity_of_their_model_are_told():
         "mpc": {"not_finite": nobody, "below_validity": {"count": 2, "person": [3, 7]}},
         "imc": {"not_finite": nobody, "below_validity": nobody},
     }
-    assert list(_notes({**told, "controllers": of})) == [
+    assert list(_notes(configured(Trial), {**told, "controllers": of})) == [
         "mpc: glucose of 2 people was lower than the model is valid for: person 3, 7. Read it as severe hypoglycemia; "
         "its depth means nothing."
     ]
