@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from glucoloop.control.mpc_se import MPCSE, design_mpc_se
     from glucoloop.control.nlqdmc_se import NLQDMC, design_nlqdmc_se
     from glucoloop.control.open_loop import OpenLoop, design_open_loop
+    from glucoloop.control.pace import Paced, paced
     from glucoloop.control.pid import PID, PIDTuning, design_pid, internal_model_tuning
     from glucoloop.control.protocol import Controller, Decision, Observation, Status
     from glucoloop.control.settings import MealTuning, MPCTuning, StateTuning
@@ -39,6 +40,7 @@ __all__ = [
     "Observation",
     "OpenLoop",
     "PIDTuning",
+    "Paced",
     "StateTuning",
     "Status",
     "design_basal_bolus",
@@ -51,6 +53,7 @@ __all__ = [
     "design_pid",
     "guarded",
     "internal_model_tuning",
+    "paced",
 ]
 
 _HOME: Final = {
@@ -64,6 +67,7 @@ _HOME: Final = {
         "mpc_se": ("MPCSE", "design_mpc_se"),
         "nlqdmc_se": ("NLQDMC", "design_nlqdmc_se"),
         "open_loop": ("OpenLoop", "design_open_loop"),
+        "pace": ("Paced", "paced"),
         "pid": ("PID", "PIDTuning", "design_pid", "internal_model_tuning"),
         "protocol": ("Controller", "Decision", "Observation", "Status"),
         "settings": ("MealTuning", "MPCTuning", "StateTuning"),

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
-from glucoloop.control import Controller
-from glucoloop.experiments.designs import with_guard, with_individual_basal
+from glucoloop.control import Controller, paced
+from glucoloop.experiments.designs import paced_situation, with_guard, with_individual_basal
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten, MealModel, Scenario
@@ -88,14 +88,16 @@ def own_controllers(
     """
     if not individual:
         return with_basal_of_each(controller)
-    designed = individual_design(situation, dataclasses.replace(case, guard=None), controller, example)
-    if designed is None or case.guard is None:
-        return designed
+    inner = dataclasses.replace(case, guard=None, every_min=None)
+    designed = individual_design(paced_situation(situation, case), inner, controller, example)
+    if designed is None:
+        return None
 
     def with_own_guard(people: VirtualPeople) -> Controller:
         # The guard alone is given the basal rate: what is inside was designed for each person already.
         basal = jnp.asarray(people.basal_insulin_mU_min)
-        return with_guard(designed(people), case.guard, situation.limits, basal)
+        own = with_guard(designed(people), case.guard, situation.limits, basal)
+        return paced(own, situation.sample_time_min)
 
     return with_own_guard
 

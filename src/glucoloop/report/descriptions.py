@@ -74,6 +74,7 @@ def case_in_words(case: Case) -> str:
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
         _settings(case.tuning),
+        f"acts every {case.every_min:g} min" if case.every_min is not None else "",
         "knows the dead time" if case.known_dead_time else "",
         "with the guard" if case.guard is not None else "",
         *map(fault_in_words, case.faults),

@@ -274,9 +274,20 @@ class Situation(Part):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        same = {name: getattr(self, name) for name in Situation.settings()}
-        quiet = tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
-        return Situation(**{**same, "sensor": quiet})
+        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings)))
+
+    def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
+        """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
+
+        The dead time is left out unless the controller knows it: otherwise it need not be a whole number of its times.
+        """
+        if every_min is None or every_min == self.sample_time_min:
+            return self
+        told = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTimeSettings))
+        return self._with(sample_time_min=every_min, sensor=told)
+
+    def _with(self, **changes: Any) -> Situation:
+        return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
 
     @property
     def nominal(self) -> Patient:
