@@ -126,7 +126,8 @@ def test_a_bolus_is_given_once_and_within_a_minute():
     fast = close_loop(run, controller_of(run, run.case), run.scenario())
     slow = close_loop(slow_run, controller_of(slow_run, five), run.scenario())
     given_fast, given_slow = np.asarray(fast.bolus_mU), np.asarray(slow.bolus_mU)
-    assert np.flatnonzero(given_fast).tolist() == [30] and np.flatnonzero(given_slow).tolist() == [6]
+    assert np.flatnonzero(given_fast).tolist() == [30]
+    assert np.flatnonzero(given_slow).tolist() == [6]
     assert given_fast[30] == given_slow[6] > 1000.0
     # over one minute in place of five, which `loop.sample` says is up to 1.5 mg/dl for each unit
     apart = np.abs(np.asarray(fast.fine_glucose_mg_dl) - np.asarray(slow.fine_glucose_mg_dl)).max()
@@ -152,12 +153,16 @@ def test_a_pace_is_a_whole_number_of_samples_or_refused(every_min, sample_time_m
     try:
         samples = samples_of_pace(every_min, sample_time_min)
     except gl.Refusal as refused:
-        assert f"{every_min:g} min" in str(refused) and "give" in str(refused)
+        assert f"{every_min:g} min" in str(refused)
+        assert "give" in str(refused)
     else:
-        assert samples >= 1 and samples * sample_time_min == pytest.approx(every_min, rel=1e-8)
+        assert samples >= 1
+        assert samples * sample_time_min == pytest.approx(every_min, rel=1e-8)
 
 
-@pytest.mark.parametrize("text", ["pid, every=5", "pid, every=300s", "pid, every_min=5.0", "pid, every=0.0833333333333h"])
+@pytest.mark.parametrize(
+    "text", ["pid, every=5", "pid, every=300s", "pid, every_min=5.0", "pid, every=0.0833333333333h"]
+)
 def test_a_pace_is_one_of_the_settings_of_a_controller(text):
     run = configured(Run, controller=[text], sample_time_min=1.0)
     assert run.case.every_min == pytest.approx(5.0)

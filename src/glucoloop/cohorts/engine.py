@@ -20,8 +20,7 @@ from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_c
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.meals import Eaten, Meal, Scenario, eaten
-from glucoloop.meals.plan import counted_g, draw_meals
+from glucoloop.meals.days import Days
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
@@ -142,8 +141,8 @@ def loop_of(
     otherwise; `example` is the first person by default. See `PeopleLoop`.
     """
     usual = {
-        "meals": None if trial.plan.varies else eaten(trial.plan.nominal()),
-        "own_announcements": trial.miscounts,
+        "meals": None if trial.plan.varies else trial.plan.same_for_all(),
+        "own_announcements": trial.individual_announcements,
         "controllers_of": with_basal_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
@@ -173,17 +172,16 @@ def run_people(
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
-            drawn, meals = people_of(trial, block), meals_of(trial, block)
+            drawn, days = people_of(trial, block), trial.drawn_days(block)
             alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
-            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, block, meals))
-            first_min = 0.0 if meals is None else np.min(meals.t_min, axis=0)
+            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, days))
         finished = of_case.loop.cohort.run(people)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
                 finished.fold,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
-                meal_t_min=np.floor(first_min / grid.sample_time_min) * grid.sample_time_min,
+                meal_t_min=np.floor(days.first_min() / grid.sample_time_min) * grid.sample_time_min,
                 precision=of_case.loop.cohort.precision,
             )
         values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
@@ -214,9 +212,7 @@ def _of(values: Array, people: Array) -> Array:
 def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     """The loop of one person of a trial under the controller of a label, as a full trace."""
     trial, of_case, number = prepared.trial, prepared.cases[label], np.array([person], np.int64)
-    drawn, meals = people_of(trial, number), draw_meals(trial.plan, trial.seed, number)
-    counted = announced_to(trial, meals, number)
-    columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted is None else counted
+    drawn, meals = people_of(trial, number), trial.drawn_days(number).meals_of(0, trial.horizon_min)
     controller = of_case.controller
     if of_case.loop.controllers_of is not None:
         individual = of_case.loop.controllers_of(drawn)
@@ -225,45 +221,22 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     return close_loop(
         trial,
         controller,
-        Scenario(
-            [Meal(*map(float, meal)) for meal in zip(*(values[:, 0] for values in columns), strict=True)],
-            trial.plan.horizon_min,
-            announced=trial.announce_meals,
-            meal_model=trial.gut,
-            start_min=trial.start_min,
-        ),
+        trial.scenario_of(meals),
         patient=of_people(drawn.patient, 0),
         surroundings=of_case.surroundings,
         key=keys_of_people(trial.seed, number)[0],
     )
 
 
-def brought(trial: Trial, person: npt.NDArray[np.int64], meals: Eaten | None) -> dict[str, Any]:
+def brought(trial: Trial, days: Days) -> dict[str, Any]:
     """Keys, meals and announcements of people of a trial, as `PeopleLoop.people` takes them."""
+    own = trial.individual_announcements
     return {
-        "key": keys_of_people(trial.seed, person),
-        "meals": meals if trial.plan.varies else None,
-        "announced_g": None if meals is None else announced_to(trial, meals, person),
+        "key": keys_of_people(trial.seed, days.person),
+        "meals": days.eaten if trial.plan.varies else None,
+        "announced_g": days.announced_g if own else None,
+        "announced_min": days.announced_min if own else None,
     }
-
-
-def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
-    """Announced carbohydrate of people's meals, ``(meals, people)``; None if it does not differ from the true one."""
-    if not trial.miscounts:
-        return None
-    return counted_g(
-        np.asarray(meals.carbs_g),
-        trial.seed,
-        person,
-        error_pct=trial.carb_error_pct,
-        bias_pct=trial.carb_bias_pct,
-        meals_a_day=len(trial.plan.meals),
-    )
-
-
-def meals_of(trial: Trial, person: npt.NDArray[np.int64]) -> Eaten | None:
-    """Meals of people of a trial; None without any in its plan."""
-    return draw_meals(trial.plan, trial.seed, person) if trial.plan.meals else None
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

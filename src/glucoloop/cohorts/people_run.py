@@ -15,8 +15,8 @@ from glucoloop.control import Controller
 from glucoloop.experiments.assemble import PeopleLoop, with_basal_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
-from glucoloop.meals import Scenario
-from glucoloop.meals.scenario import announced_g
+from glucoloop.meals import Scenario, eaten
+from glucoloop.meals.scenario import announced_g, announced_min
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import VirtualPeople
@@ -98,7 +98,7 @@ def simulate_people(
         of samples, or an engine that is unknown or not possible.
     """
     scenario = Scenario() if scenario is None else scenario
-    grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
+    grid = sample_grid(scenario.horizon_min, controller.sample_time_min, scenario.start_min, scenario.warm_up_min)
     setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])
     for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
         asked = getattr(scenario, name)
@@ -110,8 +110,13 @@ def simulate_people(
     usual = usual_limits(people.patient)
     limits = usual if limits is None else limits
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    announced_carbs_g = announced_g(scenario.meals)
-    announced_otherwise = bool(scenario.announced and np.any(announced_carbs_g != scenario.eaten().carbs_g))
+    meals, announced_carbs_g, told_min = (
+        eaten(scenario.meals),
+        announced_g(scenario.meals),
+        announced_min(scenario.meals),
+    )
+    as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(told_min, meals.t_min)
+    announced_otherwise = scenario.announced and not as_eaten
     loop = PeopleLoop(
         Situation(
             patient=patient_entry(people.name).partial({}, asked=people.name),
@@ -122,7 +127,7 @@ def simulate_people(
         people,
         grid,
         fold,
-        meals=scenario.eaten(),
+        meals=meals,
         own_announcements=announced_otherwise,
         controllers_of=with_basal_of_each(controller),
         surroundings=Surroundings(
@@ -137,8 +142,13 @@ def simulate_people(
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        carbs_g = np.repeat(announced_carbs_g[:, None], place.size, axis=1) if announced_otherwise else None
-        return loop.run(some, keys_of_people(seed, some.draw.person), announced_g=carbs_g)
+        told: dict[str, Any] = dict.fromkeys(("announced_g", "announced_min"))
+        if announced_otherwise:
+            told = {
+                name: np.repeat(values[:, None], place.size, axis=1)
+                for name, values in zip(told, (announced_carbs_g, told_min), strict=True)
+            }
+        return loop.run(some, keys_of_people(seed, some.draw.person), **told)
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
     number = people.feasible.size
@@ -146,9 +156,8 @@ def simulate_people(
     def joined(parts: list[Array]) -> Array:
         return np.concatenate(parts, axis=-1)[..., :number]
 
-    first_meal = 0.0
-    if scenario.meals:
-        first_meal = float(np.floor(scenario.meals[0].t_min / grid.sample_time_min) * grid.sample_time_min)
+    first_meal = min((meal.t_min for meal in scenario.meals if meal.t_min >= 0.0), default=0.0)
+    first_meal = float(np.floor(first_meal / grid.sample_time_min) * grid.sample_time_min)
     return PeopleRun(
         metrics=fold.finish(
             jax.tree.map(lambda *parts: joined(list(parts)), *(part.fold for part in runs)),

@@ -8,24 +8,22 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.patients import patient_entry
-from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
-from glucoloop.situations.run import ControlledSituation, refuse_parts_of_samples
+from glucoloop.situations.run import USUAL_DAY, FedSituation
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
     from glucoloop.simulation.plant import SampleGrid
 
@@ -36,8 +34,6 @@ TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 SLOW_PATIENT_DAYS: Final = 256
 """Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
-USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
-"""Breakfast, lunch and dinner."""
 _DIGITS: Final = 20
 _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
@@ -59,7 +55,7 @@ def _traces(given: object) -> Literal["none", "all"] | int:
     raise Refusal("give none, all, or the number of people whose traces are kept")
 
 
-class Trial(ControlledSituation):
+class Trial(FedSituation):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
     Every person starts at rest at the target.
@@ -104,14 +100,6 @@ class Trial(ControlledSituation):
             metavar="G@TIME",
         ),
     ] = USUAL_DAY
-    meal_size_spread_pct: Annotated[
-        float,
-        _meals("Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0),
-    ] = 0.0
-    meal_time_spread_min: Annotated[
-        float,
-        _meals("Largest deviation of a meal's time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY),
-    ] = 0.0
     design: Annotated[
         Literal["nominal", "individual"],
         Option(
@@ -150,15 +138,8 @@ class Trial(ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
-        from glucoloop.situations.meal_text import same_meals
-
         super().__post_init__()
-        resolved = {
-            "population": population_of(self.population, self.patient.called),
-            "meals": same_meals(self.meals),
-        }
-        for name, value in resolved.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "population", population_of(self.population, self.patient.called))
         self._refuse_impossible()
         if self.shard_people is None:
             slow = any(case.controller.slow for case in self.cases)
@@ -166,15 +147,7 @@ class Trial(ControlledSituation):
             size = usual_shard_people(self.people, self.plan.horizon_min, traced=traced, slow=slow)
             object.__setattr__(self, "shard_people", size)
 
-    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The trial with everything that is usual; days that were given take the place of a usual length."""
-        if self.given.get("days") is not None and "duration_min" not in self.given:
-            usual = {**(usual or {}), "duration_min": Default(None)}
-        return super().completed(usual, noisy=noisy)
-
     def _refuse_impossible(self) -> None:
-        if self.days is not None and self.duration_min is not None:
-            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
         last = LARGEST_COUNTER + 1 - self.people
         if self.first_person > last:
             raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
@@ -187,16 +160,7 @@ class Trial(ControlledSituation):
             raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
             raise Refusal(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
-        horizon_min = self.plan.horizon_min
-        refuse_parts_of_samples(horizon_min, self.sample_time_min, has_duration=self.days is None)
-        self.refuse_late_faults(horizon_min)
-
-    def refuse_unusual(self) -> None:
-        """Refuse what is possible and implausible, meals too."""
-        from glucoloop.situations.meal_text import refuse_unusual_meals
-
-        super().refuse_unusual()
-        refuse_unusual_meals(self.given.get("meals", ()), self.plan.horizon_min)
+        _ = self.plan  # refuses meals that are not possible
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, with the table of a population from a file."""
@@ -217,22 +181,14 @@ class Trial(ControlledSituation):
         settings = {name: getattr(self, name) for name in Trial.settings()}
         return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
 
-    @functools.cached_property
-    def plan(self) -> MealPlan:
-        """Meals and the length of the run, of the usual meals those within it; Refusal for one beyond its day."""
-        from glucoloop.meals.plan import MealPlan
+    @property
+    def planned_meals(self) -> tuple[str, ...]:
+        """Texts of the meals of the plan, of the usual ones those within a run that is shorter than a day."""
         from glucoloop.situations.meal_text import parse_meal, same_meals
 
-        meals = [parse_meal(text) for text in self.meals]
-        if self.duration_min is not None and self.meals == same_meals(USUAL_DAY):
-            meals = [meal for meal in meals if meal.t_min < self.duration_min]
-        return MealPlan(
-            meals,
-            self.days or 1,
-            size_spread_pct=self.meal_size_spread_pct,
-            time_spread_min=self.meal_time_spread_min,
-            horizon_min=self.duration_min,
-        )
+        if self.duration_min is None or self.meals != same_meals(USUAL_DAY):
+            return self.meals
+        return tuple(text for text in self.meals if parse_meal(text).t_min < self.duration_min)
 
     @property
     def products(self) -> str:
@@ -246,7 +202,7 @@ class Trial(ControlledSituation):
         """Samples of the run."""
         from glucoloop.simulation.closed_loop import sample_grid
 
-        return sample_grid(self.plan.horizon_min, self.sample_time_min)
+        return sample_grid(self.plan.horizon_min, self.sample_time_min, warm_up_min=self.warm_up_min)
 
     @property
     def samples(self) -> int:

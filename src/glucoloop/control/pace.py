@@ -57,6 +57,16 @@ class Paced:
         """Whether the inner controller goes by the time of day."""
         return bool(getattr(self.inner, "needs_time_of_day", False))
 
+    @property
+    def horizons(self) -> tuple[int, int]:
+        """Moves and predicted samples of the inner controller, if it plans moves."""
+        found: tuple[int, int] = self.inner.horizons  # type: ignore[attr-defined]
+        return found
+
+    def padded(self, moves: int, horizon: int) -> Paced:
+        """The same with a longer plan of the inner controller, as `LinearMPC.padded` has it."""
+        return dataclasses.replace(self, inner=self.inner.padded(moves, horizon))  # type: ignore[attr-defined]
+
     def settled(self) -> dict[str, Any]:
         """Settings of the inner controller that were settled when it was designed."""
         return dict(computed_settings(self.inner))

@@ -183,12 +183,13 @@ class PeopleLoop:
         surroundings: Surroundings | None = None,
         meals: Eaten | None = None,
         announced_g: Array | None = None,
+        announced_min: Array | None = None,
     ) -> People:
         """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
-        `announced_g`, ``(meals, people)``, is the carbohydrate that is announced of the meals [g], by default what is
-        eaten.
+        `announced_g` and `announced_min`, ``(meals, people)``, are the carbohydrate that is announced of the meals [g]
+        and the times at which it is, by default what is eaten and when eating begins.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -208,6 +209,7 @@ class PeopleLoop:
             pump=None if surroundings is None else surroundings.pump,
             meals=meals,
             announced_g=announced_g,
+            announced_min=announced_min,
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:

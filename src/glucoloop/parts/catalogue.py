@@ -16,6 +16,7 @@ P = TypeVar("P", bound=Part)
 HOMES: Final = {
     "patient": "glucoloop.parts.patients:PATIENTS",
     "meal model": "glucoloop.parts.meals:MEAL_MODELS",
+    "habit": "glucoloop.parts.habits:HABITS",
     "sensor": "glucoloop.parts.sensors:SENSORS",
     "pump": "glucoloop.parts.pumps:PUMPS",
     "fault": "glucoloop.parts.faults:FAULTS",

@@ -88,7 +88,7 @@ def _run_facts(run: Run) -> dict[str, str]:
     return {
         **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none"),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
-        "Length": _length(run.duration_min),
+        "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
     }
 

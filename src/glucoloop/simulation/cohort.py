@@ -72,11 +72,13 @@ class People:
     """Sensors of people's own, numbers trailing, or None for the cohort's."""
     pump: Pump | None = None
     meals: Eaten | None = None
-    """(meals, people) meals of people's own, or None for the cohort's."""
+    """(meals, people) meals of people's own, or None for the cohort's; in a warm-up they begin before 0."""
     announced_g: Array | None = None
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
+    announced_min: Array | None = None
+    """(meals, people) time at which each meal is announced, or None for that at which eating begins."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,21 @@ class CohortRun:
     """(samples, people) `control.protocol.Status` of each decision, if the cohort returns it."""
     reported_mU_min: Array | None = None
     """(samples, people) rates as the pump reported them, from each sample to the next, if the cohort returns them."""
+
+
+@pytree
+class _Counted:
+    """A fold that begins at the end of the warm-up, as that of a run which begins there."""
+
+    fold: Fold
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
+        return self.fold.init(glucose_mg_dl, insulin_mU_min)
+
+    def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
+        begun = self.fold.init(happened.inside_mg_dl[-1], happened.delivery.insulin_mU_min)
+        counted = self.fold.step(state, happened, t_min)
+        return jax.tree.map(lambda new, old: jnp.where(t_min < 0.0, new, old), begun, counted)
 
 
 @pytree
@@ -127,7 +144,8 @@ class Cohort:
     are those of all people, ``(meals,)``, or None if each has individual meals; with `own_announcements` what is
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
-    given. For engine, precision and products see `make_engine`. By default the integrator makes the steps
+    given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
+    precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too.
     """
 
@@ -157,8 +175,10 @@ class Cohort:
         record_decisions: bool = False,
     ) -> None:
         self._records_decisions = record_decisions
-        self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
-        grid = dataclasses.replace(grid, start_min=start_min or 0.0)
+        self._nominal, self._announced = nominal, announced
+        self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
+        self._fold: Fold = _Counted(fold=fold) if self._warm_up else fold
+        grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
         self._meals, self._instead = meals, meal_model
         self._plants = plants_of_people(nominal, varied, grid, substeps, products)
         self._substeps = self._plants.substeps
@@ -182,7 +202,9 @@ class Cohort:
         self._individual_announcements = announced and (self._individual_meals or own_announcements)
         self._shared = {"moments": moments, "t_min": grid.t_min, "told": announced_g}
         if start_min is not None:
-            self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
+            self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
+        if self._warm_up:
+            self._shared["counted_min"] = grid.t_min - self._warm_up_min
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
         self._end_people = jax.jit(jax.vmap(self._end, in_axes=-1))
         self._engine = self._make_engine(engine, precision, products)
@@ -215,7 +237,7 @@ class Cohort:
             for computed in jax.tree.leaves((person, carry, keys)):
                 computed.block_until_ready()
         last, outputs = self._engine.run(person, carry, reaching, self._shared, keys, threads=threads)
-        glucose, delivered, *decisions = outputs
+        glucose, delivered, *decisions = (output[self._warm_up :] for output in outputs)
         reading, status, reported = decisions or (None, None, None)
         with one_at_a_time:
             end, lowest = map(np.asarray, self._end_people(person, last.loop.x))
@@ -271,7 +293,7 @@ class Cohort:
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
-            fold = self._fold.step(carry.fold, inside, shared["t_min"])
+            fold = self._fold.step(carry.fold, inside, shared["counted_min" if self._warm_up else "t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._records_decisions:
             reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
@@ -320,6 +342,10 @@ class Cohort:
     def _gut(self, patient: Patient) -> MealModel:
         return meal_model_of(patient, self._instead)
 
+    def _in_loop(self, meals: Eaten) -> Eaten:
+        """Meals with times from the beginning of the warm-up."""
+        return dataclasses.replace(meals, t_min=meals.t_min + self._warm_up_min) if self._warm_up else meals
+
     @property
     def _entries(self) -> int:
         """Number of values that describe the jumps of meals within a step."""
@@ -330,6 +356,7 @@ class Cohort:
         samples = self._grid.samples
         if meals is None:
             return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
+        meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
         moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, absorption))
         return moments, _at_samples(_for_people(meals, 1), self._grid)[:, 0]
@@ -344,6 +371,7 @@ class Cohort:
             meals = _for_people(self._meals, n)
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
+        meals = self._in_loop(meals)
         reaching: dict[str, Array] = {}
         if self._individual_meals:
             absorption = absorb(self._gut(people.patient), meals)
@@ -352,7 +380,9 @@ class Cohort:
         announced = np.zeros((samples, n))
         if self._announced:
             counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
-            announced = _at_samples(dataclasses.replace(meals, carbs_g=counted_g), self._grid)
+            told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
+            told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
+            announced = _at_samples(told, self._grid)
         return {**reaching, "told": announced}, announced[0]
 
 

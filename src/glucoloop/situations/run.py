@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
-from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.guard import GuardSettings
+from glucoloop.parts.habits import HabitPart
 from glucoloop.parts.models import ModelPart
+from glucoloop.parts.sensors import whole_samples
+from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION, GLUCOSE
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from glucoloop.meals import Meal, Scenario
+    from glucoloop.meals.days import Days
+    from glucoloop.meals.plan import MealPlan
+
+USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
+"""Breakfast, lunch and dinner."""
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -24,6 +36,7 @@ BOLUS_INTO_A_VEIN: Final = (
 )
 _MOST_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
+_meals = functools.partial(Option, panel=PATIENT_PANEL)
 
 
 class ControlledSituation(Situation):
@@ -106,7 +119,134 @@ class ControlledSituation(Situation):
         self.refuse_unusual_pump()
 
 
-class Run(ControlledSituation):
+class FedSituation(ControlledSituation):
+    """A situation with controllers, with the meals of a run or of every day and how long that goes on."""
+
+    kind: ClassVar = "situation"
+
+    days: Annotated[
+        int | None,
+        _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True),
+    ] = None
+    duration_min: Annotated[
+        float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
+    ] = None
+    meals: Annotated[
+        tuple[str, ...],
+        _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
+    ] = USUAL_DAY
+    meal_size_spread_pct: Annotated[
+        float,
+        _meals(
+            "Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True
+        ),
+    ] = 0.0
+    meal_time_spread_min: Annotated[
+        float,
+        _meals(
+            "Largest deviation of a meal's time, drawn for each person and day.",
+            at_least=0.0,
+            below=MIN_PER_DAY,
+            rare=True,
+        ),
+    ] = 0.0
+    habits: Annotated[
+        tuple[HabitPart, ...],
+        _meals(
+            "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
+            "it, each changes what the earlier ones leave.",
+            flag="--habit",
+            rare=True,
+        ),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        from glucoloop.situations.meal_text import same_meals
+
+        super().__post_init__()
+        object.__setattr__(self, "habits", tuple(habit.completed() for habit in self.habits))
+        object.__setattr__(self, "meals", same_meals(self.meals))
+        alone = next((habit.called for habit in self.habits if habit.of_announcements), None)
+        if alone is not None and not self.announce_meals:
+            raise Refusal(
+                f"the habit {alone} concerns announced meals only; announce the meals (--announce-meals), or leave it "
+                "out"
+            )
+        if self.days is not None and self.duration_min is not None:
+            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
+        refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
+        whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
+        self.refuse_late_faults(self.horizon_min)
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The situation with everything that is usual; days that were given take the place of a usual length."""
+        if self.given.get("days") is not None and "duration_min" not in self.given:
+            usual = {"meals": Default(USUAL_DAY), **(usual or {}), "duration_min": Default(None)}
+        return super().completed(usual, noisy=noisy)
+
+    @property
+    def horizon_min(self) -> float:
+        """Length of the run, without its warm-up."""
+        return (self.days or 1) * MIN_PER_DAY if self.duration_min is None else self.duration_min
+
+    @functools.cached_property
+    def plan(self) -> MealPlan:
+        """Meals, habits and length of the run; Refusal for a meal beyond its day."""
+        from glucoloop.meals.plan import MealPlan
+        from glucoloop.situations.meal_text import parse_meal
+
+        return MealPlan(
+            map(parse_meal, self.planned_meals),
+            self.days or 1,
+            size_spread_pct=self.meal_size_spread_pct,
+            time_spread_min=self.meal_time_spread_min,
+            horizon_min=self.duration_min,
+            habits=self.habits,
+            warm_up_min=self.warm_up_min,
+        )
+
+    @property
+    def planned_meals(self) -> tuple[str, ...]:
+        """Texts of the meals of the plan."""
+        return self.meals
+
+    def drawn_days(self, person: npt.ArrayLike) -> Days:
+        """Days of persons of the seed as they are lived, with the counted carbohydrate of each meal."""
+        from glucoloop.meals.plan import draw_days
+
+        days = draw_days(self.plan, self.seed, person)
+        return days.counted(self.carb_error_pct, self.carb_bias_pct) if self.miscounts else days
+
+    @property
+    def individual_announcements(self) -> bool:
+        """Whether what is announced differs between people."""
+        return self.miscounts or bool(self.habits)
+
+    def scenario_of(self, meals: Iterable[Meal], initial_glucose_mg_dl: float | None = None) -> Scenario:
+        """Scenario of one person with given meals."""
+        from glucoloop.meals import Scenario
+
+        return Scenario(
+            meals,
+            self.horizon_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            initial_glucose_mg_dl=initial_glucose_mg_dl,
+            allow_unusual=self.allow_unusual,
+            announced=self.announce_meals,
+            meal_model=self.gut,
+            start_min=self.start_min,
+            warm_up_min=self.warm_up_min,
+        )
+
+    def refuse_unusual(self) -> None:
+        """Refuse what is possible and implausible, meals too."""
+        from glucoloop.situations.meal_text import refuse_unusual_meals
+
+        super().refuse_unusual()
+        refuse_unusual_meals(self.given.get("meals", ()), self.horizon_min)
+
+
+class Run(FedSituation):
     """Controllers in one situation, on one person."""
 
     kind: ClassVar = "run"
@@ -123,61 +263,31 @@ class Run(ControlledSituation):
     ] = None
     meals: Annotated[
         tuple[str, ...],
-        Option(
+        _meals(
             "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
             "for more; none for no meal.",
-            panel=PATIENT_PANEL,
             flag="--meal",
             metavar="G@TIME",
         ),
     ] = ("50g@50min",)
-    duration_min: Annotated[
-        float, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
-    ] = 600.0
+    duration_min: float | None = 600.0
     integrator: Annotated[
         Literal["fast", "adaptive"],
         Option("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference.", rare=True),
     ] = "fast"
 
-    def __post_init__(self) -> None:
-        from glucoloop.situations.meal_text import same_meals
-
-        super().__post_init__()
-        object.__setattr__(self, "meals", same_meals(self.meals))
-        refuse_parts_of_samples(self.duration_min, self.sample_time_min)
-        self.refuse_late_faults(self.duration_min)
-
     def eaten(self) -> tuple[Meal, ...]:
-        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
-        from glucoloop.meals.plan import counted_meals
+        """Meals of the run, as person 0 of a trial of the seed eats them and counts their carbohydrate."""
         from glucoloop.situations.meal_text import parse_meal
 
-        meals = tuple(parse_meal(text) for text in self.meals)
-        if not self.miscounts:
-            return meals
-        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
+        varies = self.miscounts or self.habits or self.meal_size_spread_pct or self.meal_time_spread_min
+        if not (varies or self.days or self.warm_up_min):
+            return tuple(parse_meal(text) for text in self.meals)
+        return self.drawn_days([0]).meals_of(0, self.horizon_min)
 
     def scenario(self) -> Scenario:
         """Meals, length, target, start and time of day; Refusal for meals or a length that are not possible."""
-        from glucoloop.meals import Scenario
-
-        return Scenario(
-            self.eaten(),
-            self.duration_min,
-            setpoint_mg_dl=self.setpoint_mg_dl,
-            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
-            allow_unusual=self.allow_unusual,
-            announced=self.announce_meals,
-            meal_model=self.gut,
-            start_min=self.start_min,
-        )
-
-    def refuse_unusual(self) -> None:
-        """Refuse what is possible and implausible, meals too."""
-        from glucoloop.situations.meal_text import refuse_unusual_meals
-
-        super().refuse_unusual()
-        refuse_unusual_meals(self.given.get("meals", ()), self.duration_min)
+        return self.scenario_of(self.eaten(), self.initial_glucose_mg_dl)
 
 
 def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:

@@ -11,7 +11,7 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
-from glucoloop.limits import LARGEST_SEED
+from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
 from glucoloop.parts.faults import START, FaultPart
 from glucoloop.parts.grammar import given as given_values
 from glucoloop.parts.meals import MealModelPart
@@ -125,6 +125,15 @@ class Situation(Part):
             flag="--fault",
         ),
     ] = ()
+    warm_up_min: Annotated[
+        float,
+        Option(
+            "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
+            at_least=0.0,
+            at_most=LONGEST_RUN_MIN,
+            rare=True,
+        ),
+    ] = 0.0
     metrics: Annotated[
         tuple[MetricPart, ...],
         Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),

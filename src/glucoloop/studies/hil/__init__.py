@@ -76,7 +76,7 @@ class Hil(Run):
     @property
     def samples(self) -> int:
         """Number of samples."""
-        return round(self.duration_min / self.sample_time_min)
+        return round(self.horizon_min / self.sample_time_min)
 
     @property
     def emulated(self) -> bool:
