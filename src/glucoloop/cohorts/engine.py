@@ -20,7 +20,7 @@ from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_c
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.meals.days import Days
+from glucoloop.meals.days import LivedDays
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
@@ -228,7 +228,7 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     )
 
 
-def brought(trial: Trial, days: Days) -> dict[str, Any]:
+def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
     """Keys, meals and announcements of people of a trial, as `PeopleLoop.people` takes them."""
     own = trial.individual_announcements
     return {

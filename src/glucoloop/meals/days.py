@@ -24,8 +24,8 @@ _DAYS_A_WEEK: Final = 7
 
 
 @dataclass(frozen=True)
-class Days:
-    """Meals of people ``(meals, people)``, day by day; a meal of 0 g is none. Habits change them, see `parts.habits`."""
+class LivedDays:
+    """Meals of people ``(meals, people)``, day by day; a meal of 0 g is none. See `parts.habits` for what changes them."""
 
     t_min: Array
     """Time at which each meal begins, from the start; before 0 in a warm-up."""
@@ -49,11 +49,11 @@ class Days:
     name: str = ""
     """Name under which is drawn."""
 
-    def changed(self, **arrays: Any) -> Days:
+    def changed(self, **arrays: Any) -> LivedDays:
         """The days with other arrays."""
         return dataclasses.replace(self, **arrays)
 
-    def named(self, name: str) -> Days:
+    def named(self, name: str) -> LivedDays:
         """The days under a name for what is drawn."""
         return dataclasses.replace(self, name=name)
 
@@ -75,7 +75,7 @@ class Days:
         """1 on days of the week from one to another, else 0, ``(meals, 1)``; the first day of a run is a Monday, 1."""
         return (((self.date + 1 - first) % _DAYS_A_WEEK) <= ((last - first) % _DAYS_A_WEEK)).astype(float)[:, None]
 
-    def added(self, time_min: float, carbs_g: float) -> Days:
+    def added(self, time_min: float, carbs_g: float) -> LivedDays:
         """A meal on each day, by itself, with numbers of its own; see `with_added`."""
         days = np.round(self.starts_min / MIN_PER_DAY).astype(int)
         number = max(_ADDED, int(self.which.max(initial=0)) + 1)
@@ -92,12 +92,12 @@ class Days:
             which=np.full(days.shape, number),
         )
 
-    def with_added(self, others: Days) -> Days:
+    def with_added(self, others: LivedDays) -> LivedDays:
         """The days with the meals of others."""
         names = ("t_min", "carbs_g", "eating_min", "announced_g", "announced_min", "day", "which", "date")
         return self.changed(**{name: np.concatenate([getattr(self, name), getattr(others, name)]) for name in names})
 
-    def counted(self, error_pct: float, bias_pct: float) -> Days:
+    def counted(self, error_pct: float, bias_pct: float) -> LivedDays:
         """The days with carbohydrate as people count it: ``carbs (1 + bias + error z)``, a standard normal z, each.
 
         It is from 0 to 1000 g.
@@ -106,7 +106,7 @@ class Days:
         told = self.announced_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
         return self.changed(announced_g=np.clip(told, 0.0, LARGEST_MEAL_G))
 
-    def since(self, earliest_min: float) -> Days:
+    def since(self, earliest_min: float) -> LivedDays:
         """The days without the meals that begin before a time."""
         begun = self.t_min >= earliest_min
         return self.changed(

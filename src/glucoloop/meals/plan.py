@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
-from glucoloop.meals.days import Days
+from glucoloop.meals.days import LivedDays
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, check_warm_up, eaten, in_order
 from glucoloop.parts.habits import HabitPart
@@ -43,7 +43,7 @@ class MealPlan:
     horizon_min : float, optional
         Length of the run; the days by default. A run of one day may be shorter or longer than 24 h.
     habits : iterable of HabitPart
-        What happens to the meals, one after the other, such as `parts.habits.SkippedSettings`.
+        Habits that change the meals, one after the other, such as `parts.habits.SkippedSettings`.
     warm_up_min : float
         Time before the start that is simulated and not counted; where days are repeated, it has their meals too.
 
@@ -165,7 +165,7 @@ class MealPlan:
         )
 
 
-def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Days:
+def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> LivedDays:
     """Draw the days of given persons, with their habits and the days of the warm-up.
 
     Parameters
@@ -175,7 +175,7 @@ def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Days:
 
     Returns
     -------
-    Days
+    LivedDays
         Meals ``(meals, n)``, day by day. A meal of a person is the same whoever else is drawn, however many days
         follow, and however long the warm-up is. Without spread and habits all have exactly the plan's own.
 
@@ -194,7 +194,7 @@ def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Days:
 
     planned_min = np.asarray(of_day.t_min) + MIN_PER_DAY * numbers[:, None]
     t_min, carbs_g = rows(planned_min), rows(of_day.carbs_g)
-    days = Days(
+    days = LivedDays(
         t_min=t_min,
         carbs_g=carbs_g,
         eating_min=rows(of_day.eating_min),

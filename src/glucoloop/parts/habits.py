@@ -1,8 +1,8 @@
 """Habits: what happens to a plan of meals as people live their days; each is one class with its settings.
 
 A habit joins every command that has meals by one class, entered in `HABITS` or by the entry point of another package in
-the group ``glucoloop.habits``. It takes the days of some people, `meals.days.Days`, and returns them as they were lived.
-All that it draws is a function of the seed, the person, the day and the meal, so that nobody depends on who else is
+the group ``glucoloop.habits``. It takes the days of some people, `meals.days.LivedDays`, and returns them as they were
+lived. All that it draws is a function of the seed, the person, the day and the meal, so that nobody depends on who else is
 drawn, and no day on how many follow.
 """
 
@@ -18,7 +18,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
-    from glucoloop.meals.days import Days
+    from glucoloop.meals.days import LivedDays
     from glucoloop.meals.plan import MealPlan
 
 Probability = Annotated[float, About("Probability of this, for each meal that it concerns.", at_least=0.0, at_most=1.0)]
@@ -35,7 +35,7 @@ class HabitPart(Part):
     of_announcements: ClassVar[bool] = False
     """Whether it concerns announced meals only."""
 
-    def lived(self, days: Days) -> Days:
+    def lived(self, days: LivedDays) -> LivedDays:
         """Days of people as they are with this habit."""
         raise NotImplementedError
 
@@ -49,7 +49,7 @@ class SkippedSettings(HabitPart, name="skipped"):
     probability: Probability = 0.1
     meal: Which = 0
 
-    def lived(self, days: Days) -> Days:
+    def lived(self, days: LivedDays) -> LivedDays:
         """Leave meals out."""
         kept = 1.0 - days.happens(self.probability, self.meal)
         return days.changed(carbs_g=kept * days.carbs_g, announced_g=kept * days.announced_g)
@@ -62,7 +62,7 @@ class UnannouncedSettings(HabitPart, name="unannounced"):
     probability: Probability = 0.1
     meal: Which = 0
 
-    def lived(self, days: Days) -> Days:
+    def lived(self, days: LivedDays) -> LivedDays:
         """Announce nothing of some meals."""
         return days.changed(announced_g=(1.0 - days.happens(self.probability, self.meal)) * days.announced_g)
 
@@ -75,7 +75,7 @@ class UneatenSettings(HabitPart, name="uneaten"):
     share_pct: Annotated[float, About("Share of the meal that is left.", above=0.0, below=100.0)] = 50.0
     meal: Which = 0
 
-    def lived(self, days: Days) -> Days:
+    def lived(self, days: LivedDays) -> LivedDays:
         """Leave a part of some meals."""
         left = self.share_pct / 100.0 * days.happens(self.probability, self.meal)
         return days.changed(carbs_g=(1.0 - left) * days.carbs_g)
@@ -100,8 +100,8 @@ class AnnouncedLateSettings(HabitPart, name="announced-late"):
     ] = 0.0
     meal: Which = 0
 
-    def lived(self, days: Days) -> Days:
-        """Move announcements."""
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Move the announcements of meals."""
         later_min = self.minutes + self.spread_min * (2.0 * days.uniform("spread") - 1.0)
         return days.changed(announced_min=days.announced_min + days.happens(self.probability, self.meal) * later_min)
 
@@ -130,8 +130,8 @@ class SnackSettings(HabitPart, name="snack"):
                 "let it begin earlier, or lengthen the run"
             )
 
-    def lived(self, days: Days) -> Days:
-        """Add the snack."""
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Add the snack of each day."""
         snacks = days.added(self.time_min, self.carbs_g)
         size = 1.0 + self.size_spread_pct / 100.0 * (2.0 * snacks.uniform("size") - 1.0)
         carbs_g = snacks.happens(self.probability) * size * snacks.carbs_g
@@ -154,7 +154,7 @@ class WeekendSettings(HabitPart, name="weekend"):
     ] = 60.0
     meal: Which = 0
 
-    def lived(self, days: Days) -> Days:
+    def lived(self, days: LivedDays) -> LivedDays:
         """Change meals on these days of the week."""
         there = days.on_weekdays(self.from_day, self.to_day) * days.happens(1.0, self.meal)
         size, later_min = 1.0 + (self.size_pct / 100.0 - 1.0) * there, self.later_min * there

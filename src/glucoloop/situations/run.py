@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from glucoloop.meals import Meal, Scenario
-    from glucoloop.meals.days import Days
+    from glucoloop.meals.days import LivedDays
     from glucoloop.meals.plan import MealPlan
 
 USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
@@ -210,7 +210,7 @@ class FedSituation(ControlledSituation):
         """Texts of the meals of the plan."""
         return self.meals
 
-    def drawn_days(self, person: npt.ArrayLike) -> Days:
+    def drawn_days(self, person: npt.ArrayLike) -> LivedDays:
         """Days of persons of the seed as they are lived, with the counted carbohydrate of each meal."""
         from glucoloop.meals.plan import draw_days
 
