@@ -75,7 +75,7 @@ def test_an_announcement_comes_late_or_early_within_its_spread():
 def test_a_snack_comes_on_some_days_and_untold():
     days = lived("snack, carbs_g=20, time=21h, probability=0.4, size_spread_pct=50, time_spread_min=30")
     planned, added = rows(days)
-    assert planned.sum() == 6 and added.sum() == 2
+    assert (planned.sum(), added.sum()) == (6, 2)
     np.testing.assert_array_equal(days.carbs_g[planned], lived().carbs_g)
     sizes, times = days.carbs_g[added], days.t_min[added] - MIN_PER_DAY * days.day[added][:, None]
     assert (sizes > 0.0).mean() == pytest.approx(0.4, abs=0.03)

@@ -158,12 +158,12 @@ def run_people(
     *,
     traces: bool = False,
     threads: int | None = None,
-    done: Callable[[int], None] = lambda people: None,
+    done: Callable[[float], None] = lambda people: None,
 ) -> PeopleResult:
     """Simulate people of a trial, by their numbers, under the controller of a label.
 
     The result does not depend on the number of threads, which is one for each core by default. `done` is called with a
-    number of people whenever so many more are done.
+    number of people whenever so many more are done; a part of a long run counts as that part of its people.
     """
     number = np.asarray(person, np.int64)
     if not number.size:
@@ -175,33 +175,80 @@ def run_people(
             drawn, days = people_of(trial, block), trial.drawn_days(block)
             alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
             people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, days))
-        finished = of_case.loop.cohort.run(people)
+        feasible, kept = drawn.feasible[:n], []
+        counts = _Counts(trial, n)
+
+        def take(glucose: Array, insulin: Array) -> None:
+            counts.add(glucose, insulin, feasible)
+            if traces:
+                kept.append((glucose[:, :n].astype(np.float32), insulin[:, :n].astype(np.float32)))
+            done(n * len(glucose) / grid.samples)
+
+        fold, end, _ = of_case.loop.cohort.follow(people, take)
+        counts.end(end, feasible)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
-                finished.fold,
+                fold,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
                 meal_t_min=np.floor(days.first_min() / grid.sample_time_min) * grid.sample_time_min,
                 precision=of_case.loop.cohort.precision,
             )
         values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
-        feasible = drawn.feasible[:n]
-        glucose, insulin = finished.glucose_mg_dl[:, :n], finished.insulin_mU_min[:, :n]
         # the metrics are not numbers where anything in the run was not
         known = feasible & np.isfinite(values["mean_mg_dl"]) & np.isfinite(values["insulin_total_mU"])
+        if not np.array_equal(known, feasible):
+            counts.begin_again(-1)
+            of_case.loop.cohort.follow(people, lambda glucose, insulin: counts.add(glucose, insulin, feasible & ~known))
+            counts.end(end, feasible & ~known)
+        kept.append((end[None, :n].astype(np.float32), np.zeros((0, n), np.float32)))
+        glucose, insulin = (np.concatenate(parts) for parts in zip(*kept, strict=True))
         return PeopleResult(
             person=block[:n],
             feasible=feasible,
             drawn={name: column[:n] for name, column in drawn.draw.values.items()},
             basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
             metrics=values,
-            glucose_counts=count(_of(glucose, known), glucose_edges()),
-            insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
-            glucose_mg_dl=glucose.astype(np.float32) if traces else None,
-            insulin_mU_min=insulin.astype(np.float32) if traces else None,
+            glucose_counts=counts.glucose,
+            insulin_counts=counts.insulin,
+            glucose_mg_dl=glucose if traces else None,
+            insulin_mU_min=insulin if traces else None,
         )
 
-    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
+    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
+
+
+class _Counts:
+    """Counts of glucose and insulin over time, as the pieces of a run come."""
+
+    def __init__(self, trial: Trial, people: int) -> None:
+        self._people, self._rows = people, trial.counted_samples
+        self._edges = glucose_edges(), insulin_edges(float(trial.limits.max_mU_min))
+        self.glucose = np.zeros((self._rows + 1, self._edges[0].size - 1), np.int64)
+        self.insulin = np.zeros((self._rows, self._edges[1].size - 1), np.int64)
+        self.begin_again(1)
+
+    def begin_again(self, sign: int) -> None:
+        """Count the run from its first sample on, to be added or, with -1, to be taken away."""
+        self._sample, self._sign = 0, sign
+
+    def add(self, glucose: Array, insulin: Array, whose: npt.NDArray[np.bool_]) -> None:
+        """Count a piece of some people, of those of whom it holds numbers alone."""
+        row = (self._sample + np.arange(len(glucose))) % self._rows
+        self._sample += len(glucose)
+        glucose, insulin = glucose[:, : self._people], insulin[:, : self._people]
+        there = whose & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
+        of_glucose = count(_of(glucose, there), self._edges[0])
+        np.add.at(self.glucose, row, self._sign * of_glucose)
+        np.add.at(self.insulin, row, self._sign * count(_of(insulin, there), self._edges[1]))
+        # the end of a day is the beginning of the next
+        ends = (row == 0) & (self._sample - len(glucose) + np.arange(len(glucose)) > 0)
+        self.glucose[-1] += self._sign * of_glucose[ends].sum(axis=0)
+
+    def end(self, glucose: Array, whose: npt.NDArray[np.bool_]) -> None:
+        """Count glucose at the end of the run."""
+        last = glucose[None, : self._people]
+        self.glucose[-1:] += self._sign * count(_of(last, whose & np.isfinite(last[0])), self._edges[0])
 
 
 def _of(values: Array, people: Array) -> Array:

@@ -34,6 +34,8 @@ TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 SLOW_PATIENT_DAYS: Final = 256
 """Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
+LONGEST_COUNTED_MIN: Final = 28 * MIN_PER_DAY
+"""Longest run of whole days in which glucose and insulin are counted at every sample."""
 _DIGITS: Final = 20
 _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
@@ -208,6 +210,17 @@ class Trial(FedSituation):
     def samples(self) -> int:
         """Number of decisions of each controller."""
         return round(self.plan.horizon_min / self.sample_time_min)
+
+    @property
+    def one_day_of_counts(self) -> bool:
+        """Whether glucose and insulin are counted by the time of day, all days together, as in a long run."""
+        day = MIN_PER_DAY / self.sample_time_min
+        return self.horizon_min > LONGEST_COUNTED_MIN and self.horizon_min % MIN_PER_DAY == 0.0 == day % 1.0
+
+    @property
+    def counted_samples(self) -> int:
+        """Number of samples at which glucose and insulin are counted: all, or those of one day."""
+        return round(MIN_PER_DAY / self.sample_time_min) if self.one_day_of_counts else self.samples
 
     @property
     def people_a_shard(self) -> int:

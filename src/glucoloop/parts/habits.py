@@ -2,8 +2,8 @@
 
 A habit joins every command that has meals by one class, entered in `HABITS` or by the entry point of another package in
 the group ``glucoloop.habits``. It takes the days of some people, `meals.days.LivedDays`, and returns them as they were
-lived. All that it draws is a function of the seed, the person, the day and the meal, so that nobody depends on who else is
-drawn, and no day on how many follow.
+lived. All that it draws is a function of the seed, the person, the day and the meal, so that nobody depends on who
+else is drawn, and no day on how many follow.
 """
 
 from __future__ import annotations

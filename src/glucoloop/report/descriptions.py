@@ -18,13 +18,15 @@ from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.printable import the_first
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import Run
+from glucoloop.situations.run import FedSituation, Run
 from glucoloop.situations.situation import Situation
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
 # What changes nothing, if it is not 0.
 _NEUTRAL: Final = {"gain": 1.0}
 _REMARKABLE: Final = 3
+_MOST_MEALS: Final = 20
+"""Largest number of meals of a run that are named."""
 
 
 # ---------------------------------------------------------------------------------- runs, comparisons and trials
@@ -49,12 +51,14 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     """Settings of a trial."""
     plan = trial.plan
     meals = ", ".join(map(_meal, plan.meals)) or "none"
-    if plan.varies:
+    if plan.size_spread_pct or plan.time_spread_min:
         meals += f"; varied by {plan.size_spread_pct:g} % and {plan.time_spread_min:g} min"
     return {
         "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
         "Length": _length(plan.horizon_min),
+        **({"Over time": "all days together, by the time of day"} if trial.one_day_of_counts else {}),
         **_situation_facts(trial, meals),
+        **_habits_facts(trial),
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
         "Arithmetic": f"{trial.precision}, {trial.arithmetic}, JAX {jax.__version__}",
         **({"First person": str(trial.first_person)} if trial.first_person else {}),
@@ -86,11 +90,16 @@ def _run_facts(run: Run) -> dict[str, str]:
     start = run.initial_glucose_mg_dl
     integrator = "exponential integrator" if run.integrator == "fast" else "adaptive Runge-Kutta integrator"
     return {
-        **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none"),
+        **_situation_facts(run, the_first(list(map(_meal, run.eaten())), _MOST_MEALS) or "none"),
+        **_habits_facts(run),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
     }
+
+
+def _habits_facts(situation: FedSituation) -> dict[str, str]:
+    return {"Habits": "; ".join(habit.text for habit in situation.habits)} if situation.habits else {}
 
 
 def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
@@ -124,6 +133,7 @@ def _situation_facts(situation: Situation, meals: str) -> dict[str, str]:
         "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
+        **({"Warm-up": _length(situation.warm_up_min)} if situation.warm_up_min else {}),
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,
         "Sensor": ", ".join(filter(None, sensor_parts)),
         "Pump": ", ".join(filter(None, pump_parts)),

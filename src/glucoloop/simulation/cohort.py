@@ -7,8 +7,9 @@ axis; shared values are part of the program. `people_plant` integrates, and `eng
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,8 @@ from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
+MOST_AT_ONCE: Final = 1008
+"""Largest number of samples of a piece of a run, 3.5 days of 5 min: the inputs of its people are in memory."""
 
 
 @pytree
@@ -229,21 +232,14 @@ class Cohort:
 
         The result does not depend on the number of threads of native code.
         """
-        with one_at_a_time:
-            person = self._values_of(people)
-            reaching, first_announced = self._meals_of_people(people)
-            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
-            for computed in jax.tree.leaves((person, carry, keys)):
-                computed.block_until_ready()
-        last, outputs = self._engine.run(person, carry, reaching, self._shared, keys, threads=threads)
-        glucose, delivered, *decisions = (output[self._warm_up :] for output in outputs)
+        pieces: list[tuple[Array, ...]] = []
+        fold, end, lowest = self.follow(people, lambda *piece: pieces.append(piece), threads=threads)
+        outputs = pieces[0] if len(pieces) == 1 else [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
+        glucose, delivered, *decisions = outputs
         reading, status, reported = decisions or (None, None, None)
-        with one_at_a_time:
-            end, lowest = map(np.asarray, self._end_people(person, last.loop.x))
         whole = np.concatenate([glucose, end[None]])
         return CohortRun(
-            fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
+            fold=fold,
             glucose_mg_dl=whole,
             glucose_valid=whole >= lowest,
             insulin_mU_min=delivered,
@@ -251,6 +247,34 @@ class Cohort:
             status=None if status is None else status.astype(int),
             reported_mU_min=reported,
         )
+
+    def follow(self, people: People, take: Callable[..., None], *, threads: int = 1) -> tuple[Any, Array, Array]:
+        """Run the loop in pieces, so that memory does not grow with its length.
+
+        `take` is called with the glucose ``(samples, people)`` and the insulin of each piece, and with readings,
+        statuses and reported rates if the cohort returns them. The fold's state at the end comes back as float64, and
+        so do glucose at the end and the lower end of its valid range.
+        """
+        samples = self._grid.samples
+        with one_at_a_time:
+            person, reaching_in = self._values_of(people), self._inputs_of(people)
+            reaching, first_announced = reaching_in(slice(0, min(samples, MOST_AT_ONCE)))
+            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
+            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
+            for computed in jax.tree.leaves((person, carry, keys)):
+                computed.block_until_ready()
+        for first in range(0, samples, MOST_AT_ONCE):
+            piece = slice(first, min(first + MOST_AT_ONCE, samples))
+            if first:
+                with one_at_a_time:
+                    reaching, _ = reaching_in(piece)
+            shared = {name: values[piece] for name, values in self._shared.items()}
+            carry, outputs = self._engine.run(person, carry, reaching, shared, keys, first=first, threads=threads)
+            uncounted = max(0, self._warm_up - first)
+            take(*(output[uncounted:] for output in outputs))
+        with one_at_a_time:
+            end, lowest = map(np.asarray, self._end_people(person, carry.loop.x))
+        return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.fold), end, lowest
 
     # one person
 
@@ -359,31 +383,36 @@ class Cohort:
         meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
         moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, absorption))
-        return moments, _at_samples(_for_people(meals, 1), self._grid)[:, 0]
+        return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples))[:, 0]
 
-    def _meals_of_people(self, people: People) -> tuple[Any, Array]:
-        """Inputs of people from their own meals, and the announced carbohydrate at the start."""
-        samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
+    def _inputs_of(self, people: People) -> Callable[[slice], tuple[Any, Array]]:
+        """Function of a piece of the run that gives the inputs of people in it, and what is announced first."""
+        n = people.insulin_mU_min.shape[0]
         if not (self._individual_meals or self._individual_announcements):
-            return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
+            return lambda piece: ({}, np.full(n, self._shared["told"][piece.start] if self._announced else 0.0))
         meals = people.meals
         if self._meals is not None:
             meals = _for_people(self._meals, n)
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
         meals = self._in_loop(meals)
-        reaching: dict[str, Array] = {}
-        if self._individual_meals:
-            absorption = absorb(self._gut(people.patient), meals)
-            table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
-            reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
-        announced = np.zeros((samples, n))
-        if self._announced:
-            counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
-            told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
-            told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
-            announced = _at_samples(told, self._grid)
-        return {**reaching, "told": announced}, announced[0]
+        absorption = absorb(self._gut(people.patient), meals) if self._individual_meals else None
+        counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
+        told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
+        told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
+
+        def inputs(piece: slice) -> tuple[Any, Array]:
+            samples, reaching = piece.stop - piece.start, {}
+            if absorption is not None:
+                first = self._substeps * piece.start if samples < self._grid.samples else None
+                table = jump_table(
+                    absorption, steps=samples * self._substeps, step_min=self._plants.step_min, first=first
+                )
+                reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
+            announced = _at_samples(told, self._grid, piece) if self._announced else np.zeros((samples, n))
+            return {**reaching, "told": announced}, announced[0]
+
+        return inputs
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:
@@ -392,11 +421,11 @@ def _for_people(meals: Eaten, people: int) -> Eaten:
     return repeated
 
 
-def _at_samples(meals: Eaten, grid: SampleGrid) -> Array:
-    """Carbohydrate of the meals that begin in each sample, ``(samples, people)``."""
+def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Array:
+    """Carbohydrate of the meals that begin in each sample of a piece, ``(samples, people)``."""
     t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
-    carbs = np.zeros((grid.samples, t_min.shape[1]))
-    number = np.floor(t_min / grid.sample_time_min).astype(int)
-    which, person = np.nonzero((number >= 0) & (number < grid.samples))
+    carbs = np.zeros((piece.stop - piece.start, t_min.shape[1]))
+    number = np.floor(t_min / grid.sample_time_min).astype(int) - piece.start
+    which, person = np.nonzero((number >= 0) & (number < carbs.shape[0]))
     np.add.at(carbs, (number[which, person], person), carbs_g[which, person])
     return carbs
