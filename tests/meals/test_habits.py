@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, MealPlan
+from glucoloop.meals.habits import HABITS
 from glucoloop.meals.plan import draw_days
-from glucoloop.parts.habits import HABITS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

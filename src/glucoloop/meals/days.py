@@ -25,7 +25,7 @@ _DAYS_A_WEEK: Final = 7
 
 @dataclass(frozen=True)
 class LivedDays:
-    """Meals of people ``(meals, people)``, day by day; a meal of 0 g is none. `parts.habits` change them."""
+    """Meals of people ``(meals, people)``, day by day; a meal of 0 g is none. `meals.habits` change them."""
 
     t_min: Array
     """Time at which each meal begins, from the start; before 0 in a warm-up."""

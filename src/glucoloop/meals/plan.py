@@ -14,9 +14,9 @@ import numpy.typing as npt
 from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
 from glucoloop.meals.days import LivedDays
+from glucoloop.meals.habits import HabitPart
 from glucoloop.meals.protocol import Eaten
 from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, check_warm_up, eaten, in_order
-from glucoloop.parts.habits import HabitPart
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people
 from glucoloop.units import MIN_PER_DAY
@@ -43,7 +43,7 @@ class MealPlan:
     horizon_min : float, optional
         Length of the run; the days by default. A run of one day may be shorter or longer than 24 h.
     habits : iterable of HabitPart
-        Habits that change the meals, one after the other, such as `parts.habits.SkippedSettings`.
+        Habits that change the meals, one after the other, such as `meals.habits.SkippedSettings`.
     warm_up_min : float
         Time before the start that is simulated and not counted; where days are repeated, it has their meals too.
 

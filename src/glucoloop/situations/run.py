@@ -6,15 +6,15 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
+from glucoloop.meals.habits import HabitPart
+from glucoloop.models.settings import ModelPart
 from glucoloop.parts.grammar import Tree
-from glucoloop.parts.guard import GuardSettings
-from glucoloop.parts.habits import HabitPart
-from glucoloop.parts.models import ModelPart
-from glucoloop.parts.sensors import whole_samples
 from glucoloop.parts.setting import Default
 from glucoloop.plausible import DURATION, GLUCOSE
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
