@@ -123,8 +123,8 @@ def test_a_bolus_is_given_once_and_within_a_minute():
     )
     five = dataclasses.replace(run.case, every_min=None)
     slow_run = configured(Run, patient="hovorka-2004", controller=["basal-bolus"], announce_meals=True)
-    fast = close_loop(run, controller_of(run, run.case), run.scenario())
-    slow = close_loop(slow_run, controller_of(slow_run, five), run.scenario())
+    fast = close_loop(run, controller_of(run, run.case), run.as_scenario())
+    slow = close_loop(slow_run, controller_of(slow_run, five), run.as_scenario())
     given_fast, given_slow = np.asarray(fast.bolus_mU), np.asarray(slow.bolus_mU)
     assert np.flatnonzero(given_fast).tolist() == [30]
     assert np.flatnonzero(given_slow).tolist() == [6]

@@ -34,7 +34,7 @@ def test_a_person_counts_the_same_whoever_else_is_drawn_and_however_many_days_fo
 
 def test_who_eats_nothing_counts_nothing():
     run = configured(Run, meals=[], announce_meals=True, carb_error_pct=30.0)
-    assert run.scenario().meals == ()
+    assert run.as_scenario().meals == ()
 
 
 def test_nothing_impossible_is_announced():
@@ -59,7 +59,7 @@ KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "
 
 def test_a_run_and_a_trial_are_read_again_from_their_own_keys():
     run = configured(Run, KEYS)
-    assert run.scenario().start_min == 450.0
+    assert run.as_scenario().start_min == 450.0
     assert run.miscounts
     assert configured(Run, run.tree()) == run
     trial = configured(Trial, KEYS, people=3)

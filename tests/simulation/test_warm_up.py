@@ -100,7 +100,7 @@ def test_the_time_of_day_is_that_of_the_end_of_the_warm_up(patient_81):
 def test_a_planned_fault_counts_from_the_end_of_the_warm_up():
     keys = {"controller": ["basal"], "duration_min": 120.0, "meals": [], "faults": ["missing, start_min=30"]}
     warm = configured(Run, keys, warm_up_min=60.0)
-    trace = close_loop(warm, controller_of(warm, warm.case), warm.scenario())
+    trace = close_loop(warm, controller_of(warm, warm.case), warm.as_scenario())
     np.testing.assert_array_equal(trace.reading_valid, np.arange(24) < 6)
 
 

@@ -17,7 +17,8 @@ from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
-from glucoloop.situations.run import USUAL_DAY, FedSituation
+from glucoloop.situations.run import FedSituation
+from glucoloop.situations.scenarios import USUAL_DAY
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:

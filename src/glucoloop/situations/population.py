@@ -14,7 +14,7 @@ from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.situations.toml import LARGEST_CHARACTERS, read_toml
+from glucoloop.situations.toml import read_file
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
@@ -80,16 +80,7 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
         return known[text]
-    if "\0" in text:
-        raise Refusal(f"the path {text!r} holds a NUL character, which no file has in its name; leave it out")
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
-            keys = read_toml(file.read(LARGEST_CHARACTERS + 1), text).keys
-    except OSError as error:
-        raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise Refusal(f"{text} is not TOML: it is not text in UTF-8") from None
+    keys = read_file(text).keys
     try:
         people = read_population(keys, patient, path.stem)
     except Refusal as error:

@@ -7,16 +7,24 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
 from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
-from glucoloop.meals.habits import HabitPart
 from glucoloop.models.settings import ModelPart
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.setting import Default
-from glucoloop.plausible import DURATION, GLUCOSE
+from glucoloop.plausible import GLUCOSE
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
+from glucoloop.situations.scenarios import (
+    USUAL_DAY,
+    Days,
+    Duration,
+    Habits,
+    Meals,
+    ScenarioPart,
+    SizeSpread,
+    TimeSpread,
+)
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.units import MIN_PER_DAY
 
@@ -26,9 +34,6 @@ if TYPE_CHECKING:
     from glucoloop.meals import Meal, Scenario
     from glucoloop.meals.days import LivedDays
     from glucoloop.meals.plan import MealPlan
-
-USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
-"""Breakfast, lunch and dinner."""
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -124,41 +129,21 @@ class FedSituation(ControlledSituation):
 
     kind: ClassVar = "situation"
 
-    days: Annotated[
-        int | None,
-        _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True),
-    ] = None
-    duration_min: Annotated[
-        float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
-    ] = None
-    meals: Annotated[
-        tuple[str, ...],
-        _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
-    ] = USUAL_DAY
-    meal_size_spread_pct: Annotated[
-        float,
+    scenario: Annotated[
+        ScenarioPart | None,
         _meals(
-            "Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True
-        ),
-    ] = 0.0
-    meal_time_spread_min: Annotated[
-        float,
-        _meals(
-            "Largest deviation of a meal's time, drawn for each person and day.",
-            at_least=0.0,
-            below=MIN_PER_DAY,
+            "Meals, habits, announcement and length together, like unkind-day, week or 'week, days=14', see glucoloop "
+            "list; or a file like days.toml. What is given beside it counts.",
+            metavar="NAME|FILE.toml",
             rare=True,
         ),
-    ] = 0.0
-    habits: Annotated[
-        tuple[HabitPart, ...],
-        _meals(
-            "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
-            "it, each changes what the earlier ones leave.",
-            flag="--habit",
-            rare=True,
-        ),
-    ] = ()
+    ] = None
+    days: Days = None
+    duration_min: Duration = None
+    meals: Meals = USUAL_DAY
+    meal_size_spread_pct: SizeSpread = 0.0
+    meal_time_spread_min: TimeSpread = 0.0
+    habits: Habits = ()
 
     def __post_init__(self) -> None:
         from glucoloop.situations.meal_text import same_meals
@@ -179,9 +164,16 @@ class FedSituation(ControlledSituation):
         self.refuse_late_faults(self.horizon_min)
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The situation with everything that is usual; days that were given take the place of a usual length."""
-        if self.given.get("days") is not None and "duration_min" not in self.given:
-            usual = {"meals": Default(USUAL_DAY), **(usual or {}), "duration_min": Default(None)}
+        """The situation with everything that is usual, which a scenario says first.
+
+        Days or a length that were given take the place of what would be usual of the other.
+        """
+        of_scenario = {} if self.scenario is None else self.scenario.completed().values()
+        usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
+        if self.given.get("days") is not None:
+            usual = {"meals": Default(USUAL_DAY), **usual, "duration_min": Default(None)}
+        elif self.given.get("duration_min") is not None:
+            usual["days"] = Default(None)
         return super().completed(usual, noisy=noisy)
 
     @property
@@ -285,7 +277,7 @@ class Run(FedSituation):
             return tuple(parse_meal(text) for text in self.meals)
         return self.drawn_days([0]).meals_of(0, self.horizon_min)
 
-    def scenario(self) -> Scenario:
+    def as_scenario(self) -> Scenario:
         """Meals, length, target, start and time of day; Refusal for meals or a length that are not possible."""
         return self.scenario_of(self.eaten(), self.initial_glucose_mg_dl)
 

@@ -46,6 +46,42 @@ LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
+AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.")]
+CarbError = Annotated[
+    float,
+    _patient(
+        "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
+        "for each meal and person.",
+        at_least=0.0,
+        at_most=100.0,
+        rare=True,
+    ),
+]
+CarbBias = Annotated[
+    float,
+    _patient(
+        "Mean of that error in percent of a meal; below 0 too little is announced.",
+        at_least=-100.0,
+        at_most=100.0,
+        rare=True,
+    ),
+]
+StartTime = Annotated[
+    str | None,
+    _patient(
+        "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
+    ),
+]
+WarmUp = Annotated[
+    float,
+    Option(
+        "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
+        at_least=0.0,
+        at_most=LONGEST_RUN_MIN,
+        rare=True,
+    ),
+]
+
 
 class Situation(Part):
     """Everything about a loop but its meals and its controllers.
@@ -78,32 +114,10 @@ class Situation(Part):
             rare=True,
         ),
     ] = None
-    announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
-    carb_error_pct: Annotated[
-        float,
-        _patient(
-            "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
-            "for each meal and person.",
-            at_least=0.0,
-            at_most=100.0,
-            rare=True,
-        ),
-    ] = 0.0
-    carb_bias_pct: Annotated[
-        float,
-        _patient(
-            "Mean of that error in percent of a meal; below 0 too little is announced.",
-            at_least=-100.0,
-            at_most=100.0,
-            rare=True,
-        ),
-    ] = 0.0
-    start: Annotated[
-        str | None,
-        _patient(
-            "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
-        ),
-    ] = None
+    announce_meals: AnnounceMeals = False
+    carb_error_pct: CarbError = 0.0
+    carb_bias_pct: CarbBias = 0.0
+    start: StartTime = None
     sensor: Annotated[
         tuple[SensorPart, ...],
         _sensor(
@@ -125,15 +139,7 @@ class Situation(Part):
             flag="--fault",
         ),
     ] = ()
-    warm_up_min: Annotated[
-        float,
-        Option(
-            "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
-            at_least=0.0,
-            at_most=LONGEST_RUN_MIN,
-            rare=True,
-        ),
-    ] = 0.0
+    warm_up_min: WarmUp = 0.0
     metrics: Annotated[
         tuple[MetricPart, ...],
         Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),

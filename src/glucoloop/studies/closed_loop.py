@@ -63,7 +63,7 @@ def close_the_loop(run: Run, case: Case) -> Outcome:
     """
     model = model_for(run, case)
     controller = controller_of(run, case, **model_arguments(model))
-    trace = close_loop(run, controller, run.scenario(), integrator=integrator_of(run))
+    trace = close_loop(run, controller, run.as_scenario(), integrator=integrator_of(run))
     return outcome_of(run, case, model, controller, trace)
 
 

@@ -31,7 +31,7 @@ class Adversary(GuardedTrial):
     kind: ClassVar = "search for the worst errors"
     refused: ClassVar[tuple[str, ...]] = (
         *("traces", "metrics", "design", "shard_people", "meal_size_spread_pct", "meal_time_spread_min", "days"),
-        *("warm_up_min", "habits"),
+        *("warm_up_min", "habits", "scenario"),
     )
 
     people: int = 1000

@@ -102,7 +102,7 @@ def bound_of_run(run: Run) -> OptimalDoses:
     """
     return bound_of_situation(
         run.nominal,
-        run.scenario(),
+        run.as_scenario(),
         run.limits,
         dead_time_min=run.dead_time_min,
         sample_time_min=run.sample_time_min,
@@ -110,7 +110,7 @@ def bound_of_run(run: Run) -> OptimalDoses:
 
 
 def _bounds(asked: BoundRequest, progress: Callable[[str], None]) -> Bounds:
-    scenario = asked.scenario()
+    scenario = asked.as_scenario()
     bounds = Bounds({}, {})
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
         label = information_label(known_after_min)

@@ -39,7 +39,7 @@ class Detection(Trial):
     refused: ClassVar[tuple[str, ...]] = (
         *("announce_meals", "carb_error_pct", "carb_bias_pct", "metrics", "duration_min", "design", "traces"),
         *("precision", "arithmetic", "shard_people", "guard", "model"),
-        *("warm_up_min", "habits"),
+        *("warm_up_min", "habits", "scenario"),
     )
 
     # two meals a day of 11 to 99 g, so far apart that one is over when the next begins
