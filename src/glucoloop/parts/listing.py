@@ -12,7 +12,6 @@ from glucoloop.parts.grammar import part_text
 from glucoloop.parts.part import Part
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, choices_text, known_names, value_text
-from glucoloop.printable import the_first
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
@@ -57,7 +56,8 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
         parts = setting.default.noise_free
         parts = [parts] if isinstance(parts, Part) else parts or ()
         named = [part_text(part.tree()) for part in parts]
-        usual = {"": the_first(named, _MOST_PARTS)} if named else {}
+        more = f"; and {len(named) - _MOST_PARTS} more" if len(named) > _MOST_PARTS else ""
+        usual = {"": "; ".join(named[:_MOST_PARTS]) + more} if named else {}
         possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)

@@ -171,7 +171,7 @@ class FedSituation(ControlledSituation):
         of_scenario = {} if self.scenario is None else self.scenario.completed().values()
         usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
         if self.given.get("days") is not None:
-            usual = {"meals": Default(USUAL_DAY), **usual, "duration_min": Default(None)}
+            usual["duration_min"] = Default(None)
         elif self.given.get("duration_min") is not None:
             usual["days"] = Default(None)
         return super().completed(usual, noisy=noisy)
@@ -267,6 +267,11 @@ class Run(FedSituation):
         Literal["fast", "adaptive"],
         Option("fast: one exponential step per sample; adaptive: Runge-Kutta of order 8, the reference.", rare=True),
     ] = "fast"
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
+        of_days = {"meals": Default(USUAL_DAY)} if self.given.get("days") is not None else {}
+        return super().completed({**of_days, **(usual or {})}, noisy=noisy)
 
     def eaten(self) -> tuple[Meal, ...]:
         """Meals of the run, as person 0 of a trial of the seed eats them and counts their carbohydrate."""
