@@ -25,6 +25,8 @@ class Hil(Run):
     """A run whose controller is on a chip, its link, and what befalls both."""
 
     kind: ClassVar = "run on a chip"
+    # every sample is one of the link, so that all are counted
+    refused: ClassVar = ("warm_up_min",)
 
     precision: Precision = "float32"
     form: Form = "auto"
