@@ -10,6 +10,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.scenarios import SCENARIOS
 from glucoloop.situations.situation import configured
+from glucoloop.studies.hil import Hil
 
 NAMES = [name for name in SCENARIOS if name != "custom"]
 OF_SCENARIO = (
@@ -103,3 +104,9 @@ def test_days_that_are_given_count_for_any_scenario(days, spread, name):
     trial = configured(Trial, scenario=f"{name}, days={days}", meal_time_spread_min=spread)
     assert trial.plan.horizon_min == 1440.0 * days
     assert trial.meal_time_spread_min == spread
+
+
+def test_what_a_command_cannot_do_is_refused_in_a_scenario_too():
+    assert configured(Hil, scenario="plain-day").announce_meals
+    with pytest.raises(Refusal, match="warm_up_min, which is no part of a run on a chip"):
+        configured(Hil, scenario="plain-day, warm_up=1d")

@@ -169,6 +169,11 @@ class FedSituation(ControlledSituation):
         Days or a length that were given take the place of what would be usual of the other.
         """
         of_scenario = {} if self.scenario is None else self.scenario.completed().values()
+        for name in type(self).refused:
+            if name in of_scenario and of_scenario.pop(name) != Situation.settings()[name].default.noise_free:
+                raise Refusal(
+                    f"the scenario has {name}, which is no part of a {self.kind}; leave it out of the scenario"
+                )
         usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
         if self.given.get("days") is not None:
             usual["duration_min"] = Default(None)
