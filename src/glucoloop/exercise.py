@@ -80,6 +80,15 @@ class Bouts:
     t_min: Floats
     duration_min: Floats
 
+    def later(self, minutes: float) -> Bouts:
+        """The same bouts some time later."""
+        return dataclasses.replace(self, t_min=self.t_min + minutes) if minutes else self
+
+    def of(self, column: int) -> tuple[Exercise, ...]:
+        """Bouts of one of the people."""
+        rows = np.stack([part[:, column] for part in (self.intensity_pct, self.t_min, self.duration_min)], axis=1)
+        return tuple(Exercise(*row) for row in rows.tolist())
+
 
 def exercise_in_order(exercise: Iterable[Exercise], end_min: float) -> tuple[Exercise, ...]:
     """Bouts sorted by time; what is no bout, begins after the end, or is one too many is refused."""

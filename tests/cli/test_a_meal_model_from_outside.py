@@ -25,7 +25,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
 @pytest.mark.parametrize("name", ["after-fat", NAME])
 def test_it_digests_the_meals_of_runs_and_scenarios_with_its_settings(outside, name):
     slow = HovorkaGut(time_to_maximum_min=61.0)
-    assert configured(Run, meal_model=f"{name}, fat_g=30").scenario().meal_model == slow
+    assert configured(Run, meal_model=f"{name}, fat_g=30").as_scenario().meal_model == slow
     assert Scenario(meal_model=f"{name}, fat_g=30").meal_model == slow
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.cohorts.engine import alone, exercise_of, prepare, run_people
+from glucoloop.cohorts.engine import alone, prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
 
@@ -98,7 +98,7 @@ def test_a_person_of_a_trial_is_the_loop_of_one():
     for person in (0, 5):
         trace = alone(prepared, trial.case.label, person)
         np.testing.assert_allclose(found.glucose_mg_dl[:-1, person], trace.glucose_mg_dl, rtol=0.0, atol=1e-4)
-        assert len(exercise_of(trial, person)) == 4
+        assert len(trial.exercise_of(person)) == 4
     assert np.ptp(found.glucose_mg_dl[-1]) > 1.0
     fewer = run_people(prepared, trial.case.label, np.array([5, 1]), traces=True)
     np.testing.assert_array_equal(fewer.glucose_mg_dl, found.glucose_mg_dl[:, [5, 1]])

@@ -16,7 +16,8 @@ from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.situations.case import usual_case
-from glucoloop.situations.situation import usual_situation
+from glucoloop.situations.run import Run
+from glucoloop.situations.situation import configured, usual_situation
 
 QUICK = ("pid", "mpc")
 SETTINGS = ("-O0", "-O2", "-O3")
@@ -56,6 +57,22 @@ def test_c_gives_the_bits_of_its_definition(name):
             state, decided = step(state, leaves)
             assert equal((*in_c[0], *in_c[1]), (*state, *decided)), (guard, precision, reading)
             assert 0.0 <= decided[0] <= situation.limits.max_mU_min
+
+
+def test_c_of_a_controller_with_a_sample_time_of_its_own_gives_the_bits_of_its_definition():
+    run = configured(Run, controller=["pid, every=3min"], sample_time_min=1.0)
+    exported = export(controller_of(run, run.case), run.limits, SEEN, ["pid"], precision="float32")
+    library, (init, step) = Library(exported.source, "float32"), arithmetic(exported)
+    state, doses = None, []
+    for reading in 110.0 + 0.3 * np.arange(10.0):
+        leaves = leaves_of(dataclasses.replace(SEEN, glucose_mg_dl=jnp.asarray(reading)), exported)
+        state = init(leaves) if state is None else state
+        in_c = library.step(state, leaves)
+        state, decided = step(state, leaves)
+        assert equal((*in_c[0], *in_c[1]), (*state, *decided)), reading
+        doses.append(float(decided[0]))
+    changes = np.flatnonzero(np.diff(doses)) + 1
+    assert changes.tolist() == [3, 6, 9]
 
 
 @pytest.mark.parametrize(

@@ -425,7 +425,7 @@ def test_a_run_is_within_two_hundredths_of_a_mg_dl(which, groups, answers, runs,
     noisy = [i for i in groups[which] if runs[i].noise_variance > 0.0]
     assert len(noisy) > 2
     for i in noisy:
-        trace = close_loop(runs[i], padded(designed[i]), runs[i].scenario(), surroundings=arounds[i])
+        trace = close_loop(runs[i], padded(designed[i]), runs[i].as_scenario(), surroundings=arounds[i])
         found = np.asarray(answers[i]["trace"]["fine_glucose_mg_dl"])
         np.testing.assert_allclose(found, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
         metrics = summarise(trace)

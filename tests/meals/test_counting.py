@@ -5,7 +5,7 @@ import pytest
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal
-from glucoloop.meals.plan import MealPlan, counted_g, counted_meals, draw_meals
+from glucoloop.meals.plan import MealPlan, draw_days
 from glucoloop.parts.number_text import parse_time_of_day
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -13,9 +13,9 @@ from glucoloop.situations.situation import configured
 PEOPLE = np.arange(4000)
 
 
-def counted(carbs_g, person=PEOPLE, seed=7, *, error_pct=30.0, bias_pct=0.0, meals_a_day=3):
-    eaten = np.repeat(np.asarray(carbs_g, float)[:, None], len(person), axis=1)
-    return counted_g(eaten, seed, person, error_pct=error_pct, bias_pct=bias_pct, meals_a_day=meals_a_day)
+def counted(carbs_g, person=PEOPLE, seed=7, *, error_pct=30.0, bias_pct=0.0, days=1):
+    plan = MealPlan([Meal(size, 60.0 + 300.0 * place) for place, size in enumerate(carbs_g)], days)
+    return draw_days(plan, seed, person).counted(error_pct, bias_pct).announced_g
 
 
 def test_the_error_has_the_mean_and_the_deviation_that_are_asked_for():
@@ -26,16 +26,15 @@ def test_the_error_has_the_mean_and_the_deviation_that_are_asked_for():
 
 
 def test_a_person_counts_the_same_whoever_else_is_drawn_and_however_many_days_follow():
-    some, days = counted([50.0, 60.0, 70.0], [17, 3]), counted([50.0, 60.0, 70.0] * 2, PEOPLE)
+    some, days = counted([50.0, 60.0, 70.0], [17, 3]), counted([50.0, 60.0, 70.0], days=2)
     np.testing.assert_array_equal(some, days[:3, [17, 3]])
     assert not np.array_equal(days[:3], days[3:])
     assert not np.array_equal(some, counted([50.0, 60.0, 70.0], [17, 3], seed=8))
 
 
 def test_who_eats_nothing_counts_nothing():
-    assert counted_meals((), 7, error_pct=30.0, bias_pct=0.0) == ()
     run = configured(Run, meals=[], announce_meals=True, carb_error_pct=30.0)
-    assert run.scenario().meals == ()
+    assert run.as_scenario().meals == ()
 
 
 def test_nothing_impossible_is_announced():
@@ -49,11 +48,10 @@ def test_a_bias_alone_is_exact():
 
 
 def test_a_run_counts_as_person_0_of_a_trial_of_its_seed():
-    meals = [Meal(70.0, 360.0), Meal(50.0, 50.0)]
-    told = [meal.announced_g for meal in counted_meals(meals, 7, error_pct=30.0, bias_pct=0.0)]
-    of_trial = draw_meals(MealPlan(meals), 7, [0])
-    expected = counted_g(of_trial.carbs_g, 7, [0], error_pct=30.0, bias_pct=0.0, meals_a_day=2)[:, 0]
-    np.testing.assert_array_equal(told, expected)
+    run = configured(Run, meals=["70g@360", "50g@50"], seed=7, announce_meals=True, carb_error_pct=30.0)
+    told = [meal.announced_g for meal in run.eaten()]
+    np.testing.assert_array_equal(told, counted([50.0, 70.0], [0])[:, 0])
+    assert [meal.carbs_g for meal in run.eaten()] == [50.0, 70.0]
 
 
 KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "start": "07:30"}
@@ -61,7 +59,7 @@ KEYS = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -5.0, "
 
 def test_a_run_and_a_trial_are_read_again_from_their_own_keys():
     run = configured(Run, KEYS)
-    assert run.scenario().start_min == 450.0
+    assert run.as_scenario().start_min == 450.0
     assert run.miscounts
     assert configured(Run, run.tree()) == run
     trial = configured(Trial, KEYS, people=3)

@@ -107,7 +107,7 @@ def test_what_is_laid_over_has_another_spelling_of_the_same_name():
 def test_python_takes_a_unit_too_and_asks():
     assert Run(setpoint_mg_dl="5.5 mmol/l").setpoint_mg_dl == pytest.approx(99.0858)
     with pytest.raises(Refusal, match="looks like mmol/l"):
-        Run(setpoint_mg_dl=5.5).scenario()
+        Run(setpoint_mg_dl=5.5).as_scenario()
     with pytest.raises(
         Refusal, match=r"max_mU_min is 4 mU/min; that looks like U/h: 4 U/h is 66\.7 mU/min.*allow_unusual"
     ):

@@ -41,6 +41,6 @@ def test_any_text_is_read_or_refused(text):
 def test_a_run_takes_exercise_of_a_patient_that_has_it():
     run = configured(Run, patient="mcgill-2020", exercise=["50%@2h/30min"], controller=["pid"])
     assert run.exercise == ("50%@120min/30min",)
-    assert run.scenario().exercise == (Exercise(50.0, 120.0, 30.0),)
+    assert run.as_scenario().exercise == (Exercise(50.0, 120.0, 30.0),)
     with pytest.raises(ValueError, match=r"the equations of parker-1999 have no exercise, .* leave it out, or take a"):
         configured(Run, exercise=["50%@2h/30min"])

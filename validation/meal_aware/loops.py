@@ -124,7 +124,7 @@ def _of_seeds(situation: NamedSituation, name: str, extent: Extent, models: _Mod
     """One run per seed, equal to that of ``glucoloop run`` with the seed."""
     seeds = np.asarray(extent.sensor_seeds if situation.runs == "seeds" else [extent.seed])
     runs = [configured(Run, situation.run_of(name, int(seed))) for seed in seeds]
-    made, scenario = runs[0], runs[0].scenario()
+    made, scenario = runs[0], runs[0].as_scenario()
     controllers = [models.controller(run) for run in (runs if made.case.controller.uses_model else runs[:1])]
     stacked = stack(controllers)
     variance, drawn = np.full(seeds.size, made.noise_variance), seeds.astype(np.uint32)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from glucoloop.meals import Eaten, Meal, Scenario, absorb, eaten, meal_model_of
 from glucoloop.patients.protocol import Patient
+from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.held import held_of
 from glucoloop.simulation.integrators import default_integrator
@@ -95,6 +96,8 @@ def course_of(
     patient: Patient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
 ) -> RunModel:
     """Model of a scenario with other meals, one list of them for each member."""
+    if scenario.warm_up_min:
+        raise Refusal("a bound is for a run from rest, without a warm-up; leave the warm-up out")
     grid = sample_grid(scenario.horizon_min, sample_time_min, scenario.start_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
     held = held_of(patient, scenario, grid)

@@ -70,7 +70,7 @@ class Computing:
                     note([f"No worker has come to {self.dask} yet; waiting for one."])
             more = stack.enter_context(counted(folder.trial.people, folder.people_done(), "people"))
 
-            def done(people: int) -> None:
+            def done(people: float) -> None:
                 more(people / len(folder.trial.cases))  # which come once under each controller
 
             if client is not None:

@@ -211,8 +211,9 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     found = dict(tree)
     if "data" in found:
         found["data"] = in_folder(found["data"])
-    if ".toml" in str(plain(found.get("population"))):
-        found["population"] = in_folder(found["population"])
+    for key in ("population", "scenario"):
+        if ".toml" in str(plain(found.get(key))):
+            found[key] = in_folder(found[key])
     if "model" in found:
         from glucoloop.models.settings import MODELS
 

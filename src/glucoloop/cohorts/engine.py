@@ -16,14 +16,12 @@ from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
-from glucoloop.exercise import Bouts, Exercise, draw_bouts
 from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.experiments.titration import with_profiles
-from glucoloop.meals import Eaten, Meal, Scenario, eaten
-from glucoloop.meals.plan import counted_g, draw_meals
+from glucoloop.meals.days import LivedDays
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
@@ -147,8 +145,8 @@ def loop_of(
     `example` is the first person by default. See `PeopleLoop`.
     """
     usual = {
-        "meals": None if trial.plan.varies else eaten(trial.plan.nominal()),
-        "own_announcements": trial.miscounts,
+        "meals": None if trial.plan.varies else trial.plan.same_for_all(),
+        "own_announcements": trial.individual_announcements,
         "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
@@ -165,12 +163,12 @@ def run_people(
     *,
     traces: bool = False,
     threads: int | None = None,
-    done: Callable[[int], None] = lambda people: None,
+    done: Callable[[float], None] = lambda people: None,
 ) -> PeopleResult:
     """Simulate people of a trial, by their numbers, under the controller of a label.
 
     The result does not depend on the number of threads, which is one for each core by default. `done` is called with a
-    number of people whenever so many more are done.
+    number of people whenever so many more are done; a part of a long run counts as that part of its people.
     """
     number = np.asarray(person, np.int64)
     if not number.size:
@@ -179,24 +177,37 @@ def run_people(
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
-            drawn, meals = people_of(trial, block), meals_of(trial, block)
+            drawn, days = people_of(trial, block), trial.drawn_days(block)
             alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
-            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, block, meals))
-            first_min = 0.0 if meals is None else np.min(meals.t_min, axis=0)
-        finished = of_case.loop.cohort.run(people)
+            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, days))
+        feasible, kept = drawn.feasible[:n], []
+        counts = _Counts(trial, n)
+
+        def take(glucose: Array, insulin: Array) -> None:
+            counts.add(glucose, insulin, feasible)
+            if traces:
+                kept.append((glucose[:, :n].astype(np.float32), insulin[:, :n].astype(np.float32)))
+            done(n * len(glucose) / grid.samples)
+
+        fold, end, _ = of_case.loop.cohort.follow(people, take)
+        counts.end(end, feasible)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
-                finished.fold,
+                fold,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
-                meal_t_min=np.floor(first_min / grid.sample_time_min) * grid.sample_time_min,
+                meal_t_min=np.floor(days.first_min() / grid.sample_time_min) * grid.sample_time_min,
                 precision=of_case.loop.cohort.precision,
             )
         values = {name: np.asarray(column)[:n] for name, column in metrics.by_name().items()}
-        feasible = drawn.feasible[:n]
-        glucose, insulin = finished.glucose_mg_dl[:, :n], finished.insulin_mU_min[:, :n]
         # the metrics are not numbers where anything in the run was not
         known = feasible & np.isfinite(values["mean_mg_dl"]) & np.isfinite(values["insulin_total_mU"])
+        if not np.array_equal(known, feasible):
+            counts.begin_again(-1)
+            of_case.loop.cohort.follow(people, lambda glucose, insulin: counts.add(glucose, insulin, feasible & ~known))
+            counts.end(end, feasible & ~known)
+        kept.append((end[None, :n].astype(np.float32), np.zeros((0, n), np.float32)))
+        glucose, insulin = (np.concatenate(parts) for parts in zip(*kept, strict=True))
         return PeopleResult(
             person=block[:n],
             feasible=feasible,
@@ -204,13 +215,46 @@ def run_people(
             basal_insulin_mU_min=drawn.basal_insulin_mU_min[:n],
             profile={name: np.asarray(drawn.profile.by_name()[name])[:n] for name in profile_columns(trial)},
             metrics=values,
-            glucose_counts=count(_of(glucose, known), glucose_edges()),
-            insulin_counts=count(_of(insulin, known), insulin_edges(float(trial.limits.max_mU_min))),
-            glucose_mg_dl=glucose.astype(np.float32) if traces else None,
-            insulin_mU_min=insulin.astype(np.float32) if traces else None,
+            glucose_counts=counts.glucose,
+            insulin_counts=counts.insulin,
+            glucose_mg_dl=glucose if traces else None,
+            insulin_mU_min=insulin if traces else None,
         )
 
-    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads, done=done))
+    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
+
+
+class _Counts:
+    """Counts of glucose and insulin over time, as the pieces of a run come."""
+
+    def __init__(self, trial: Trial, people: int) -> None:
+        self._people, self._rows = people, trial.counted_samples
+        self._edges = glucose_edges(), insulin_edges(float(trial.limits.max_mU_min))
+        self.glucose = np.zeros((self._rows + 1, self._edges[0].size - 1), np.int64)
+        self.insulin = np.zeros((self._rows, self._edges[1].size - 1), np.int64)
+        self.begin_again(1)
+
+    def begin_again(self, sign: int) -> None:
+        """Count the run from its first sample on, to be added or, with -1, to be taken away."""
+        self._sample, self._sign = 0, sign
+
+    def add(self, glucose: Array, insulin: Array, whose: npt.NDArray[np.bool_]) -> None:
+        """Count a piece of some people, of those of whom it holds numbers alone."""
+        row = (self._sample + np.arange(len(glucose))) % self._rows
+        self._sample += len(glucose)
+        glucose, insulin = glucose[:, : self._people], insulin[:, : self._people]
+        there = whose & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
+        of_glucose = count(_of(glucose, there), self._edges[0])
+        np.add.at(self.glucose, row, self._sign * of_glucose)
+        np.add.at(self.insulin, row, self._sign * count(_of(insulin, there), self._edges[1]))
+        # the end of a day is the beginning of the next
+        ends = (row == 0) & (self._sample - len(glucose) + np.arange(len(glucose)) > 0)
+        self.glucose[-1] += self._sign * of_glucose[ends].sum(axis=0)
+
+    def end(self, glucose: Array, whose: npt.NDArray[np.bool_]) -> None:
+        """Count glucose at the end of the run."""
+        last = glucose[None, : self._people]
+        self.glucose[-1:] += self._sign * count(_of(last, whose & np.isfinite(last[0])), self._edges[0])
 
 
 def _of(values: Array, people: Array) -> Array:
@@ -221,9 +265,7 @@ def _of(values: Array, people: Array) -> Array:
 def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     """The loop of one person of a trial under the controller of a label, as a full trace."""
     trial, of_case, number = prepared.trial, prepared.cases[label], np.array([person], np.int64)
-    drawn, meals = people_of(trial, number), draw_meals(trial.plan, trial.seed, number)
-    counted = announced_to(trial, meals, number)
-    columns = meals.carbs_g, meals.t_min, meals.eating_min, meals.carbs_g if counted is None else counted
+    drawn, days = people_of(trial, number), trial.drawn_days(number)
     controller = of_case.loop.controller
     if of_case.loop.controllers_of is not None:
         individual = of_case.loop.controllers_of(drawn)
@@ -232,77 +274,29 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     return close_loop(
         trial,
         controller,
-        Scenario(
-            [Meal(*map(float, meal)) for meal in zip(*(values[:, 0] for values in columns), strict=True)],
-            trial.plan.horizon_min,
-            announced=trial.announce_meals,
-            meal_model=trial.gut,
-            start_min=trial.start_min,
-            exercise=exercise_of(trial, person),
-            rhythms=trial.rhythms,
-            rhythm_seed=trial.seed,
-            rhythm_person=person,
-        ),
+        trial.scenario_of(days.meals_of(0, trial.horizon_min), person=person),
         patient=of_people(drawn.patient, 0),
         surroundings=of_case.surroundings,
         key=keys_of_people(trial.seed, number)[0],
     )
 
 
-def brought(trial: Trial, person: npt.NDArray[np.int64], meals: Eaten | None) -> dict[str, Any]:
+def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
     """Keys, meals and announcements of people of a trial, as `PeopleLoop.people` takes them."""
+    own = trial.individual_announcements
     return {
-        "key": keys_of_people(trial.seed, person),
-        "meals": meals if trial.plan.varies else None,
-        "announced_g": None if meals is None else announced_to(trial, meals, person),
-        "held": held_of(trial, person),
+        "key": keys_of_people(trial.seed, days.person),
+        "meals": days.eaten if trial.plan.varies else None,
+        "announced_g": days.announced_g if own else None,
+        "announced_min": days.announced_min if own else None,
+        "held": held_of(trial, days.person),
     }
 
 
-def bouts_of(trial: Trial, person: npt.NDArray[np.int64]) -> Bouts | None:
-    """Exercise of people of a trial; None without any."""
-    if not trial.exercise:
-        return None
-    return draw_bouts(
-        trial.bouts,
-        trial.seed,
-        person,
-        intensity_spread_pct=trial.exercise_spread_pct,
-        time_spread_min=trial.exercise_time_spread_min,
-        a_day=len(trial.exercise),
-    )
-
-
-def exercise_of(trial: Trial, person: int) -> list[Exercise]:
-    """Bouts of one person of a trial that begin within it."""
-    drawn = bouts_of(trial, np.array([person], np.int64))
-    every = [] if drawn is None else np.stack(list(vars(drawn).values()))[..., 0].T.tolist()
-    return [Exercise(*bout) for bout in every if bout[1] < trial.plan.horizon_min]
-
-
 def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> Held:
-    """Exercise of people of a trial, and what its rhythms change in them."""
+    """Exercise of people of a trial, and what its rhythms change in them, from the beginning of the warm-up on."""
     grid = dataclasses.replace(trial.grid, start_min=trial.start_min or 0.0)
-    return held_of_people(grid, bouts_of(trial, person), trial.rhythms, trial.seed, person)
-
-
-def announced_to(trial: Trial, meals: Eaten, person: npt.NDArray[np.int64]) -> Array | None:
-    """Announced carbohydrate of people's meals, ``(meals, people)``; None if it does not differ from the true one."""
-    if not trial.miscounts:
-        return None
-    return counted_g(
-        np.asarray(meals.carbs_g),
-        trial.seed,
-        person,
-        error_pct=trial.carb_error_pct,
-        bias_pct=trial.carb_bias_pct,
-        meals_a_day=len(trial.plan.meals),
-    )
-
-
-def meals_of(trial: Trial, person: npt.NDArray[np.int64]) -> Eaten | None:
-    """Meals of people of a trial; None without any in its plan."""
-    return draw_meals(trial.plan, trial.seed, person) if trial.plan.meals else None
+    return held_of_people(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

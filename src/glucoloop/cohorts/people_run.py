@@ -17,8 +17,8 @@ from glucoloop.exercise import draw_bouts
 from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
-from glucoloop.meals import Scenario
-from glucoloop.meals.scenario import announced_g
+from glucoloop.meals import Scenario, eaten
+from glucoloop.meals.scenario import announced_g, announced_min
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.patients.settings import patient_entry
@@ -103,7 +103,7 @@ def simulate_people(
         of samples, or an engine that is unknown or not possible.
     """
     scenario = Scenario() if scenario is None else scenario
-    grid = sample_grid(scenario.horizon_min, controller.sample_time_min)
+    grid = sample_grid(scenario.horizon_min, controller.sample_time_min, scenario.start_min, scenario.warm_up_min)
     setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])
     for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
         asked = getattr(scenario, name)
@@ -115,13 +115,18 @@ def simulate_people(
     usual = usual_limits(people.patient)
     limits = usual if limits is None else limits
     fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    announced_carbs_g = announced_g(scenario.meals)
-    announced_otherwise = bool(scenario.announced and np.any(announced_carbs_g != scenario.eaten().carbs_g))
+    meals, announced_carbs_g, told_min = (
+        eaten(scenario.meals),
+        announced_g(scenario.meals),
+        announced_min(scenario.meals),
+    )
+    as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(told_min, meals.t_min)
+    announced_otherwise = scenario.announced and not as_eaten
 
     def held_by(person: npt.NDArray[np.int64]) -> Held:
-        bouts = draw_bouts(scenario.exercise, seed, person) if scenario.exercise else None
+        bouts = draw_bouts(scenario.exercise, seed, person).later(grid.warm_up_min) if scenario.exercise else None
         at_clock = dataclasses.replace(grid, start_min=scenario.start_min or 0.0)
-        return held_of_people(at_clock, bouts, scenario.rhythms, seed, person)
+        return held_of_people(at_clock.whole, bouts, scenario.rhythms, seed, person)
 
     loop = PeopleLoop(
         Situation(
@@ -133,7 +138,7 @@ def simulate_people(
         people,
         grid,
         fold,
-        meals=scenario.eaten(),
+        meals=meals,
         own_announcements=announced_otherwise,
         controllers_of=with_profile_of_each(controller),
         surroundings=Surroundings(
@@ -149,9 +154,14 @@ def simulate_people(
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        carbs_g = np.repeat(announced_carbs_g[:, None], place.size, axis=1) if announced_otherwise else None
-        keys = keys_of_people(seed, some.draw.person)
-        return loop.run(some, keys, announced_g=carbs_g, held=held_by(some.draw.person))
+        told: dict[str, Any] = dict.fromkeys(("announced_g", "announced_min"))
+        if announced_otherwise:
+            told = {
+                name: np.repeat(values[:, None], place.size, axis=1)
+                for name, values in zip(told, (announced_carbs_g, told_min), strict=True)
+            }
+        people_held = held_by(some.draw.person)
+        return loop.run(some, keys_of_people(seed, some.draw.person), held=people_held, **told)
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
     number = people.feasible.size
@@ -159,9 +169,8 @@ def simulate_people(
     def joined(parts: list[Array]) -> Array:
         return np.concatenate(parts, axis=-1)[..., :number]
 
-    first_meal = 0.0
-    if scenario.meals:
-        first_meal = float(np.floor(scenario.meals[0].t_min / grid.sample_time_min) * grid.sample_time_min)
+    first_meal = min((meal.t_min for meal in scenario.meals if meal.t_min >= 0.0), default=0.0)
+    first_meal = float(np.floor(first_meal / grid.sample_time_min) * grid.sample_time_min)
     return PeopleRun(
         metrics=fold.finish(
             jax.tree.map(lambda *parts: joined(list(parts)), *(part.fold for part in runs)),

@@ -19,15 +19,14 @@ from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
-from glucoloop.situations.run import ControlledSituation, refuse_parts_of_samples
+from glucoloop.situations.run import FedSituation
+from glucoloop.situations.scenarios import USUAL_DAY
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from glucoloop.exercise import Exercise
-    from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
     from glucoloop.simulation.plant import SampleGrid
 
@@ -40,8 +39,8 @@ TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 SLOW_PATIENT_DAYS: Final = 256
 """Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
-USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
-"""Breakfast, lunch and dinner."""
+LONGEST_COUNTED_MIN: Final = 28 * MIN_PER_DAY
+"""Longest run of whole days in which glucose and insulin are counted at every sample."""
 _DIGITS: Final = 20
 _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
@@ -63,7 +62,7 @@ def _traces(given: object) -> Literal["none", "all"] | int:
     raise Refusal("give none, all, or the number of people whose traces are kept")
 
 
-class Trial(ControlledSituation):
+class Trial(FedSituation):
     """Everything that the results of a trial depend on: a situation, people, meals and controllers.
 
     Every person starts at rest at the target.
@@ -109,41 +108,6 @@ class Trial(ControlledSituation):
             metavar="G@TIME",
         ),
     ] = USUAL_DAY
-    meal_size_spread_pct: Annotated[
-        float,
-        _meals("Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0),
-    ] = 0.0
-    meal_time_spread_min: Annotated[
-        float,
-        _meals("Largest deviation of a meal's time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY),
-    ] = 0.0
-    exercise: Annotated[
-        tuple[str, ...],
-        _meals(
-            "Intensity, time of the day and duration, like 50%@14h/30min, in percent of the largest oxygen uptake "
-            "above rest; repeat it for more.",
-            metavar="%@TIME/DURATION",
-            rare=True,
-        ),
-    ] = ()
-    exercise_spread_pct: Annotated[
-        float,
-        _meals(
-            "Largest deviation of the intensity of exercise, drawn for each person and day.",
-            at_least=0.0,
-            below=100.0,
-            rare=True,
-        ),
-    ] = 0.0
-    exercise_time_spread_min: Annotated[
-        float,
-        _meals(
-            "Largest deviation of its time, drawn for each person and day.",
-            at_least=0.0,
-            below=MIN_PER_DAY,
-            rare=True,
-        ),
-    ] = 0.0
     design: Annotated[
         Literal["nominal", "individual"],
         Option(
@@ -182,17 +146,8 @@ class Trial(ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
-        from glucoloop.situations.exercise_text import same_exercise
-        from glucoloop.situations.meal_text import same_meals
-
         super().__post_init__()
-        resolved = {
-            "exercise": same_exercise(self.exercise),
-            "population": self._resolved_population(),
-            "meals": same_meals(self.meals),
-        }
-        for name, value in resolved.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "population", self._resolved_population())
         self._refuse_impossible()
         if self.shard_people is None:
             slow = any(case.controller.slow for case in self.cases)
@@ -201,13 +156,8 @@ class Trial(ControlledSituation):
             object.__setattr__(self, "shard_people", size)
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
-        """The trial with everything that is usual.
-
-        Days that were given take the place of a usual length, and of a table of people all who are in it are usual.
-        """
+        """The trial with everything that is usual; of a table of people all who are in it are."""
         usual = dict(usual or {})
-        if self.given.get("days") is not None and "duration_min" not in self.given:
-            usual["duration_min"] = Default(None)
         if self.patient.person is not None and "population" not in self.given:
             usual["population"] = Default(None)
         elif "people" not in self.given:
@@ -231,8 +181,6 @@ class Trial(ControlledSituation):
         return population_of(self.population, self.patient.called)
 
     def _refuse_impossible(self) -> None:
-        if self.days is not None and self.duration_min is not None:
-            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
         last = LARGEST_COUNTER + 1 - self.people
         if self.first_person > last:
             raise Refusal(f"the first person is {self.first_person}; with {self.people} people give from 0 to {last}")
@@ -246,21 +194,7 @@ class Trial(ControlledSituation):
             raise Refusal(f"traces of {self.traces} people are not possible; give none, all, or 1 to {self.people}")
         if self.start_min is not None and not float(self.start_min).is_integer():
             raise Refusal(f"a start {self.start_min:g} min after midnight is not possible; give whole minutes")
-        from glucoloop.exercise import refuse_exercise
-
-        if self.exercise:
-            refuse_exercise(self.nominal, self.patient.called)
-        _ = self.bouts  # refuses those beyond the day
-        horizon_min = self.plan.horizon_min
-        refuse_parts_of_samples(horizon_min, self.sample_time_min, has_duration=self.days is None)
-        self.refuse_late_faults(horizon_min)
-
-    def refuse_unusual(self) -> None:
-        """Refuse what is possible and implausible, meals too."""
-        from glucoloop.situations.meal_text import refuse_unusual_meals
-
-        super().refuse_unusual()
-        refuse_unusual_meals(self.given.get("meals", ()), self.plan.horizon_min)
+        _ = self.plan, self.bouts  # which refuse what is not possible
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, with the table of a population from a file."""
@@ -281,44 +215,23 @@ class Trial(ControlledSituation):
         settings = {name: getattr(self, name) for name in Trial.settings()}
         return Trial(**{**settings, "controller": cases, "guard": None, "model": None, **other})
 
-    @functools.cached_property
-    def plan(self) -> MealPlan:
-        """Meals and the length of the run, of the usual meals those within it; Refusal for one beyond its day."""
-        from glucoloop.meals.plan import MealPlan
-        from glucoloop.patients.population import own_meals
-        from glucoloop.situations.meal_text import OWN, parse_meal, same_meals
-
-        settings: dict[str, Any] = {
-            "size_spread_pct": self.meal_size_spread_pct,
-            "time_spread_min": self.meal_time_spread_min,
-            "horizon_min": self.duration_min,
-        }
-        if self.meals == (OWN,):
-            table = self.population.table
-            if table is None or not table.meals:
-                raise Refusal(
-                    f"the people of {self.population.name} have no days of their own; give meals, like --meal 45g@7h"
-                )
-            for name, day in zip(table.names, table.meals, strict=True):
-                try:
-                    MealPlan(day, self.days or 1, **settings)
-                except Refusal as error:
-                    raise Refusal(f"the own day of {name!r}: {error}") from None
-            own = functools.partial(own_meals, self.population)
-            return MealPlan(table.usual_day(), self.days or 1, **settings, own=own)
-        meals = [parse_meal(text) for text in self.meals]
-        if self.duration_min is not None and self.meals == same_meals(USUAL_DAY):
-            meals = [meal for meal in meals if meal.t_min < self.duration_min]
-        return MealPlan(meals, self.days or 1, **settings)
-
     @property
-    def bouts(self) -> tuple[Exercise, ...]:
-        """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
-        from glucoloop.exercise import exercise_in_order, repeated_daily
-        from glucoloop.situations.exercise_text import parse_exercise
+    def planned_meals(self) -> tuple[str, ...]:
+        """Texts of the meals of the plan, of the usual ones those within a run that is shorter than a day."""
+        from glucoloop.situations.meal_text import parse_meal, same_meals
 
-        a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
-        return repeated_daily(a_day, self.days or 1)
+        if self.duration_min is None or self.meals != same_meals(USUAL_DAY):
+            return self.meals
+        return tuple(text for text in self.meals if parse_meal(text).t_min < self.duration_min)
+
+    def population_with_days(self) -> Population:
+        """The people, each of whom has a day of meals; Refusal where they have none."""
+        table = self.population.table
+        if table is None or not table.meals:
+            raise Refusal(
+                f"the people of {self.population.name} have no days of their own; give meals, like --meal 45g@7h"
+            )
+        return typing.cast("Population", self.population)
 
     @property
     def products(self) -> str:
@@ -332,12 +245,23 @@ class Trial(ControlledSituation):
         """Samples of the run."""
         from glucoloop.simulation.closed_loop import sample_grid
 
-        return sample_grid(self.plan.horizon_min, self.sample_time_min)
+        return sample_grid(self.plan.horizon_min, self.sample_time_min, warm_up_min=self.warm_up_min)
 
     @property
     def samples(self) -> int:
         """Number of decisions of each controller."""
         return round(self.plan.horizon_min / self.sample_time_min)
+
+    @property
+    def one_day_of_counts(self) -> bool:
+        """Whether glucose and insulin are counted by the time of day, all days together, as in a long run."""
+        day = MIN_PER_DAY / self.sample_time_min
+        return self.horizon_min > LONGEST_COUNTED_MIN and self.horizon_min % MIN_PER_DAY == 0.0 == day % 1.0
+
+    @property
+    def counted_samples(self) -> int:
+        """Number of samples at which glucose and insulin are counted: all, or those of one day."""
+        return round(MIN_PER_DAY / self.sample_time_min) if self.one_day_of_counts else self.samples
 
     @property
     def people_a_shard(self) -> int:

@@ -16,6 +16,8 @@ from .nlqdmc_se import NLQDMC as NLQDMC
 from .nlqdmc_se import design_nlqdmc_se as design_nlqdmc_se
 from .open_loop import OpenLoop as OpenLoop
 from .open_loop import design_open_loop as design_open_loop
+from .pace import Paced as Paced
+from .pace import paced as paced
 from .part import ControllerPart as ControllerPart
 from .pid import PID as PID
 from .pid import PIDTuning as PIDTuning

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
-from glucoloop.control import Controller
-from glucoloop.experiments.designs import with_guard
+from glucoloop.control import Controller, paced
+from glucoloop.experiments.designs import paced_situation, with_guard
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.experiments.titration import profile_of
@@ -94,14 +94,16 @@ def own_controllers(
     """
     if not individual:
         return with_profile_of_each(controller)
-    designed = individual_design(situation, dataclasses.replace(case, guard=None), controller, example)
-    if designed is None or case.guard is None:
-        return designed
+    inner = dataclasses.replace(case, guard=None, every_min=None)
+    designed = individual_design(paced_situation(situation, case), inner, controller, example)
+    if designed is None:
+        return None
 
     def with_own_guard(people: VirtualPeople) -> Controller:
         # The guard alone is given the basal rate: what is inside was designed for each person already.
         basal = jnp.asarray(people.profile.basal_mU_min)
-        return with_guard(designed(people), case.guard, situation.limits, basal)
+        own = with_guard(designed(people), case.guard, situation.limits, basal)
+        return paced(own, situation.sample_time_min)
 
     return with_own_guard
 
@@ -200,13 +202,15 @@ class PeopleLoop:
         surroundings: Surroundings | None = None,
         meals: Eaten | None = None,
         announced_g: Array | None = None,
+        announced_min: Array | None = None,
         held: Held | None = None,
     ) -> People:
         """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
-        `announced_g`, ``(meals, people)``, is the carbohydrate that is announced of the meals [g], by default what is
-        eaten; `held`, ``(samples, points, people)``, exercise and what rhythms change, in a loop made for them.
+        `announced_g` and `announced_min`, ``(meals, people)``, are the carbohydrate that is announced of the meals [g]
+        and the times at which it is, by default what is eaten and when eating begins; `held`, ``(samples, points,
+        people)``, exercise and what rhythms change, in a loop made for them.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -226,6 +230,7 @@ class PeopleLoop:
             pump=None if surroundings is None else surroundings.pump,
             meals=meals,
             announced_g=announced_g,
+            announced_min=announced_min,
             held=Held() if held is None else held,
         )
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller, GuardSettings, guarded
+from glucoloop.control import Controller, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerPart
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
@@ -144,6 +144,7 @@ def design_of(
     controller uses one and none is given; `model_is_late` says that a given one holds the dead time already. What
     cannot be designed is refused.
     """
+    loop_min, situation = situation.sample_time_min, paced_situation(situation, case)
     known_samples = situation.dead_time_samples if case.known_dead_time else 0
     if case.controller.uses_model and model is None:
         identified = nominal_model(situation, case) if patient is None else identified_model(situation, case, patient)
@@ -173,9 +174,14 @@ def design_of(
         refuse_without_clock(settings)  # before a design that takes long
         controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
-        return with_guard(controller, case.guard, situation.limits)
+        return paced(with_guard(controller, case.guard, situation.limits), loop_min)
 
     return designed
+
+
+def paced_situation(situation: Situation, case: Case) -> Situation:
+    """The situation for which the controller of a case is designed: its samples are those at which it acts."""
+    return situation.paced(case.every_min, known_dead_time=case.known_dead_time)
 
 
 def nominal_model(situation: Situation, case: Case) -> Identification:

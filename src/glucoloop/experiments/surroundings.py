@@ -84,8 +84,8 @@ def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> S
     limits, every = situation.limits, (*situation.faults, *faults)
     pump = pump_of(situation)
     return Surroundings(
-        sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min),
-        pump=faulty_pump(pump, every, situation.sample_time_min, limits),
+        sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min, situation.warm_up_min),
+        pump=faulty_pump(pump, every, situation.sample_time_min, limits, situation.warm_up_min),
     )
 
 

@@ -166,12 +166,23 @@ def digest(state: jax.Array, matrices: DigestionMatrices, inside: jax.Array) -> 
     return matrices.transition @ state + inside[MOMENTS:], matrices.moments @ state + inside[:MOMENTS]
 
 
-def jump_table(absorption: Absorption, *, steps: int, step_min: float) -> npt.NDArray[np.float64]:
+def jump_table(
+    absorption: Absorption, *, steps: int, step_min: float, first: int | None = None
+) -> npt.NDArray[np.float64]:
     """Contributions ``(steps, 3 + states, people)`` of the jumps to the moments of each step and the state at its end.
 
-    The absorption has jumps ``(jumps, people)``; those after the last step are ignored.
+    The absorption has jumps ``(jumps, people)``; those after the last step are ignored. With `first` the steps are
+    those from the one of that number on, and only jumps that lie in them are looked at.
     """
+    if first is not None:
+        t_min = np.asarray(absorption.jumps.t_min)
+        begin, end = step_min * np.array([first - 1, first + steps + 1])
+        near = ((t_min >= begin) & (t_min < end)).any(axis=1)
+        absorption = jax.tree.map(jnp.asarray, absorption)
+        jumps = Jumps(t_min=absorption.jumps.t_min[near], size=absorption.jumps.size[:, near])
+        absorption = Absorption(model=absorption.model, jumps=jumps)
     number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
+    number = number - (first or 0)
     people = np.arange(number.shape[1])
     table = np.zeros((steps, added.shape[0], people.size))
     for step, of_jump in zip(number, added.transpose(1, 0, 2), strict=True):

@@ -1,26 +1,28 @@
-"""Meals of a day, repeated daily, their variation between people and days, and errors of counting carbohydrate."""
+"""Meals of a day, repeated daily, their variation between people and days, and the habits with which they are lived."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
 from glucoloop.arguments import checked
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
+from glucoloop.meals.days import LivedDays
+from glucoloop.meals.habits import HabitPart
 from glucoloop.meals.protocol import Eaten
-from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, eaten, in_order
+from glucoloop.meals.scenario import LARGEST_MEAL_G, Meal, check_warm_up, eaten, in_order
 from glucoloop.refusal import Refusal
-from glucoloop.threefry import checked_counter, checked_people, uniforms
+from glucoloop.threefry import checked_counter, checked_people
 from glucoloop.units import MIN_PER_DAY
 
 MOST_MEALS_A_DAY: Final = 100
-DAY: Final = 1 << 16  # between the random numbers of one day and of the next
+Array = npt.NDArray[Any]
 
 
 @checked
@@ -43,6 +45,10 @@ class MealPlan:
     own : callable, optional
         Function of a seed and of persons ``(n,)`` that gives the day of each as `Eaten`, ``(meals, n)`` with as many
         meals as the plan, which then says what is eaten on average.
+    habits : iterable of HabitPart
+        Habits that change the meals, one after the other, such as `meals.habits.SkippedSettings`.
+    warm_up_min : float
+        Time before the start that is simulated and not counted; where days are repeated, it has their meals too.
 
     Raises
     ------
@@ -57,6 +63,10 @@ class MealPlan:
     time_spread_min: float
     horizon_min: float
     own: Callable[[int, npt.ArrayLike], Eaten] | None
+    habits: tuple[HabitPart, ...]
+    warm_up_min: float
+    repeated: bool
+    """Whether the meals are those of each day, rather than those of a run."""
 
     def __init__(
         self,
@@ -67,6 +77,8 @@ class MealPlan:
         time_spread_min: float = 0.0,
         horizon_min: float | None = None,
         own: Callable[[int, npt.ArrayLike], Eaten] | None = None,
+        habits: Iterable[HabitPart] = (),
+        warm_up_min: float = 0.0,
     ) -> None:
         if not 1 <= days <= MOST_DAYS:
             raise Refusal(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
@@ -77,6 +89,9 @@ class MealPlan:
         object.__setattr__(self, "size_spread_pct", float(size_spread_pct))
         object.__setattr__(self, "time_spread_min", float(time_spread_min))
         object.__setattr__(self, "horizon_min", whole if horizon_min is None else float(horizon_min))
+        object.__setattr__(self, "habits", tuple(habits))
+        object.__setattr__(self, "warm_up_min", float(warm_up_min))
+        object.__setattr__(self, "repeated", horizon_min is None or self.horizon_min == whole)
         if not 0.0 < self.horizon_min <= LONGEST_RUN_MIN:
             raise Refusal(
                 f"a horizon of {self.horizon_min:g} min is not possible; "
@@ -86,7 +101,10 @@ class MealPlan:
             raise Refusal(
                 f"a horizon of {self.horizon_min:g} min is not that of {days} days; leave it out, or give {whole:g} min"
             )
+        check_warm_up(self.warm_up_min, self.horizon_min)
         self._check_spreads()
+        for habit in self.habits:
+            habit.refuse_in(self)
 
     def _check_spreads(self) -> None:
         if not 0.0 <= self.size_spread_pct < 100.0:
@@ -128,7 +146,22 @@ class MealPlan:
     def varies(self) -> bool:
         """Whether meals differ between people."""
         differ = self.own is not None or self.size_spread_pct > 0.0 or self.time_spread_min > 0.0
-        return bool(self.meals) and differ
+        return bool(self.habits) or (bool(self.meals) and differ)
+
+    def same_for_all(self) -> Eaten:
+        """Meals ``(meals,)`` of every person, where they do not vary."""
+        one = draw_days(self, 0, [0]).eaten
+        return Eaten(t_min=one.t_min[:, 0], carbs_g=one.carbs_g[:, 0], eating_min=one.eating_min[:, 0])
+
+    def drawn_days(self) -> npt.NDArray[np.int64]:
+        """Numbers of the days that have the meals of the plan; those of the warm-up are below 0."""
+        earlier = -math.ceil(self.warm_up_min / MIN_PER_DAY) if self.repeated else 0
+        return np.arange(earlier, self.days)
+
+    def starts_min(self) -> Array:
+        """Times at which the days begin that lie in the run and in its warm-up."""
+        first, last = (math.ceil(minutes / MIN_PER_DAY) for minutes in (self.warm_up_min, self.horizon_min))
+        return MIN_PER_DAY * np.arange(-first, last)
 
     def nominal(self) -> tuple[Meal, ...]:
         """All meals of the run, without their variation."""
@@ -139,8 +172,8 @@ class MealPlan:
         )
 
 
-def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
-    """Draw the meals of given persons.
+def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> LivedDays:
+    """Draw the days of given persons, with their habits and the days of the warm-up.
 
     Parameters
     ----------
@@ -149,9 +182,9 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
 
     Returns
     -------
-    Eaten
-        ``(meals, n)``, day by day. A meal of a person is the same whoever else is drawn, and however many days follow.
-        Without a spread all have exactly the plan's own.
+    LivedDays
+        Meals ``(meals, n)``, day by day. A meal of a person is the same whoever else is drawn, however many days
+        follow, and however long the warm-up is. Without spread and habits all have exactly the plan's own.
 
     Raises
     ------
@@ -160,58 +193,43 @@ def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
     """
     people = checked_people(person)
     checked_counter("seed", seed)
-    nominal = plan.nominal()
-    if plan.own is None:
-        same = eaten(nominal)
-        t_min, carbs_g, eating_min = (
-            np.repeat(np.asarray(of_meals)[:, None], people.size, axis=1)
-            for of_meals in (same.t_min, same.carbs_g, same.eating_min)
-        )
-    else:
-        own = plan.own(seed, people)
-        t_min, carbs_g, eating_min = (
-            np.tile(np.asarray(of_day), (plan.days, 1)) for of_day in (own.t_min, own.carbs_g, own.eating_min)
-        )
-        t_min += MIN_PER_DAY * np.repeat(np.arange(plan.days), len(plan.meals))[:, None]
-    for row in range(len(nominal)):
-        day, which = divmod(row, len(plan.meals))
-        index = day * DAY + which
-        if plan.time_spread_min > 0.0:
-            t_min[row] += plan.time_spread_min * (2.0 * uniforms(seed, "meal time", people, index) - 1.0)
-        if plan.size_spread_pct > 0.0:
-            carbs_g[row] *= 1.0 + plan.size_spread_pct / 100.0 * (
-                2.0 * uniforms(seed, "meal size", people, index) - 1.0
-            )
-    return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
+    own = None if plan.own is None else plan.own(seed, people)  # (meals, n)
+    of_day = eaten(plan.meals) if own is None else own
+    numbers, starts_min = plan.drawn_days(), plan.starts_min()
 
+    def rows(of_meals: Any) -> Array:
+        of_meals = np.asarray(of_meals, float).reshape(len(plan.meals), -1)
+        return np.tile(np.broadcast_to(of_meals, (len(plan.meals), people.size)), (len(numbers), 1))
 
-Array = npt.NDArray[Any]
-
-
-def counted_g(
-    carbs_g: Array, seed: int, person: npt.ArrayLike, *, error_pct: float, bias_pct: float, meals_a_day: int
-) -> Array:
-    """Carbohydrate of meals as people count it, ``(meals, people)``, from what is eaten day by day.
-
-    Each person's error is drawn for each meal: ``carbs (1 + bias + error z)`` with a standard normal z, from 0 to 1000
-    g. The count of a meal is the same whoever else is drawn, and however many days follow.
-    """
-    counted = np.empty_like(carbs_g, dtype=float)
-    for row, true_g in enumerate(carbs_g):
-        day, which = divmod(row, meals_a_day)
-        z = ndtri(uniforms(seed, "counted carbohydrate", person, day * DAY + which))
-        counted[row] = true_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
-    return np.clip(counted, 0.0, LARGEST_MEAL_G)
-
-
-def counted_meals(meals: Sequence[Meal], seed: int, *, error_pct: float, bias_pct: float) -> tuple[Meal, ...]:
-    """Meals of one run with the announced carbohydrate of each, counted as by person 0 of a trial of the seed."""
-    ordered = in_order(meals)
-    true_g = np.array([meal.carbs_g for meal in ordered])[:, None]
-    counted = counted_g(
-        true_g, seed, np.zeros(1, int), error_pct=error_pct, bias_pct=bias_pct, meals_a_day=max(1, len(ordered))
+    of_numbers = MIN_PER_DAY * np.repeat(numbers, len(plan.meals)).astype(float)
+    t_min, carbs_g = rows(of_day.t_min) + of_numbers[:, None], rows(of_day.carbs_g)
+    planned_min = np.tile([meal.t_min for meal in plan.meals], len(numbers)) + of_numbers
+    days = LivedDays(
+        t_min=t_min,
+        carbs_g=carbs_g,
+        eating_min=rows(of_day.eating_min),
+        announced_g=carbs_g,
+        announced_min=t_min,
+        day=np.repeat(numbers, len(plan.meals)),
+        which=np.tile(np.arange(len(plan.meals)), len(numbers)),
+        date=np.floor(planned_min.ravel() / MIN_PER_DAY).astype(int),
+        starts_min=starts_min,
+        person=people,
+        seed=seed,
     )
-    return tuple(
-        dataclasses.replace(meal, announced_g=float(announced_g))
-        for meal, announced_g in zip(ordered, counted[:, 0], strict=True)
-    )
+    if plan.time_spread_min > 0.0:
+        drawn = days.named("meal time").uniform()
+        days = days.changed(t_min=t_min + plan.time_spread_min * (2.0 * drawn - 1.0))
+    if plan.size_spread_pct > 0.0:
+        drawn = days.named("meal size").uniform()
+        days = days.changed(carbs_g=carbs_g * (1.0 + plan.size_spread_pct / 100.0 * (2.0 * drawn - 1.0)))
+    days = days.changed(announced_g=days.carbs_g, announced_min=days.t_min)
+    for place, habit in enumerate(plan.habits):
+        earlier = sum(other.called == habit.called for other in plan.habits[:place])
+        days = habit.lived(days.named(f"{habit.called} {earlier + 1}"))
+    return days.since(-plan.warm_up_min) if plan.habits or plan.warm_up_min else days
+
+
+def draw_meals(plan: MealPlan, seed: int, person: npt.ArrayLike) -> Eaten:
+    """Meals of given persons as they are eaten, ``(meals, n)``; see `draw_days`."""
+    return draw_days(plan, seed, person).eaten

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -35,16 +36,18 @@ class Meal:
     Parameters
     ----------
     t_min : float
-        Time at which eating begins.
+        Time at which eating begins; before 0 within the warm-up of a scenario.
     eating_min : float
         Duration of eating; 0 for a meal that is eaten at once.
     announced_g : float, optional
         Carbohydrate that is announced to the controller, if the scenario announces meals; the true one by default.
+    announced_min : float, optional
+        Time at which it is announced, before or after eating begins; by default when eating begins.
 
     Raises
     ------
     ValueError
-        Unless ``0 < carbs_g <= 1000``, ``t_min >= 0`` and finite, ``eating_min`` is 0 or from 1 to 1440, and
+        Unless ``0 < carbs_g <= 1000``, the times are finite, ``eating_min`` is 0 or from 1 to 1440, and
         ``announced_g`` is from 0 to 1000.
     """
 
@@ -52,14 +55,17 @@ class Meal:
     t_min: float
     eating_min: float = 0.0
     announced_g: float | None = None
+    announced_min: float | None = None
 
     def __post_init__(self) -> None:
         if not is_traced(self.carbs_g) and not 0.0 < self.carbs_g <= LARGEST_MEAL_G:  # false for NaN too
             raise Refusal(
                 f"a meal of {self.carbs_g:g} g is not possible; give more than 0 and at most {LARGEST_MEAL_G:g} g"
             )
-        if not is_traced(self.t_min) and not 0.0 <= self.t_min < math.inf:
-            raise Refusal(f"a meal at {self.t_min:g} min is not possible; give a finite time of 0 min or later")
+        for time in (self.t_min, self.announced_min):
+            if time is not None and not is_traced(time) and not math.isfinite(time):
+                what = "a meal" if time is self.t_min else "a meal that is announced"
+                raise Refusal(f"{what} at {time:g} min is not possible; give a finite time")
         announced = self.announced_g
         if announced is not None and not is_traced(announced) and not 0.0 <= announced <= LARGEST_MEAL_G:
             raise Refusal(
@@ -83,7 +89,7 @@ class Scenario:
     Parameters
     ----------
     horizon_min : float
-        Length of the run; a whole number of samples.
+        Length of the run without its warm-up; a whole number of samples.
     setpoint_mg_dl : float, optional
         Target of the controller; the patient's own by default.
     initial_glucose_mg_dl : float, optional
@@ -103,13 +109,16 @@ class Scenario:
         rests, and controllers are designed, as without them.
     rhythm_seed, rhythm_person : int
         Seed and number of the person, of which rhythms make their random numbers.
+    warm_up_min : float
+        Time before the start that is simulated, with the meals that begin before 0, and not counted; a whole number of
+        samples.
 
     Raises
     ------
     ValueError
-        For a horizon that is not positive or longer than a year, a meal or exercise that begins after it, a glucose
-        that is not positive or that is implausible, a meal model that is unknown or not possible, or a time of day
-        that is none.
+        For a horizon that is not positive or longer than a year, a meal or exercise that begins after it or before the
+        warm-up, a glucose that is not positive or that is implausible, a meal model that is unknown or not possible, a
+        time of day that is none, or a warm-up below 0 or too long.
     """
 
     meals: tuple[Meal, ...] = (Meal(50.0, 50.0),)
@@ -124,6 +133,7 @@ class Scenario:
     rhythms: tuple[Rhythm, ...] = ()
     rhythm_seed: int = 0
     rhythm_person: int = 0
+    warm_up_min: float = 0.0
 
     def __init__(
         self,
@@ -140,6 +150,7 @@ class Scenario:
         rhythms: Iterable[Rhythm] = (),
         rhythm_seed: int = 0,
         rhythm_person: int = 0,
+        warm_up_min: float = 0.0,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
@@ -153,6 +164,7 @@ class Scenario:
         object.__setattr__(self, "rhythms", tuple(rhythms))
         object.__setattr__(self, "rhythm_seed", rhythm_seed)
         object.__setattr__(self, "rhythm_person", rhythm_person)
+        object.__setattr__(self, "warm_up_min", warm_up_min)
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"
@@ -164,8 +176,16 @@ class Scenario:
             )
         if start_min is not None and not is_traced(start_min):
             check_time_of_day(start_min)
+        check_warm_up(warm_up_min, horizon_min)
         for meal in self.meals:
-            if not is_traced(meal.t_min) and meal.t_min >= self.horizon_min:
+            if is_traced(meal.t_min):
+                continue
+            if meal.t_min < -warm_up_min:
+                raise Refusal(
+                    f"a meal at {meal.t_min:g} min is not possible; give a finite time of {-warm_up_min or 0.0:g} min "
+                    "or later"
+                )
+            if meal.t_min >= self.horizon_min:
                 raise Refusal(
                     f"the meal at {meal.t_min:g} min begins after the run ends at {self.horizon_min:g} min; "
                     "move the meal or lengthen the run"
@@ -183,12 +203,22 @@ class Scenario:
                 refuse_unusual(value, quantity, name)
 
     def eaten(self) -> Eaten:
-        """All meals as arrays ``(meals,)``."""
-        return eaten(self.meals)
+        """All meals as arrays ``(meals,)``; times count from the beginning of the warm-up."""
+        meals = eaten(self.meals)
+        return dataclasses.replace(meals, t_min=self.warm_up_min + meals.t_min) if self.warm_up_min else meals
 
     def absorbed_by(self, patient: object) -> Absorption:
         """All meals as a patient absorbs them: by the scenario's meal model, or else by the patient's own."""
         return absorb(meal_model_of(patient, self.meal_model), self.eaten())
+
+
+def check_warm_up(warm_up_min: float, horizon_min: float) -> None:
+    """Refuse a warm-up that is below 0, or with which a run takes too long."""
+    if not 0.0 <= warm_up_min <= LONGEST_RUN_MIN - horizon_min:
+        raise Refusal(
+            f"a warm-up of {warm_up_min:g} min before {horizon_min:g} min is not possible; give 0 or more, together at "
+            f"most {LONGEST_RUN_MIN:g} min"
+        )
 
 
 def check_time_of_day(start_min: float) -> None:
@@ -201,8 +231,16 @@ def check_time_of_day(start_min: float) -> None:
 
 def announced_g(meals: Sequence[Meal]) -> Any:
     """Announced carbohydrate of meals, ``(meals,)``."""
-    announced = [meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals]
-    return jnp.asarray(announced, float) if is_traced(announced) else np.array(announced, float)
+    return _row([meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals])
+
+
+def announced_min(meals: Sequence[Meal]) -> Any:
+    """Times at which meals are announced, ``(meals,)``."""
+    return _row([meal.t_min if meal.announced_min is None else meal.announced_min for meal in meals])
+
+
+def _row(values: Sequence[Any]) -> Any:
+    return jnp.asarray(values, float) if is_traced(values) else np.array(values, float)
 
 
 def _meal_model(given: MealModel | str | None) -> MealModel | None:
@@ -218,12 +256,7 @@ def _meal_model(given: MealModel | str | None) -> MealModel | None:
 
 def eaten(meals: Sequence[Meal]) -> Eaten:
     """Meals as arrays ``(meals,)``."""
-
-    def values(name: str) -> Any:
-        of_meals = [getattr(meal, name) for meal in meals]
-        return jnp.asarray(of_meals, float) if is_traced(of_meals) else np.array(of_meals, float)
-
-    return Eaten(t_min=values("t_min"), carbs_g=values("carbs_g"), eating_min=values("eating_min"))
+    return Eaten(**{name: _row([getattr(meal, name) for meal in meals]) for name in Eaten.__annotations__})
 
 
 def in_order(meals: Iterable[Meal]) -> tuple[Meal, ...]:

@@ -199,7 +199,8 @@ def _summarised(
     def sample(tally: Tally, entry: tuple[Sampled, jax.Array]) -> tuple[Tally, None]:
         return fold.step(tally, *entry), None
 
-    start = fold.init(fine[0], jnp.broadcast_to(trace.basal_insulin_mU_min, fine.shape[1:]))
+    before = trace.basal_insulin_mU_min if trace.rate_before_mU_min is None else trace.rate_before_mU_min
+    start = fold.init(fine[0], jnp.broadcast_to(before, fine.shape[1:]))
     sample_time_min = fold.sample_time_min
     happened = _happened(trace, inside, sample_time_min)
     tally: Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]

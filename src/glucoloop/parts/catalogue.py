@@ -16,6 +16,8 @@ P = TypeVar("P", bound=Part)
 HOMES: Final = {
     "patient": "glucoloop.patients.settings:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "habit": "glucoloop.meals.habits:HABITS",
+    "scenario": "glucoloop.situations.scenarios:SCENARIOS",
     "sensor": "glucoloop.sensors.settings:SENSORS",
     "pump": "glucoloop.pumps.settings:PUMPS",
     "fault": "glucoloop.faults:FAULTS",

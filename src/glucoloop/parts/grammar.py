@@ -1,7 +1,8 @@
 """Text of a part, as on the command line: ``mpc-se, move_horizon=2``; and the tree that files and JSON hold.
 
 A text without a name, ``move_horizon=2``, sets settings of the part that is there already. A value stays the text that
-was typed until the type of its setting is known: only then is ``1:5`` a range and ``06:30`` a time.
+was typed until the type of its setting is known: only then is ``1:5`` a range and ``06:30`` a time. A list stands in
+brackets, and a part with settings in parentheses: ``habits=[skipped, (snack, time=15h)]``.
 """
 
 from __future__ import annotations
@@ -54,9 +55,20 @@ def part_tree(text: str, where: str, example: str = "mpc, move_horizon=2") -> Tr
             raise Refusal(f"{before}{key} is given twice in {text!r}; leave one out")
         elif value[0] == "(" and value[-1] == ")":
             tree[key] = part_tree(value[1:-1], where, example)
+        elif value[0] == "[" and value[-1] == "]":
+            tree[key] = _listed(value[1:-1], where, example)
         else:
             tree[key] = GivenValue(_unquoted(value), where)
     return tree
+
+
+def _listed(text: str, where: str, example: str) -> list[Any]:
+    """Items of a list from the text between its brackets."""
+    items = [piece.strip() for piece in _pieces(text, f"{where}: " if where else "")] if text.strip() else []
+    return [
+        part_tree(item[1:-1], where, example) if item[:1] == "(" else GivenValue(_unquoted(item), where)
+        for item in items
+    ]
 
 
 def _pieces(text: str, before: str) -> Iterator[str]:
@@ -94,6 +106,8 @@ def part_text(tree: Mapping[str, Any]) -> str:
 def _value_text(value: Any) -> str:
     if isinstance(value, Mapping):
         return part_text(value) if value.keys() == {NAME} else f"({part_text(value)})"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value_text, value))}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     text = repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

@@ -8,12 +8,15 @@ from typing import Any, Final
 
 from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.code import loaded
+from glucoloop.parts.grammar import part_text
 from glucoloop.parts.part import Part
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, choices_text, known_names, value_text
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
+_MOST_PARTS: Final = 6
+"""Largest number of parts of a list that are named."""
 
 
 def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -50,7 +53,11 @@ def described(part: type[Part]) -> dict[str, Any]:
 def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
     usual: dict[str, Any] = {"": setting.default.noise_free}
     if setting.is_part:
-        usual = {"": setting.default.noise_free.called} if isinstance(setting.default.noise_free, Part) else {}
+        parts = setting.default.noise_free
+        parts = [parts] if isinstance(parts, Part) else parts or ()
+        named = [part_text(part.tree()) for part in parts]
+        more = f"; and {len(named) - _MOST_PARTS} more" if len(named) > _MOST_PARTS else ""
+        usual = {"": "; ".join(named[:_MOST_PARTS]) + more} if named else {}
         possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)

@@ -5,6 +5,8 @@ from .faults import battery_gap as battery_gap
 from .faults import missed_pulses as missed_pulses
 from .faults import occlusion as occlusion
 from .faults import unheard as unheard
+from .infusion_set import InfusionSet as InfusionSet
+from .infusion_set import infusion_set as infusion_set
 from .limits import PARKER_1999_LIMITS as PARKER_1999_LIMITS
 from .limits import USUAL_BOLUS_LIMITS as USUAL_BOLUS_LIMITS
 from .limits import BolusLimits as BolusLimits

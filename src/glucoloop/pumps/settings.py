@@ -15,8 +15,11 @@ from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About, known_names
 from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
+_LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 _bolus: Final = functools.partial(About, at_most=1000.0)
 
 
@@ -87,6 +90,41 @@ class ExpiringSettings(PumpPart, name="expiring"):
     ] = 2
 
 
+class InfusionSetSettings(PumpPart, name="infusion-set"):
+    """Loses more insulin the longer its infusion set is worn, until it is changed."""
+
+    make: ClassVar = "glucoloop.pumps:infusion_set"
+    wear_min: Annotated[
+        float, About("Time from one change of the set to the next.", above=0.0, at_most=_LONGEST_WEAR_MIN)
+    ] = 3.0 * MIN_PER_DAY
+    sound_min: Annotated[
+        float, About("Time after a change in which nothing is lost.", at_least=0.0, at_most=_LONGEST_WEAR_MIN)
+    ] = 1.5 * MIN_PER_DAY
+    loss_pct: Annotated[
+        float,
+        About("Part of the insulin that is lost at the end of the wear.", at_least=0.0, at_most=100.0),
+    ] = 20.0
+    worn_min: Annotated[
+        float | None,
+        About(
+            "Time since the change at the start; by default drawn for each person.",
+            at_least=0.0,
+            at_most=_LONGEST_WEAR_MIN,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        for name in ("sound_min", "worn_min"):
+            minutes = getattr(self, name)
+            if minutes is not None and minutes >= self.wear_min:
+                raise Refusal(
+                    f"{name} is {minutes:g} min, but the set is changed after {self.wear_min:g} min; give less"
+                )
+
+
 PUMPS: Final = Catalogue(
-    PumpPart, (LimitedSettings, ResolutionPumpSettings, ExpiringSettings), example="expiring, samples=3", unnamed=True
+    PumpPart,
+    (LimitedSettings, ResolutionPumpSettings, ExpiringSettings, InfusionSetSettings),
+    example="expiring, samples=3",
+    unnamed=True,
 )

@@ -19,13 +19,14 @@ from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
 from glucoloop.simulation.parts import goes_fast
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import Run
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.run import FedSituation, Run
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
 # What changes nothing, if it is not 0.
 _NEUTRAL: Final = {"gain": 1.0}
 _REMARKABLE: Final = 3
+_MOST_MEALS: Final = 20
+"""Largest number of meals of a run that are named."""
 
 
 # ---------------------------------------------------------------------------------- runs, comparisons and trials
@@ -57,7 +58,8 @@ def trial_facts(trial: Trial) -> dict[str, str]:
     return {
         "Population": f"{trial.population.name}: {trial.population.summary}".removesuffix(": "),
         "Length": _length(plan.horizon_min),
-        **_situation_facts(trial, meals, _exercise(trial)),
+        **({"Over time": "all days together, by the time of day"} if trial.one_day_of_counts else {}),
+        **_situation_facts(trial, meals),
         "Designed for": "the nominal patient" if trial.design == "nominal" else "each person",
         "Arithmetic": f"{trial.precision}, {trial.arithmetic}, JAX {jax.__version__}",
         **({"First person": str(trial.first_person)} if trial.first_person else {}),
@@ -77,6 +79,7 @@ def case_in_words(case: Case, told_apart: Iterable[str] = ()) -> str:
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
         _settings({key: value for key, value in case.tuning.items() if key not in told_apart and value != ""}),
+        f"acts every {case.every_min:g} min" if case.every_min is not None else "",
         "knows the dead time" if case.known_dead_time else "",
         "with the guard" if case.guard is not None else "",
         *map(fault_in_words, case.faults),
@@ -89,21 +92,21 @@ def _run_facts(run: Run) -> dict[str, str]:
     fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
-        **_situation_facts(run, ", ".join(map(_meal, run.eaten())) or "none", ", ".join(run.exercise)),
+        **_situation_facts(run, the_first(list(map(_meal, run.eaten())), _MOST_MEALS) or "none"),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
-        "Length": _length(run.duration_min),
+        "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
     }
 
 
-def _exercise(trial: Trial) -> str:
-    """Exercise of a trial, as it is given."""
-    spreads = f"{trial.exercise_spread_pct:g} % and {trial.exercise_time_spread_min:g} min"
-    varied = trial.exercise_spread_pct or trial.exercise_time_spread_min
-    return ", ".join(trial.exercise) + (f"; varied by {spreads}" if trial.exercise and varied else "")
+def _exercise(situation: FedSituation) -> str:
+    """Exercise of a situation, as it is given."""
+    spreads = f"{situation.exercise_spread_pct:g} % and {situation.exercise_time_spread_min:g} min"
+    varied = situation.exercise_spread_pct or situation.exercise_time_spread_min
+    return ", ".join(situation.exercise) + (f"; varied by {spreads}" if situation.exercise and varied else "")
 
 
-def _situation_facts(situation: Situation, meals: str, exercise: str) -> dict[str, str]:
+def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     limits, pump, under_the_skin = situation.limits, situation.pump, situation.patient.under_the_skin
     usual = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
     least, most = float(limits.min_mU_min), float(limits.max_mU_min)
@@ -134,8 +137,10 @@ def _situation_facts(situation: Situation, meals: str, exercise: str) -> dict[st
         "Patient": f"{situation.patient.called} at {situation.patient.rests_at}",
         "Setpoint": f"{situation.target_mg_dl:.4g} mg/dl",
         "Meals": meals,
-        **({"Exercise": exercise} if exercise else {}),
+        **({"Habits": "; ".join(habit.text for habit in situation.habits)} if situation.habits else {}),
+        **({"Exercise": _exercise(situation)} if situation.exercise else {}),
         **({"Rhythm": "; ".join(part.text for part in situation.rhythm)} if situation.rhythm else {}),
+        **({"Warm-up": _length(situation.warm_up_min)} if situation.warm_up_min else {}),
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,
         "Sensor": ", ".join(filter(None, sensor_parts)),
         "Pump": ", ".join(filter(None, pump_parts)),

@@ -133,13 +133,14 @@ def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most:
     plots = []
     for index, (label, case) in enumerate(report.cases.items()):
         above, below = _panels(report, glucose, insulin)
+        horizon_min = max((float(one.t_min[-1]) for one in case.worst[:shown]), default=report.horizon_min)
         for one in case.worst[:shown]:
             whose: dict[str, Any] = {"kind": "thin", "name": f"person {one.person}", "person": one.person}
             above.line(*thinned(one.t_min, concentrations(one.glucose_mg_dl), most), index, **whose)
             every = slice(None, None, -(-len(one.insulin_t_min) // most))
             t_min = np.append(one.insulin_t_min[every], one.t_min[-1])
             below.line(t_min, one.insulin_mU_min[every], index, **whose)
-        plots.append(Plot(label, report.horizon_min, (above, below)))
+        plots.append(Plot(label, horizon_min, (above, below)))
     return plots
 
 

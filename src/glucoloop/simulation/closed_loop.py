@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.control.protocol import Controller, Observation, Status, gives_boluses
-from glucoloop.meals.scenario import Scenario, announced_g
+from glucoloop.meals.scenario import Scenario, announced_g, announced_min
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
@@ -75,6 +75,27 @@ class Trace:
     """(samples,) announced carbohydrate; None where meals were not announced."""
     exercise_pct: jax.Array | None = None
     """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
+    rate_before_mU_min: jax.Array | None = None
+    """Rate until the first sample; None for the rate at rest, where the run has no warm-up."""
+
+    def after(self, samples: int) -> Trace:
+        """The trace without its first samples, which were a warm-up; time counts from the end of them."""
+        if not samples:
+            return self
+        inside = (self.fine_t_min.shape[0] - 1) // self.t_min.shape[0] * samples
+        of_samples: dict[str, Any] = {
+            name: None if values is None else values[samples:]
+            for name, values in vars(self).items()
+            if name in _OF_SAMPLES
+        }
+        return dataclasses.replace(
+            self,
+            **of_samples,
+            t_min=self.t_min[:-samples],
+            fine_t_min=self.fine_t_min[: self.fine_t_min.shape[0] - inside],
+            fine_glucose_mg_dl=self.fine_glucose_mg_dl[inside:],
+            rate_before_mU_min=self.insulin_mU_min[samples - 1],
+        )
 
     @property
     def glucose_valid(self) -> jax.Array:
@@ -133,6 +154,14 @@ class Trace:
         )
 
 
+_OF_SAMPLES: Final = (
+    *("glucose_mg_dl", "reading_mg_dl", "reading_valid", "command_mU_min", "insulin_mU_min", "reported_mU_min"),
+    *("status", "carbs_g", "states", "command_bolus_mU", "bolus_mU", "reported_bolus_mU", "announced_carbs_g"),
+    "exercise_pct",
+)
+"""Fields of a trace with an entry for each sample, the first one first."""
+
+
 @pytree
 class Start:
     """State and rate at which the loop begins."""
@@ -155,23 +184,27 @@ class OnGrid:
 
 
 def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
-    """Meals of a scenario on a grid of samples."""
+    """Meals of a scenario on a grid of samples, from the beginning of its warm-up on."""
     meals = scenario.eaten()
-    t_min = meals.t_min
 
-    def at_samples(sizes_g: Any) -> Values:
+    def at_samples(t_min: Any, sizes_g: Any) -> Values:
         if is_traced(t_min, sizes_g):
             return jnp.zeros(grid.samples).at[jnp.floor(t_min / grid.sample_time_min).astype(int)].add(sizes_g)
-        sample = np.asarray(t_min / grid.sample_time_min, int)
-        return np.bincount(sample, np.asarray(sizes_g), grid.samples).astype(float)
+        # an announcement may come before the start, which is then the time at which it is heard, or after the end
+        sample = np.maximum(np.floor(np.asarray(t_min) / grid.sample_time_min), 0.0).astype(int)
+        heard = sample < grid.samples
+        return np.bincount(sample[heard], np.asarray(sizes_g)[heard], grid.samples).astype(float)
 
-    carbs_g, start = at_samples(meals.carbs_g), scenario.start_min
+    carbs_g = at_samples(meals.t_min, meals.carbs_g)
+    announced = 0.0 * carbs_g
+    if scenario.announced:
+        announced = at_samples(scenario.warm_up_min + announced_min(scenario.meals), announced_g(scenario.meals))
     return OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
         carbs_g=carbs_g,
-        announced_g=at_samples(announced_g(scenario.meals)) if scenario.announced else 0.0 * carbs_g,
-        time_of_day_min=None if start is None else (start + grid.t_min) % MIN_PER_DAY,
+        announced_g=announced,
+        time_of_day_min=None if scenario.start_min is None else (grid.start_min + grid.t_min) % MIN_PER_DAY,
     )
 
 
@@ -236,16 +269,26 @@ def usual_limits(patient: Patient) -> DoseLimits:
     )
 
 
-def sample_grid(horizon_min: float, sample_time_min: float, start_min: float | None = None) -> SampleGrid:
-    """Samples of a run from a time of day, midnight by default; the horizon has to be a whole number of them."""
-    samples = round(horizon_min / sample_time_min)
-    if samples < 1 or abs(samples * sample_time_min - horizon_min) > 1e-9 * horizon_min:
-        nearest = max(1, samples) * sample_time_min
-        raise Refusal(
-            f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
-            f"{nearest:g} min would be"
-        )
-    return SampleGrid(sample_time_min=sample_time_min, samples=samples, start_min=start_min or 0.0)
+def sample_grid(
+    horizon_min: float, sample_time_min: float, start_min: float | None = None, warm_up_min: float = 0.0
+) -> SampleGrid:
+    """Samples of a run from a time of day, midnight by default; horizon and warm-up are whole numbers of them."""
+
+    def whole(what: str, minutes: float, least: int) -> int:
+        samples = round(minutes / sample_time_min)
+        if samples < least or abs(samples * sample_time_min - minutes) > 1e-9 * minutes:
+            raise Refusal(
+                f"a {what} of {minutes:g} min is not a whole number of samples of {sample_time_min:g} min; "
+                f"{max(1, samples) * sample_time_min:g} min would be"
+            )
+        return samples
+
+    return SampleGrid(
+        sample_time_min=sample_time_min,
+        samples=whole("horizon", horizon_min, 1),
+        start_min=start_min or 0.0,
+        warm_up=whole("warm-up", warm_up_min, 0),
+    )
 
 
 def start_of(patient: Patient, scenario: Scenario) -> Start:
@@ -273,7 +316,7 @@ def simulate(
     """Simulate the closed loop of one patient or of several.
 
     At each sample the sensor reads, the controller decides, and the pump delivers until the next one. The patient
-    starts at rest.
+    starts at rest, before the warm-up of the scenario if it has one; the trace begins at the end of that.
 
     Parameters
     ----------
@@ -300,7 +343,8 @@ def simulate(
     scenario = Scenario() if scenario is None else scenario
     key = random_key(key)
 
-    grid = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min)
+    counted = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min, scenario.warm_up_min)
+    grid = counted.whole
     held = held_of(patient, scenario, grid)
     integrator = default_integrator(patient, held=bool(held.names)) if integrator is None else integrator
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
@@ -316,7 +360,7 @@ def simulate(
         if wrong is None:
             raise
         raise ArgumentTypeError(wrong) from None
-    return with_what_was_held(trace, scenario, on_grid, held)
+    return with_what_was_held(trace, scenario, on_grid, held).after(counted.warm_up)
 
 
 def with_what_was_held(trace: Trace, scenario: Scenario, on_grid: OnGrid, held: Held) -> Trace:

@@ -7,9 +7,9 @@ axis; shared values are part of the program. `people_plant` integrates, and `eng
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +37,8 @@ from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
+MOST_AT_ONCE: Final = 1008
+"""Largest number of samples of a piece of a run, 3.5 days of 5 min: the inputs of its people are in memory."""
 
 
 @pytree
@@ -74,13 +76,16 @@ class People:
     """Sensors of people's own, numbers trailing, or None for the cohort's."""
     pump: Pump | None = None
     meals: Eaten | None = None
-    """(meals, people) meals of people's own, or None for the cohort's."""
+    """(meals, people) meals of people's own, or None for the cohort's; in a warm-up they begin before 0."""
     announced_g: Array | None = None
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
     held: Held = NOTHING_HELD
-    """(samples, points, people) exercise and what rhythms change, in a cohort that was made for them."""
+    """(samples, points, people) exercise and what rhythms change, from the beginning of the warm-up on, in a cohort
+    that was made for them."""
+    announced_min: Array | None = None
+    """(meals, people) time at which each meal is announced, or None for that at which eating begins."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,21 @@ class CohortRun:
     """(samples, people) `control.protocol.Status` of each decision, if the cohort returns it."""
     reported_mU_min: Array | None = None
     """(samples, people) rates as the pump reported them, from each sample to the next, if the cohort returns them."""
+
+
+@pytree
+class _Counted:
+    """A fold that begins at the end of the warm-up, as that of a run which begins there."""
+
+    fold: Fold
+
+    def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
+        return self.fold.init(glucose_mg_dl, insulin_mU_min)
+
+    def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
+        begun = self.fold.init(happened.inside_mg_dl[-1], happened.delivery.insulin_mU_min)
+        counted = self.fold.step(state, happened, t_min)
+        return jax.tree.map(lambda new, old: jnp.where(t_min < 0.0, new, old), begun, counted)
 
 
 @pytree
@@ -131,7 +151,8 @@ class Cohort:
     are those of all people, ``(meals,)``, or None if each has individual meals; with `own_announcements` what is
     announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
-    given. For engine, precision and products see `make_engine`. By default the integrator makes the steps
+    given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
+    precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
     names of the inputs of people that are held over minutes, see `plant.Held`.
     """
@@ -165,8 +186,10 @@ class Cohort:
         self._held = tuple(held)
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
         self._records_decisions = record_decisions
-        self._nominal, self._grid, self._fold, self._announced = nominal, grid, fold, announced
-        grid = dataclasses.replace(grid, start_min=start_min or 0.0)
+        self._nominal, self._announced = nominal, announced
+        self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
+        self._fold: Fold = _Counted(fold=fold) if self._warm_up else fold
+        grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
         self._meals, self._instead = meals, meal_model
         self._plants = plants_of_people(nominal, varied, grid, substeps, products, held=bool(self._held))
         self._substeps = self._plants.substeps
@@ -190,7 +213,9 @@ class Cohort:
         self._individual_announcements = announced and (self._individual_meals or own_announcements)
         self._shared = {"moments": moments, "t_min": grid.t_min, "told": announced_g}
         if start_min is not None:
-            self._shared["time_of_day_min"] = (start_min + grid.t_min) % MIN_PER_DAY
+            self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
+        if self._warm_up:
+            self._shared["counted_min"] = grid.t_min - self._warm_up_min
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
         self._end_people = jax.jit(jax.vmap(self._end, in_axes=-1))
         self._engine = self._make_engine(engine, precision, products)
@@ -215,24 +240,14 @@ class Cohort:
 
         The result does not depend on the number of threads of native code.
         """
-        with one_at_a_time:
-            person = self._values_of(people)
-            reaching, first_announced = self._meals_of_people(people)
-            if people.held.names != self._held:
-                raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
-            reaching |= {name: getattr(people.held, name) for name in self._held}
-            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
-            for computed in jax.tree.leaves((person, carry, keys)):
-                computed.block_until_ready()
-        last, outputs = self._engine.run(person, carry, reaching, self._shared, keys, threads=threads)
+        pieces: list[tuple[Array, ...]] = []
+        fold, end, lowest = self.follow(people, lambda *piece: pieces.append(piece), threads=threads)
+        outputs = pieces[0] if len(pieces) == 1 else [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
         glucose, delivered, *decisions = outputs
         reading, status, reported = decisions or (None, None, None)
-        with one_at_a_time:
-            end, lowest = map(np.asarray, self._end_people(person, last.loop.x))
         whole = np.concatenate([glucose, end[None]])
         return CohortRun(
-            fold=jax.tree.map(lambda values: np.asarray(values, np.float64), last.fold),
+            fold=fold,
             glucose_mg_dl=whole,
             glucose_valid=whole >= lowest,
             insulin_mU_min=delivered,
@@ -240,6 +255,34 @@ class Cohort:
             status=None if status is None else status.astype(int),
             reported_mU_min=reported,
         )
+
+    def follow(self, people: People, take: Callable[..., None], *, threads: int = 1) -> tuple[Any, Array, Array]:
+        """Run the loop in pieces, so that memory does not grow with its length.
+
+        `take` is called with the glucose ``(samples, people)`` and the insulin of each piece, and with readings,
+        statuses and reported rates if the cohort returns them. The fold's state at the end comes back as float64, and
+        so do glucose at the end and the lower end of its valid range.
+        """
+        samples = self._grid.samples
+        with one_at_a_time:
+            person, reaching_in = self._values_of(people), self._inputs_of(people)
+            reaching, first_announced = reaching_in(slice(0, min(samples, MOST_AT_ONCE)))
+            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
+            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
+            for computed in jax.tree.leaves((person, carry, keys)):
+                computed.block_until_ready()
+        for first in range(0, samples, MOST_AT_ONCE):
+            piece = slice(first, min(first + MOST_AT_ONCE, samples))
+            if first:
+                with one_at_a_time:
+                    reaching, _ = reaching_in(piece)
+            shared = {name: values[piece] for name, values in self._shared.items()}
+            carry, outputs = self._engine.run(person, carry, reaching, shared, keys, first=first, threads=threads)
+            uncounted = max(0, self._warm_up - first)
+            take(*(output[uncounted:] for output in outputs))
+        with one_at_a_time:
+            end, lowest = map(np.asarray, self._end_people(person, carry.loop.x))
+        return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.fold), end, lowest
 
     # one person
 
@@ -283,7 +326,7 @@ class Cohort:
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
-            fold = self._fold.step(carry.fold, inside, shared["t_min"])
+            fold = self._fold.step(carry.fold, inside, shared["counted_min" if self._warm_up else "t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._records_decisions:
             reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
@@ -332,6 +375,10 @@ class Cohort:
     def _gut(self, patient: Patient) -> MealModel:
         return meal_model_of(patient, self._instead)
 
+    def _in_loop(self, meals: Eaten) -> Eaten:
+        """Meals with times from the beginning of the warm-up."""
+        return dataclasses.replace(meals, t_min=meals.t_min + self._warm_up_min) if self._warm_up else meals
+
     @property
     def _entries(self) -> int:
         """Number of values that describe the jumps of meals within a step."""
@@ -342,30 +389,48 @@ class Cohort:
         samples = self._grid.samples
         if meals is None:
             return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
+        meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
         moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, absorption))
-        return moments, _at_samples(_for_people(meals, 1), self._grid)[:, 0]
+        return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples))[:, 0]
 
-    def _meals_of_people(self, people: People) -> tuple[Any, Array]:
-        """Inputs of people from their own meals, and the announced carbohydrate at the start."""
-        samples, n = self._grid.samples, people.insulin_mU_min.shape[0]
+    def _inputs_of(self, people: People) -> Callable[[slice], tuple[Any, Array]]:
+        """Function of a piece of the run that gives the inputs of people in it, and what is announced first."""
+        n = people.insulin_mU_min.shape[0]
+        if people.held.names != self._held:
+            raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
+
+        def held(piece: slice) -> dict[str, Array]:
+            return {name: getattr(people.held, name)[piece] for name in self._held}
+
         if not (self._individual_meals or self._individual_announcements):
-            return {}, np.full(n, self._shared["told"][0] if self._announced else 0.0)
+            return lambda piece: (
+                held(piece),
+                np.full(n, self._shared["told"][piece.start] if self._announced else 0.0),
+            )
         meals = people.meals
         if self._meals is not None:
             meals = _for_people(self._meals, n)
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
-        reaching: dict[str, Array] = {}
-        if self._individual_meals:
-            absorption = absorb(self._gut(people.patient), meals)
-            table = jump_table(absorption, steps=samples * self._substeps, step_min=self._plants.step_min)
-            reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
-        announced = np.zeros((samples, n))
-        if self._announced:
-            counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
-            announced = _at_samples(dataclasses.replace(meals, carbs_g=counted_g), self._grid)
-        return {**reaching, "told": announced}, announced[0]
+        meals = self._in_loop(meals)
+        absorption = absorb(self._gut(people.patient), meals) if self._individual_meals else None
+        counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
+        told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
+        told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
+
+        def inputs(piece: slice) -> tuple[Any, Array]:
+            samples, reaching = piece.stop - piece.start, held(piece)
+            if absorption is not None:
+                first = self._substeps * piece.start if samples < self._grid.samples else None
+                table = jump_table(
+                    absorption, steps=samples * self._substeps, step_min=self._plants.step_min, first=first
+                )
+                reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
+            announced = _at_samples(told, self._grid, piece) if self._announced else np.zeros((samples, n))
+            return {**reaching, "told": announced}, announced[0]
+
+        return inputs
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:
@@ -374,11 +439,11 @@ def _for_people(meals: Eaten, people: int) -> Eaten:
     return repeated
 
 
-def _at_samples(meals: Eaten, grid: SampleGrid) -> Array:
-    """Carbohydrate of the meals that begin in each sample, ``(samples, people)``."""
+def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Array:
+    """Carbohydrate of the meals that begin in each sample of a piece, ``(samples, people)``."""
     t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
-    carbs = np.zeros((grid.samples, t_min.shape[1]))
-    number = np.floor(t_min / grid.sample_time_min).astype(int)
-    which, person = np.nonzero((number >= 0) & (number < grid.samples))
+    carbs = np.zeros((piece.stop - piece.start, t_min.shape[1]))
+    number = np.floor(t_min / grid.sample_time_min).astype(int) - piece.start
+    which, person = np.nonzero((number >= 0) & (number < carbs.shape[0]))
     np.add.at(carbs, (number[which, person], person), carbs_g[which, person])
     return carbs

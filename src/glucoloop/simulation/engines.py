@@ -56,9 +56,12 @@ class Engine(Protocol):
         """Operation that native code lacks, and in whose code it is; None if there is none, or xla was asked for."""
 
     def run(
-        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
     ) -> tuple[Any, Any]:
-        """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``."""
+        """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``.
+
+        `first` is the number of the first sample, where the loop goes on from an earlier carry.
+        """
 
 
 def make_engine(
@@ -117,7 +120,7 @@ class NativeEngine:
         self._shapes = lowered.shapes
 
     def run(
-        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
     ) -> tuple[Any, Any]:
         """Run the compiled loop; see `Engine.run`."""
         kernel, n = self._kernel, keys.shape[0]
@@ -128,7 +131,7 @@ class NativeEngine:
         reaches = list(jax.tree.leaves(reaching))
         if self._draw is not None:
             with one_at_a_time:
-                reaches += [np.asarray(drawn) for drawn in self._draw(keys, jnp.arange(samples))]
+                reaches += [np.asarray(drawn) for drawn in self._draw(keys, jnp.arange(first, first + samples))]
         arriving = np.zeros((samples, kernel.sizes["own"], columns), dtype)
         row = 0
         for leaf in reaches:
@@ -152,7 +155,7 @@ class MappedEngine:
     def __init__(self, step: Step, not_native: str | None = None) -> None:
         self.not_native = not_native
 
-        def scan(person: Any, carry: Any, reaching: Any, shared: Any, keys: Any) -> tuple[Any, Any]:
+        def scan(person: Any, carry: Any, reaching: Any, shared: Any, keys: Any, first: Any) -> tuple[Any, Any]:
             def one(carry: Any, entry: Any) -> tuple[Any, Any]:
                 reaching, shared, index = entry
 
@@ -163,18 +166,18 @@ class MappedEngine:
                 results: tuple[Any, Any] = of_people(person, carry, reaching, keys)
                 return results
 
-            index = jnp.arange(jax.tree.leaves(shared)[0].shape[0])
+            index = first + jnp.arange(jax.tree.leaves(shared)[0].shape[0])
             return jax.lax.scan(one, carry, (reaching, shared, index))
 
         self._scan = jax.jit(scan)
 
     def run(
-        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, threads: int = 1
+        self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
     ) -> tuple[Any, Any]:
         """Run the mapped loop with JAX's own threads; see `Engine.run`."""
         del threads
         with one_at_a_time:
-            carry, outputs = jax.tree.map(np.asarray, self._scan(person, carry, reaching, shared, keys))
+            carry, outputs = jax.tree.map(np.asarray, self._scan(person, carry, reaching, shared, keys, first))
         return carry, outputs
 
 

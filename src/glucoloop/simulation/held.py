@@ -40,8 +40,11 @@ def held_between(
 
 
 def held_of(patient: Patient, scenario: Scenario, grid: SampleGrid) -> Held:
-    """Inputs ``(samples, points)`` of a scenario; refused where the patient does not take them."""
-    bouts = bouts_of_one(scenario.exercise) if scenario.exercise else None
+    """Inputs ``(samples, points)`` of a scenario on a grid that begins with its warm-up.
+
+    Refused where the patient does not take them.
+    """
+    bouts = bouts_of_one(scenario.exercise).later(scenario.warm_up_min) if scenario.exercise else None
     held = held_of_people(grid, bouts, scenario.rhythms, scenario.rhythm_seed, [scenario.rhythm_person])
     refuse_held(patient, held)
     return Held(**{name: getattr(held, name)[..., 0] for name in held.names})

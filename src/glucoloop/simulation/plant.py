@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -14,6 +15,7 @@ from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.absorption import Absorption
 from glucoloop.patients.capabilities import paced
 from glucoloop.patients.protocol import Inputs, Patient, inputs_of
+from glucoloop.units import MIN_PER_DAY
 
 
 @dataclass(frozen=True)
@@ -24,9 +26,24 @@ class SampleGrid:
     samples: int
     start_min: float = 0.0
     """Time of day at the start, in minutes after midnight."""
+    warm_up: int = 0
+    """Samples before the start, which are simulated and not counted."""
 
     def __post_init__(self) -> None:
         check_sample_time(self.sample_time_min)
+
+    @property
+    def whole(self) -> SampleGrid:
+        """The grid from the beginning of the warm-up on, which is the time 0 of a loop."""
+        if not self.warm_up:
+            return self
+        earlier = (self.start_min - self.warm_up_min) % MIN_PER_DAY
+        return dataclasses.replace(self, samples=self.warm_up + self.samples, start_min=earlier, warm_up=0)
+
+    @property
+    def warm_up_min(self) -> float:
+        """Length of the warm-up."""
+        return self.warm_up * self.sample_time_min
 
     @property
     def inside_min(self) -> npt.NDArray[np.float64]:

@@ -449,7 +449,7 @@ def scenario_stepper(
         key=key,
         integrator=integrator,
         meal_model=scenario.meal_model,
-        start_min=scenario.start_min,
+        start_min=None if scenario.start_min is None else (scenario.start_min - scenario.warm_up_min) % MIN_PER_DAY,
         rhythms=scenario.rhythms,
         rhythm_seed=scenario.rhythm_seed,
         rhythm_person=scenario.rhythm_person,
@@ -462,21 +462,21 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     The stepper is at the start of the scenario (see `scenario_stepper`); the numbers of a decision need not be finite,
     and its bolus counts if `gives_boluses` says so.
     """
-    grid = sample_grid(scenario.horizon_min, stepper.sample_time_min)
+    counted = sample_grid(scenario.horizon_min, stepper.sample_time_min, scenario.start_min, scenario.warm_up_min)
+    grid, meals = counted.whole, scenario.eaten()
     on_grid = on_the_grid(scenario, grid)
     announced = np.asarray(on_grid.announced_g).tolist()
-    at, bouts_at = (
-        [int(begun.t_min / grid.sample_time_min) for begun in every] for every in (scenario.meals, scenario.exercise)
-    )
+    begins = [float(t_min) for t_min in meals.t_min]
+    bouts_at = [bout.t_min + scenario.warm_up_min for bout in scenario.exercise]
     happened: list[Sampled] = []
     for index in range(grid.samples):
         decision = decide(index, stepper.observation(announced[index]))
-        for meal, begins in zip(scenario.meals, at, strict=True):
-            if begins == index:
-                stepper.eat(meal.carbs_g, max(0.0, meal.t_min - stepper.t_min), meal.eating_min)
-        for bout, begins in zip(scenario.exercise, bouts_at, strict=True):
-            if begins == index:
-                stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, bout.t_min - stepper.t_min))
+        for meal, t_min in zip(scenario.meals, begins, strict=True):
+            if int(t_min / grid.sample_time_min) == index:
+                stepper.eat(meal.carbs_g, max(0.0, t_min - stepper.t_min), meal.eating_min)
+        for bout, t_min in zip(scenario.exercise, bouts_at, strict=True):
+            if int(t_min / grid.sample_time_min) == index:
+                stepper.exercise(bout.intensity_pct, bout.duration_min, max(0.0, t_min - stepper.t_min))
         bolus = None if decision.bolus_mU is None or not gives_boluses else float(decision.bolus_mU)
         stepper.step(float(decision.insulin_mU_min), bolus_mU=bolus)
         assert stepper.last is not None
@@ -485,7 +485,8 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     trace = trace_of(stepper.patient, stepper.start, on_grid, together, stepper.state)
     if not gives_boluses:
         trace = dataclasses.replace(trace, command_bolus_mU=None, bolus_mU=None, reported_bolus_mU=None)
-    return with_what_was_held(trace, scenario, on_grid, held_of(stepper.patient, scenario, grid))
+    held = held_of(stepper.patient, scenario, grid)
+    return with_what_was_held(trace, scenario, on_grid, held).after(counted.warm_up)
 
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:

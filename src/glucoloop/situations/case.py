@@ -13,9 +13,10 @@ from glucoloop.models.settings import IdentifiedPart, ModelPart
 from glucoloop.parts.grammar import NAME, GivenValue, Tree, as_table, part_text, place
 from glucoloop.parts.part import Part, read
 from glucoloop.parts.setting import About, Value
+from glucoloop.plausible import SAMPLE_TIME
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
-from glucoloop.situations.situation import Situation
+from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN, Situation
 
 
 class Case(Part):
@@ -42,6 +43,16 @@ class Case(Part):
     ] = False
     guard: Annotated[GuardSettings | None, About("Its guard; by default that of the run, if it has one.")] = None
     model: Annotated[ModelPart | None, About("Its model; by default that of the run.")] = None
+    every_min: Annotated[
+        float | None,
+        About(
+            "Time from one action of the controller to the next, a whole number of samples; by default one sample. It "
+            "is designed for this time, and its guard acts with it.",
+            at_least=SHORTEST_SAMPLE_TIME_MIN,
+            at_most=LONGEST_SAMPLE_TIME_MIN,
+            quantity=SAMPLE_TIME,
+        ),
+    ] = None
     faults: Annotated[tuple[FaultPart, ...], About("Faults of this case only, around those of the situation.")] = ()
 
     def __post_init__(self) -> None:
@@ -55,10 +66,15 @@ class Case(Part):
     ) -> Self:
         """The case with everything that is usual in a situation, and a guard and a model if it has none of its own."""
         patient, controller = situation.patient, self.controller
+        pace_min = situation.sample_time_min if self.every_min is None else self.every_min
+        if self.every_min is not None:
+            from glucoloop.control.pace import samples_of_pace
+
+            samples_of_pace(self.every_min, situation.sample_time_min)
         guard = self.guard if "guard" in self.given else guard
         model = self.model if self.model is not None else model
         if isinstance(model, IdentifiedPart) or (model is None and controller.uses_model):
-            usual = patient.identification(situation.sample_time_min)
+            usual = patient.identification(pace_min)
             identified = IdentifiedPart.partial({}) if model is None else model
             model = identified.completed({"noise_variance": situation.noise_variance, **usual})
             model = model if controller.uses_model else None
@@ -70,6 +86,7 @@ class Case(Part):
             known_dead_time=self.known_dead_time,
             guard=None if guard is None else guard_of(patient, guard),
             model=model,
+            every_min=self.every_min,
             faults=tuple(fault.completed() for fault in self.faults),
         )
         return whole._noted(self.given, self.where, self.called)
@@ -91,8 +108,13 @@ class Case(Part):
         return self.model if isinstance(self.model, IdentifiedPart) else IdentifiedPart()
 
 
-_BESIDE: Final = tuple(name for name in Case.settings() if name != "controller")
-"""Settings of a case that stand among those of its controller."""
+_BESIDE: Final = {
+    key: name
+    for name, setting in Case.settings().items()
+    for key in (name, setting.name_without_unit)
+    if name != "controller"
+}
+"""Settings of a case that stand among those of its controller, also without their unit."""
 
 
 class _Cases:
@@ -112,7 +134,7 @@ class _Cases:
                 NAME: GivenValue(USUAL_CONTROLLER, place(of_case))
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
-        for name in _BESIDE:
+        for name in _BESIDE.values():
             if name in designed.settings():
                 raise Refusal(
                     f"the controller {designed.called} has a setting {name!r}, which every case has already; its "

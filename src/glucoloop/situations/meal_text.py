@@ -40,6 +40,8 @@ def parse_meal(text: str) -> Meal:
     if meant is not None:
         raise Refusal(f"a meal of {carbs_g:g} g is not possible; {meant}")
     t_min = float(match["time"]) * UNITS_OF_TIME[match["unit"] or "min"]
+    if t_min < 0.0:
+        raise Refusal(f"a meal at {t_min:g} min is not possible; give a finite time of 0 min or later")
     eating_min = float(match["eating"] or 0.0) * UNITS_OF_TIME[match["eating_unit"] or "min"]
     return Meal(carbs_g=carbs_g, t_min=t_min, eating_min=eating_min)
 

@@ -26,7 +26,7 @@ from glucoloop.patients.variation import Variation
 from glucoloop.printable import how_many, is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
-from glucoloop.situations.toml import LARGEST_CHARACTERS, read_toml
+from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
@@ -210,18 +210,8 @@ def _found_population(text: str, patient: str) -> Population:
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
         return known[text]
-    if "\0" in text:
-        raise Refusal(f"the path {text!r} holds a NUL character, which no file has in its name; leave it out")
-    what = path.suffix.removeprefix(".").upper()
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
-            content = file.read(LARGEST_CHARACTERS + 1)
-    except OSError as error:
-        raise Refusal(f"{text} cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise Refusal(f"{text} is not {what}: it is not text in UTF-8") from None
-    keys = read_toml(content, text).keys if what == "TOML" else {PERSON_KEY: _csv_rows(content, text)}
+    of_csv = path.suffix == ".csv"
+    keys = {PERSON_KEY: _csv_rows(text_of_file(text, "CSV"), text)} if of_csv else read_file(text).keys
     try:
         people = read_population(keys, patient, path.stem)
     except Refusal as error:

@@ -3,20 +3,43 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
 from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.models.settings import ModelPart
 from glucoloop.parts.grammar import Tree
-from glucoloop.plausible import DURATION, GLUCOSE
+from glucoloop.parts.setting import Default
+from glucoloop.plausible import GLUCOSE
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
+from glucoloop.situations.scenarios import (
+    USUAL_DAY,
+    Bouts,
+    BoutTimeSpread,
+    Days,
+    Duration,
+    Habits,
+    IntensitySpread,
+    Meals,
+    ScenarioPart,
+    SizeSpread,
+    TimeSpread,
+)
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from glucoloop.exercise import Bouts as DrawnBouts
+    from glucoloop.exercise import Exercise
     from glucoloop.meals import Meal, Scenario
+    from glucoloop.meals.days import LivedDays
+    from glucoloop.meals.plan import MealPlan
+    from glucoloop.patients.population import Population
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -28,6 +51,7 @@ RESTS_WITHOUT_RHYTHM: Final = (
 )
 _MOST_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
+_meals = functools.partial(Option, panel=PATIENT_PANEL)
 
 
 class ControlledSituation(Situation):
@@ -110,7 +134,186 @@ class ControlledSituation(Situation):
         self.refuse_unusual_pump()
 
 
-class Run(ControlledSituation):
+class FedSituation(ControlledSituation):
+    """A situation with controllers, with the meals of a run or of every day and how long that goes on."""
+
+    kind: ClassVar = "situation"
+
+    scenario: Annotated[
+        ScenarioPart | None,
+        _meals(
+            "Meals, habits, announcement and length together, like unkind-day, week or 'week, days=14', see glucoloop "
+            "list; or a file like days.toml. What is given beside it counts.",
+            metavar="NAME|FILE.toml",
+            rare=True,
+        ),
+    ] = None
+    days: Days = None
+    duration_min: Duration = None
+    meals: Meals = USUAL_DAY
+    meal_size_spread_pct: SizeSpread = 0.0
+    meal_time_spread_min: TimeSpread = 0.0
+    habits: Habits = ()
+    exercise: Bouts = ()
+    exercise_spread_pct: IntensitySpread = 0.0
+    exercise_time_spread_min: BoutTimeSpread = 0.0
+
+    def __post_init__(self) -> None:
+        from glucoloop.exercise import refuse_exercise
+        from glucoloop.situations.exercise_text import same_exercise
+        from glucoloop.situations.meal_text import same_meals
+
+        super().__post_init__()
+        object.__setattr__(self, "exercise", same_exercise(self.exercise))
+        if self.exercise:
+            refuse_exercise(self.nominal, self.patient.called)
+        object.__setattr__(self, "habits", tuple(habit.completed() for habit in self.habits))
+        object.__setattr__(self, "meals", same_meals(self.meals))
+        alone = next((habit.called for habit in self.habits if habit.of_announcements), None)
+        if alone is not None and not self.announce_meals:
+            raise Refusal(
+                f"the habit {alone} concerns announced meals only; announce the meals (--announce-meals), or leave it "
+                "out"
+            )
+        if self.days is not None and self.duration_min is not None:
+            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
+        refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
+        whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
+        self.refuse_late_faults(self.horizon_min)
+
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The situation with everything that is usual, which a scenario says first.
+
+        Days or a length that were given take the place of what would be usual of the other.
+        """
+        of_scenario = {} if self.scenario is None else self.scenario.completed().values()
+        for name in type(self).refused:
+            if name in of_scenario and of_scenario.pop(name) != Situation.settings()[name].default.noise_free:
+                raise Refusal(
+                    f"the scenario has {name}, which is no part of a {self.kind}; leave it out of the scenario"
+                )
+        usual = {**(usual or {}), **{name: Default(value) for name, value in of_scenario.items()}}
+        if self.given.get("days") is not None:
+            usual["duration_min"] = Default(None)
+        elif self.given.get("duration_min") is not None:
+            usual["days"] = Default(None)
+        return super().completed(usual, noisy=noisy)
+
+    @property
+    def horizon_min(self) -> float:
+        """Length of the run, without its warm-up."""
+        return (self.days or 1) * MIN_PER_DAY if self.duration_min is None else self.duration_min
+
+    @functools.cached_property
+    def plan(self) -> MealPlan:
+        """Meals, habits and length of the run; Refusal for a meal beyond its day."""
+        from glucoloop.meals.plan import MealPlan
+        from glucoloop.patients.population import own_meals
+        from glucoloop.situations.meal_text import OWN, parse_meal
+
+        plan = functools.partial(
+            MealPlan,
+            days=self.days or 1,
+            size_spread_pct=self.meal_size_spread_pct,
+            time_spread_min=self.meal_time_spread_min,
+            horizon_min=self.duration_min,
+            habits=self.habits,
+            warm_up_min=self.warm_up_min,
+        )
+        if self.meals != (OWN,):
+            return plan(map(parse_meal, self.planned_meals))
+        people = self.population_with_days()
+        assert people.table is not None
+        for name, day in zip(people.table.names, people.table.meals, strict=True):
+            try:
+                plan(day)
+            except Refusal as error:
+                raise Refusal(f"the own day of {name!r}: {error}") from None
+        return plan(people.table.usual_day(), own=functools.partial(own_meals, people))
+
+    def population_with_days(self) -> Population:
+        """People of whom each has a day of meals, which is eaten; Refusal where there are none."""
+        raise NotImplementedError
+
+    @functools.cached_property
+    def bouts(self) -> tuple[Exercise, ...]:
+        """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
+        from glucoloop.exercise import exercise_in_order, repeated_daily
+        from glucoloop.situations.exercise_text import parse_exercise
+
+        a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
+        return repeated_daily(a_day, self.days or 1)
+
+    def bouts_of(self, person: npt.ArrayLike) -> DrawnBouts | None:
+        """Exercise of persons of the seed, with times from the beginning of the warm-up, which has none; or None."""
+        from glucoloop.exercise import draw_bouts
+
+        if not self.exercise:
+            return None
+        drawn = draw_bouts(
+            self.bouts,
+            self.seed,
+            person,
+            intensity_spread_pct=self.exercise_spread_pct,
+            time_spread_min=self.exercise_time_spread_min,
+            a_day=len(self.exercise),
+        )
+        return drawn.later(self.warm_up_min)
+
+    @property
+    def planned_meals(self) -> tuple[str, ...]:
+        """Texts of the meals of the plan."""
+        return self.meals
+
+    def drawn_days(self, person: npt.ArrayLike) -> LivedDays:
+        """Days of persons of the seed as they are lived, with the counted carbohydrate of each meal."""
+        from glucoloop.meals.plan import draw_days
+
+        days = draw_days(self.plan, self.seed, person)
+        return days.counted(self.carb_error_pct, self.carb_bias_pct) if self.miscounts else days
+
+    @property
+    def individual_announcements(self) -> bool:
+        """Whether what is announced differs between people."""
+        return self.miscounts or bool(self.habits)
+
+    def scenario_of(
+        self, meals: Iterable[Meal], initial_glucose_mg_dl: float | None = None, *, person: int = 0
+    ) -> Scenario:
+        """Scenario of one person of the seed, by number, with given meals."""
+        from glucoloop.meals import Scenario
+
+        return Scenario(
+            meals,
+            self.horizon_min,
+            setpoint_mg_dl=self.setpoint_mg_dl,
+            initial_glucose_mg_dl=initial_glucose_mg_dl,
+            allow_unusual=self.allow_unusual,
+            announced=self.announce_meals,
+            meal_model=self.gut,
+            start_min=self.start_min,
+            warm_up_min=self.warm_up_min,
+            exercise=self.exercise_of(person),
+            rhythms=self.rhythms,
+            rhythm_seed=self.seed,
+            rhythm_person=person,
+        )
+
+    def exercise_of(self, person: int) -> tuple[Exercise, ...]:
+        """Bouts of one person that begin within the run."""
+        drawn = self.bouts_of([person])
+        bouts = () if drawn is None else drawn.later(-self.warm_up_min).of(0)
+        return tuple(bout for bout in bouts if bout.t_min < self.horizon_min)
+
+    def refuse_unusual(self) -> None:
+        """Refuse what is possible and implausible, meals too."""
+        from glucoloop.situations.meal_text import refuse_unusual_meals
+
+        super().refuse_unusual()
+        refuse_unusual_meals(self.given.get("meals", ()), self.horizon_min)
+
+
+class Run(FedSituation):
     """Controllers in one situation, on one person."""
 
     kind: ClassVar = "run"
@@ -127,27 +330,14 @@ class Run(ControlledSituation):
     ] = None
     meals: Annotated[
         tuple[str, ...],
-        Option(
+        _meals(
             "Carbohydrate and time, like 50g@50min or 50g@1.5h, or 50g@1.5h/15min if eating takes 15 min; repeat it "
             "for more; none for no meal, own for the person's own day.",
-            panel=PATIENT_PANEL,
             flag="--meal",
             metavar="G@TIME",
         ),
     ] = ("50g@50min",)
-    exercise: Annotated[
-        tuple[str, ...],
-        Option(
-            "Intensity, time and duration, like 50%@14h/30min, in percent of the largest oxygen uptake above rest; "
-            "repeat it for more.",
-            panel=PATIENT_PANEL,
-            metavar="%@TIME/DURATION",
-            rare=True,
-        ),
-    ] = ()
-    duration_min: Annotated[
-        float, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
-    ] = 600.0
+    duration_min: float | None = 600.0
     integrator: Annotated[
         Literal["fast", "adaptive"],
         Option(
@@ -157,63 +347,33 @@ class Run(ControlledSituation):
         ),
     ] = "fast"
 
-    def __post_init__(self) -> None:
-        from glucoloop.exercise import refuse_exercise
-        from glucoloop.situations.exercise_text import same_exercise
-        from glucoloop.situations.meal_text import same_meals
+    def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
+        """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
+        of_days = {"meals": Default(USUAL_DAY)} if self.given.get("days") is not None else {}
+        return super().completed({**of_days, **(usual or {})}, noisy=noisy)
 
-        super().__post_init__()
-        object.__setattr__(self, "meals", same_meals(self.meals))
-        object.__setattr__(self, "exercise", same_exercise(self.exercise))
-        if self.exercise:
-            refuse_exercise(self.nominal, self.patient.called)
-        refuse_parts_of_samples(self.duration_min, self.sample_time_min)
-        self.refuse_late_faults(self.duration_min)
+    def population_with_days(self) -> Population:
+        """The person, who has a day of meals; Refusal for one who has none."""
+        table = None if self.one_person is None else self.one_person.table
+        if self.one_person is None or table is None or not table.meals:
+            raise Refusal(
+                "there is no own day of meals: the patient is no person of a table that has meals; give meals, or "
+                "name such a person, like --patient 'kanderian-2009, person=3'"
+            )
+        return self.one_person
 
     def eaten(self) -> tuple[Meal, ...]:
-        """Meals of the run, with the announced carbohydrate of each where it is counted with an error."""
-        from glucoloop.meals.plan import counted_meals
+        """Meals of the run, as person 0 of a trial of the seed eats them and counts their carbohydrate."""
         from glucoloop.situations.meal_text import OWN, parse_meal
 
-        if self.meals == (OWN,):
-            table = None if self.one_person is None else self.one_person.table
-            if table is None or not table.meals:
-                raise Refusal(
-                    "there is no own day of meals: the patient is no person of a table that has meals; give meals, or "
-                    "name such a person, like --patient 'kanderian-2009, person=3'"
-                )
-            meals = table.meals[0]
-        else:
-            meals = tuple(parse_meal(text) for text in self.meals)
-        if not self.miscounts:
-            return meals
-        return counted_meals(meals, self.seed, error_pct=self.carb_error_pct, bias_pct=self.carb_bias_pct)
+        varies = self.miscounts or self.habits or self.meal_size_spread_pct or self.meal_time_spread_min
+        if not (varies or self.days or self.warm_up_min or self.meals == (OWN,)):
+            return tuple(parse_meal(text) for text in self.meals)
+        return self.drawn_days([0]).meals_of(0, self.horizon_min)
 
-    def scenario(self) -> Scenario:
+    def as_scenario(self) -> Scenario:
         """Meals, length, target, start and time of day; Refusal for meals or a length that are not possible."""
-        from glucoloop.meals import Scenario
-        from glucoloop.situations.exercise_text import parse_exercise
-
-        return Scenario(
-            self.eaten(),
-            self.duration_min,
-            setpoint_mg_dl=self.setpoint_mg_dl,
-            initial_glucose_mg_dl=self.initial_glucose_mg_dl,
-            allow_unusual=self.allow_unusual,
-            announced=self.announce_meals,
-            meal_model=self.gut,
-            start_min=self.start_min,
-            exercise=map(parse_exercise, self.exercise),
-            rhythms=self.rhythms,
-            rhythm_seed=self.seed,
-        )
-
-    def refuse_unusual(self) -> None:
-        """Refuse what is possible and implausible, meals too."""
-        from glucoloop.situations.meal_text import refuse_unusual_meals
-
-        super().refuse_unusual()
-        refuse_unusual_meals(self.given.get("meals", ()), self.duration_min)
+        return self.scenario_of(self.eaten(), self.initial_glucose_mg_dl)
 
 
 def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_duration: bool = True) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.faults import START, FaultPart
-from glucoloop.limits import LARGEST_SEED
+from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart
 from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.parts.grammar import given as given_values
@@ -48,6 +48,42 @@ SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
+
+AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.")]
+CarbError = Annotated[
+    float,
+    _patient(
+        "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
+        "for each meal and person.",
+        at_least=0.0,
+        at_most=100.0,
+        rare=True,
+    ),
+]
+CarbBias = Annotated[
+    float,
+    _patient(
+        "Mean of that error in percent of a meal; below 0 too little is announced.",
+        at_least=-100.0,
+        at_most=100.0,
+        rare=True,
+    ),
+]
+StartTime = Annotated[
+    str | None,
+    _patient(
+        "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
+    ),
+]
+WarmUp = Annotated[
+    float,
+    Option(
+        "Time before the start that is simulated and not counted; times of meals and faults count from the start.",
+        at_least=0.0,
+        at_most=LONGEST_RUN_MIN,
+        rare=True,
+    ),
+]
 
 
 class Situation(Part):
@@ -89,32 +125,10 @@ class Situation(Part):
             rare=True,
         ),
     ] = None
-    announce_meals: Annotated[bool, _patient("Tell the controller of each meal when it begins.")] = False
-    carb_error_pct: Annotated[
-        float,
-        _patient(
-            "Error of counting the carbohydrate of announced meals: its standard deviation in percent of a meal, drawn "
-            "for each meal and person.",
-            at_least=0.0,
-            at_most=100.0,
-            rare=True,
-        ),
-    ] = 0.0
-    carb_bias_pct: Annotated[
-        float,
-        _patient(
-            "Mean of that error in percent of a meal; below 0 too little is announced.",
-            at_least=-100.0,
-            at_most=100.0,
-            rare=True,
-        ),
-    ] = 0.0
-    start: Annotated[
-        str | None,
-        _patient(
-            "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
-        ),
-    ] = None
+    announce_meals: AnnounceMeals = False
+    carb_error_pct: CarbError = 0.0
+    carb_bias_pct: CarbBias = 0.0
+    start: StartTime = None
     rhythm: Annotated[
         tuple[RhythmPart, ...],
         _patient(
@@ -144,6 +158,7 @@ class Situation(Part):
             flag="--fault",
         ),
     ] = ()
+    warm_up_min: WarmUp = 0.0
     metrics: Annotated[
         tuple[MetricPart, ...],
         Option("Metric beside the usual ones, like sensor-accuracy; repeat it for more.", flag="--metric", rare=True),
@@ -301,9 +316,20 @@ class Situation(Part):
 
     def without_noise(self) -> Situation:
         """The situation alone, without white noise of the readings."""
-        same = {name: getattr(self, name) for name in Situation.settings()}
-        quiet = tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings))
-        return Situation(**{**same, "sensor": quiet})
+        return self._with(sensor=tuple(part for part in self.sensor if not isinstance(part, WhiteNoiseSettings)))
+
+    def paced(self, every_min: float | None, *, known_dead_time: bool) -> Situation:
+        """The situation as a controller meets it that acts at times of its own; itself where there is no such time.
+
+        The dead time is left out unless the controller knows it: otherwise it need not be a whole number of its times.
+        """
+        if every_min is None or every_min == self.sample_time_min:
+            return self
+        told = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTimeSettings))
+        return self._with(sample_time_min=every_min, sensor=told)
+
+    def _with(self, **changes: Any) -> Situation:
+        return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
 
     @property
     def nominal(self) -> Patient:

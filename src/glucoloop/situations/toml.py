@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import tomli_w
@@ -62,6 +63,25 @@ def read_toml(text: str, name: str) -> ConfigurationFile:
     if not isinstance(used, dict | None):
         raise Refusal(f"{USED_KEY} is {used!r} in {name}; it is the table of what was used, leave it out")
     return ConfigurationFile(keys, None if version is None else str(version), used)
+
+
+def read_file(path: str) -> ConfigurationFile:
+    """Configuration from a file; what cannot be read is refused."""
+    return read_toml(text_of_file(path, "TOML"), path)
+
+
+def text_of_file(path: str, what: str) -> str:
+    """Text of a file of a kind, and no more than makes it too large; what cannot be read is refused."""
+    if "\0" in path:
+        raise Refusal(f"the path {path!r} holds a NUL character, which no file has in its name; leave it out")
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="" if what == "CSV" else None) as file:
+            # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
+            return file.read(LARGEST_CHARACTERS + 1)
+    except OSError as error:
+        raise Refusal(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise Refusal(f"{path} is not {what}: it is not text in UTF-8") from None
 
 
 def deeper_than(value: object, levels: int) -> bool:

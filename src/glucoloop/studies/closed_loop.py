@@ -11,7 +11,7 @@ from typing import Any
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings, gives_boluses
 from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, nominal_model
+from glucoloop.experiments.designs import controller_of, nominal_model, paced_situation
 from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.models.settings import FilePart
@@ -63,7 +63,7 @@ def close_the_loop(run: Run, case: Case) -> Outcome:
     """
     model = model_for(run, case)
     controller = controller_of(run, case, **model_arguments(model))
-    trace = close_loop(run, controller, run.scenario(), integrator=integrator_of(run))
+    trace = close_loop(run, controller, run.as_scenario(), integrator=integrator_of(run))
     return outcome_of(run, case, model, controller, trace)
 
 
@@ -89,6 +89,7 @@ def model_for(situation: Situation, case: Case) -> ModelFile | None:
     """Model on which the controller is designed, without the dead time."""
     if not case.controller.uses_model:
         return None
+    situation = paced_situation(situation, case)
     if isinstance(case.model, FilePart):
         return _given_model(Path(case.model.path), situation, case)
     identification = nominal_model(situation, case)

@@ -49,8 +49,8 @@ def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
 
 
 def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
-    """Times at which glucose and insulin are counted [min]; glucose also at the end."""
-    t_min = trial.sample_time_min * np.arange(trial.samples + 1, dtype=np.float64)
+    """Times at which glucose and insulin are counted [min]; glucose also at the end. In a long run those of a day."""
+    t_min = trial.sample_time_min * np.arange(trial.counted_samples + 1, dtype=np.float64)
     return {"glucose": t_min, "insulin": t_min[:-1]}
 
 
@@ -67,7 +67,7 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
         BANDS: TableBounds(least_rows=0, most_rows=counted * cases, columns=7, longest_text=label + _QUANTITY_BYTES),
     }
     if traced:
-        rows = traced * times(trial)["glucose"].size * cases
+        rows = traced * (trial.samples + 1) * cases
         found[TRACES] = TableBounds(least_rows=rows, most_rows=rows, columns=5, longest_text=label)
     return found
 
@@ -135,7 +135,7 @@ def _count_tables(trial: Trial, results: Mapping[str, PeopleResult]) -> Iterator
 def _trace_tables(
     trial: Trial, results: Mapping[str, PeopleResult], traced: npt.NDArray[np.bool_]
 ) -> Iterator[pl.DataFrame]:
-    t_min = times(trial)["glucose"]
+    t_min = trial.sample_time_min * np.arange(trial.samples + 1, dtype=np.float64)
     for label, result in results.items():
         glucose, insulin = result.glucose_mg_dl, result.insulin_mU_min
         if glucose is None or insulin is None:
@@ -214,11 +214,12 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
     """Add the counts of a shard to those of others; ValueError if they are not counts of its people."""
     place = folder / BANDS
     table = read_parquet(place, bounds(trial, index)[BANDS])
+    most = trial.shard(index).size * (trial.samples // trial.counted_samples)
     with refusing_damage(place):
         for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
             counts: Any = total[str(label)][str(quantity)]
             when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
             number, count = part["bin"].to_numpy(), part["count"].to_numpy()
-            if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= trial.shard(index).size:
+            if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= most:
                 raise Refusal("it counts people who cannot be")
             np.add.at(counts, (when, number), count)

@@ -19,7 +19,7 @@ import polars as pl
 
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts.blocks import in_blocks
-from glucoloop.cohorts.engine import brought, loop_of, meals_of, people_of
+from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
@@ -226,7 +226,7 @@ class Attack:
         trial = self._trial
         with one_at_a_time:
             people, surroundings = who.at(place), self._erring(errors[:, sequence], stuck_from[:, sequence])
-            drawn = brought(trial, people.draw.person, meals_of(trial, people.draw.person))
+            drawn = brought(trial, trial.drawn_days(people.draw.person))
         return self._loop.run(people, surroundings=surroundings, threads=os.cpu_count() or 1, **drawn)
 
     def _erring(self, errors: Array, stuck_from: Array) -> Surroundings:

@@ -23,6 +23,7 @@ class BoundRequest(Run):
     # what concerns controllers only
     refused: ClassVar = (
         *("announce_meals", "carb_error_pct", "carb_bias_pct", "start", "metrics", "seed", "integrator", "faults"),
+        *("warm_up_min", "habits", "scenario"),
         *("controller", "guard", "model"),
     )
 
@@ -50,9 +51,9 @@ class BoundRequest(Run):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.duration_min > _LONGEST_MIN:
+        if self.horizon_min > _LONGEST_MIN:
             raise Refusal(
-                f"--duration is {self.duration_min:g} min; give a number above 0 min and up to {_LONGEST_MIN:g} min"
+                f"--duration is {self.horizon_min:g} min; give a number above 0 min and up to {_LONGEST_MIN:g} min"
             )
         if len(self.known_after_min) > _MOST_KNOWN:
             raise Refusal(f"--known-after has {len(self.known_after_min)} times; give at most {_MOST_KNOWN}")

@@ -103,7 +103,7 @@ def bound_of_run(run: Run) -> OptimalDoses:
     """
     return bound_of_situation(
         run.nominal,
-        run.scenario(),
+        run.as_scenario(),
         run.limits,
         dead_time_min=run.dead_time_min,
         sample_time_min=run.sample_time_min,
@@ -111,7 +111,7 @@ def bound_of_run(run: Run) -> OptimalDoses:
 
 
 def _bounds(asked: BoundRequest, progress: Callable[[str], None]) -> Bounds:
-    scenario = asked.scenario()
+    scenario = asked.as_scenario()
     bounds = Bounds({}, {})
     for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
         label = information_label(known_after_min)
@@ -214,7 +214,7 @@ def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
 def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
     """The figure of all plans."""
     title = f"The best that could be done at {asked.place}"
-    bouts = asked.scenario().exercise
+    bouts = asked.as_scenario().exercise
     figure = plot_bound(found.extra.drawn, asked.eaten(), bouts, title=title, limits=asked.limits)
     return figure_files("figure", figure)
 

@@ -25,6 +25,8 @@ class Hil(Run):
     """A run whose controller is on a chip, its link, and what befalls both."""
 
     kind: ClassVar = "run on a chip"
+    # every sample is one of the link, so that all are counted
+    refused: ClassVar = ("warm_up_min",)
 
     precision: Precision = "float32"
     form: Form = "auto"
@@ -76,7 +78,7 @@ class Hil(Run):
     @property
     def samples(self) -> int:
         """Number of samples."""
-        return round(self.duration_min / self.sample_time_min)
+        return round(self.horizon_min / self.sample_time_min)
 
     @property
     def emulated(self) -> bool:

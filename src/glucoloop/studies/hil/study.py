@@ -49,7 +49,7 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
             refuse_missing_tools(asked.chip)
         else:  # opened before a design that takes long, since it may be no port
             board = open_links.enter_context(contextlib.closing(SerialLink(asked.chip, asked.baud)))
-        case, scenario, surroundings = asked.case, asked.scenario(), surroundings_of(asked)
+        case, scenario, surroundings = asked.case, asked.as_scenario(), surroundings_of(asked)
         model = model_for(asked, case)
         controller = controller_of(asked, case, **model_arguments(model))
         stepper = scenario_stepper(

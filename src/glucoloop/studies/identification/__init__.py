@@ -48,6 +48,7 @@ class ModelRequest(Situation):
         "pump",
         "faults",
         "metrics",
+        "warm_up_min",
     )
 
     amplitude_mU_min: Annotated[

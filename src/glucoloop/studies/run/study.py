@@ -56,7 +56,7 @@ def notes(asked: Run) -> tuple[str, ...]:
     if not isinstance(asked, Comparison):
         _ = asked.case
     elif asked.bound:
-        check_samples(asked.duration_min, asked.sample_time_min)
+        check_samples(asked.horizon_min, asked.sample_time_min)
     return ()
 
 

@@ -82,7 +82,7 @@ def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
         design,
         grid,
         name=name,
-        scenario=asked.scenario(),
+        scenario=asked.as_scenario(),
         seeds=range(asked.seed, asked.seed + asked.number_of_seeds),
         integrator=integrator_of(asked),
         progress=lambda done, total: progress(f"{done} of {total} runs"),

@@ -1,0 +1,180 @@
+"""Habits: what happens to a plan of meals as people live their days; each is one class with its settings.
+
+A habit joins every command that has meals by one class, entered in `HABITS` or by the entry point of another package in
+the group ``glucoloop.habits``. It takes the days of some people, `meals.days.LivedDays`, and returns them as they were
+lived. All that it draws is a function of the seed, the person, the day and the meal, so that nobody depends on who
+else is drawn, and no day on how many follow.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.part import Part
+from glucoloop.parts.setting import About
+from glucoloop.plausible import MEAL
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
+
+if TYPE_CHECKING:
+    from glucoloop.meals.days import LivedDays
+    from glucoloop.meals.plan import MealPlan
+
+Probability = Annotated[float, About("Probability of this, for each meal that it concerns.", at_least=0.0, at_most=1.0)]
+Which = Annotated[
+    int, About("Number of the meal of the day that it concerns, from 1 in the order of the plan; 0: all.", at_least=0)
+]
+_LONGEST_MIN: Final = 360.0
+
+
+class HabitPart(Part):
+    """Declaration of a habit."""
+
+    kind: ClassVar = "habit"
+    of_announcements: ClassVar[bool] = False
+    """Whether it concerns announced meals only."""
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Days of people as they are with this habit."""
+        raise NotImplementedError
+
+    def refuse_in(self, plan: MealPlan) -> None:
+        """Refuse a plan in which the habit could never show."""
+
+
+class SkippedSettings(HabitPart, name="skipped"):
+    """Meals that are neither eaten nor announced."""
+
+    probability: Probability = 0.1
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Leave meals out."""
+        kept = 1.0 - days.happens(self.probability, self.meal)
+        return days.changed(carbs_g=kept * days.carbs_g, announced_g=kept * days.announced_g)
+
+
+class UnannouncedSettings(HabitPart, name="unannounced"):
+    """Meals that are eaten and of which the controller is not told: a missed bolus."""
+
+    of_announcements: ClassVar = True
+    probability: Probability = 0.1
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Announce nothing of some meals."""
+        return days.changed(announced_g=(1.0 - days.happens(self.probability, self.meal)) * days.announced_g)
+
+
+class UneatenSettings(HabitPart, name="uneaten"):
+    """Meals of which a part is left after all of it was announced."""
+
+    of_announcements: ClassVar = True
+    probability: Probability = 0.05
+    share_pct: Annotated[float, About("Share of the meal that is left.", above=0.0, below=100.0)] = 50.0
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Leave a part of some meals."""
+        left = self.share_pct / 100.0 * days.happens(self.probability, self.meal)
+        return days.changed(carbs_g=(1.0 - left) * days.carbs_g)
+
+
+class AnnouncedLateSettings(HabitPart, name="announced-late"):
+    """Meals that are announced some time after eating begins, or before it."""
+
+    of_announcements: ClassVar = True
+    probability: Probability = 1.0
+    minutes: Annotated[
+        float,
+        About(
+            "Time from the beginning of eating to the announcement; below 0 it comes before.",
+            at_least=-_LONGEST_MIN,
+            at_most=_LONGEST_MIN,
+            unit="min",
+        ),
+    ] = 20.0
+    spread_min: Annotated[
+        float, About("Largest deviation from it, drawn for each meal.", at_least=0.0, at_most=_LONGEST_MIN)
+    ] = 0.0
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Move the announcements of meals."""
+        later_min = self.minutes + self.spread_min * (2.0 * days.uniform("spread") - 1.0)
+        return days.changed(announced_min=days.announced_min + days.happens(self.probability, self.meal) * later_min)
+
+
+class SnackSettings(HabitPart, name="snack"):
+    """A snack beside the meals of the plan, of which the controller is usually not told."""
+
+    carbs_g: Annotated[float, About("Carbohydrate of the snack.", above=0.0, at_most=1000.0, quantity=MEAL)] = 20.0
+    time_min: Annotated[
+        float, About("Time of the day, as minutes after midnight; 21h.", at_least=0.0, below=MIN_PER_DAY)
+    ] = 21.0 * 60.0
+    probability: Annotated[float, About("Probability of the snack on a day.", at_least=0.0, at_most=1.0)] = 0.5
+    size_spread_pct: Annotated[
+        float, About("Largest deviation of its size, drawn for each day.", at_least=0.0, below=100.0)
+    ] = 0.0
+    time_spread_min: Annotated[
+        float, About("Largest deviation of its time, drawn for each day.", at_least=0.0, at_most=_LONGEST_MIN)
+    ] = 0.0
+    announced: Annotated[bool, About("Whether the controller is told of it: true or false.")] = False
+
+    def refuse_in(self, plan: MealPlan) -> None:
+        """Refuse a snack after the end."""
+        if self.time_min >= plan.horizon_min:
+            raise Refusal(
+                f"the snack at {self.time_min:g} min begins after the run ends at {plan.horizon_min:g} min; "
+                "let it begin earlier, or lengthen the run"
+            )
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Add the snack of each day."""
+        snacks = days.added(self.time_min, self.carbs_g)
+        size = 1.0 + self.size_spread_pct / 100.0 * (2.0 * snacks.uniform("size") - 1.0)
+        carbs_g = snacks.happens(self.probability) * size * snacks.carbs_g
+        t_min = snacks.t_min + self.time_spread_min * (2.0 * snacks.uniform("time") - 1.0)
+        announced_g = carbs_g if self.announced else 0.0 * carbs_g
+        return days.with_added(
+            snacks.changed(carbs_g=carbs_g, t_min=t_min, announced_g=announced_g, announced_min=t_min)
+        )
+
+
+class WeekendSettings(HabitPart, name="weekend"):
+    """Days on which meals have other sizes and come later, as on Saturday and Sunday; day 1 is a Monday."""
+
+    from_day: Annotated[int, About("First of these days in the week.", at_least=1, at_most=7)] = 6
+    to_day: Annotated[int, About("Last of these days in the week.", at_least=1, at_most=7)] = 7
+    size_pct: Annotated[float, About("Size of the meals, in percent of the plan.", above=0.0, at_most=500.0)] = 125.0
+    later_min: Annotated[
+        float,
+        About("Time by which they come later; below 0 earlier.", at_least=-_LONGEST_MIN, at_most=_LONGEST_MIN),
+    ] = 60.0
+    meal: Which = 0
+
+    def lived(self, days: LivedDays) -> LivedDays:
+        """Change meals on these days of the week."""
+        there = days.on_weekdays(self.from_day, self.to_day) * days.happens(1.0, self.meal)
+        size, later_min = 1.0 + (self.size_pct / 100.0 - 1.0) * there, self.later_min * there
+        return days.changed(
+            carbs_g=size * days.carbs_g,
+            announced_g=size * days.announced_g,
+            t_min=days.t_min + later_min,
+            announced_min=days.announced_min + later_min,
+        )
+
+
+HABITS: Final = Catalogue(
+    HabitPart,
+    (
+        SkippedSettings,
+        UnannouncedSettings,
+        UneatenSettings,
+        AnnouncedLateSettings,
+        SnackSettings,
+        WeekendSettings,
+    ),
+    example="unannounced, probability=0.2",
+)

@@ -1,0 +1,159 @@
+"""Scenarios: meals and exercise of the days, habits, announcement and length of a run together, by a name or in a file.
+
+What a scenario has takes the place of what is usual; what is given beside it counts. A scenario joins every command
+that has meals by one class, entered in `SCENARIOS` or by the entry point of another package in the group
+``glucoloop.scenarios``. A file has the same keys as a configuration.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Annotated, ClassVar, Final
+
+from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
+from glucoloop.meals.habits import HABITS, HabitPart
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.grammar import NAME, GivenValue, Tree, given
+from glucoloop.parts.part import Part
+from glucoloop.plausible import DURATION
+from glucoloop.situations.option import PATIENT_PANEL, Option
+from glucoloop.situations.situation import AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
+from glucoloop.situations.toml import read_file
+from glucoloop.units import MIN_PER_DAY
+
+USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
+"""Breakfast, lunch and dinner."""
+_meals = functools.partial(Option, panel=PATIENT_PANEL)
+
+Days = Annotated[
+    int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True)
+]
+Duration = Annotated[float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)]
+Meals = Annotated[
+    tuple[str, ...],
+    _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
+]
+SizeSpread = Annotated[
+    float,
+    _meals("Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True),
+]
+TimeSpread = Annotated[
+    float,
+    _meals(
+        "Largest deviation of a meal's time, drawn for each person and day.",
+        at_least=0.0,
+        below=MIN_PER_DAY,
+        rare=True,
+    ),
+]
+Habits = Annotated[
+    tuple[HabitPart, ...],
+    _meals(
+        "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
+        "it, each changes what the earlier ones leave.",
+        flag="--habit",
+        rare=True,
+    ),
+]
+Bouts = Annotated[
+    tuple[str, ...],
+    _meals(
+        "Exercise: intensity in percent of the largest oxygen uptake above rest, time and duration, like "
+        "50%@14h/30min; repeat it for more.",
+        metavar="%@TIME/DURATION",
+        rare=True,
+    ),
+]
+IntensitySpread = Annotated[
+    float,
+    _meals(
+        "Largest deviation of the intensity of exercise, drawn for each person and day.",
+        at_least=0.0,
+        below=100.0,
+        rare=True,
+    ),
+]
+BoutTimeSpread = Annotated[
+    float,
+    _meals("Largest deviation of its time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY, rare=True),
+]
+
+
+class ScenarioPart(Part):
+    """Declaration of a scenario: the defaults of its settings."""
+
+    kind: ClassVar = "scenario"
+
+    days: Days = None
+    duration_min: Duration = None
+    meals: Meals = USUAL_DAY
+    meal_size_spread_pct: SizeSpread = 0.0
+    meal_time_spread_min: TimeSpread = 0.0
+    habits: Habits = ()
+    exercise: Bouts = ()
+    exercise_spread_pct: IntensitySpread = 0.0
+    exercise_time_spread_min: BoutTimeSpread = 0.0
+    announce_meals: AnnounceMeals = False
+    carb_error_pct: CarbError = 0.0
+    carb_bias_pct: CarbBias = 0.0
+    start: StartTime = None
+    warm_up_min: WarmUp = 0.0
+
+
+class PlainDay(ScenarioPart, name="plain-day"):
+    """A day with three meals that are announced and counted exactly."""
+
+    announce_meals: bool = True
+
+
+class UnkindDay(ScenarioPart, name="unkind-day"):
+    """A day with a snack in the afternoon that nobody announced, and a large late dinner that is announced late."""
+
+    meals: tuple[str, ...] = ("45g@7h", "70g@12h", "110g@21h")
+    announce_meals: bool = True
+    habits: tuple[HabitPart, ...] = (
+        HABITS.choose("snack, carbs_g=30, time=15.5h, probability=1"),
+        HABITS.choose("announced-late, minutes=20, meal=3"),
+    )
+
+
+class Week(ScenarioPart, name="week"):
+    """A week as people live it: meals that vary and are counted with errors, snacks, missed boluses, and a weekend."""
+
+    days: int | None = 7
+    announce_meals: bool = True
+    carb_error_pct: float = 20.0
+    meal_size_spread_pct: float = 25.0
+    meal_time_spread_min: float = 30.0
+    habits: tuple[HabitPart, ...] = (
+        HABITS.choose("weekend"),
+        HABITS.choose("snack, probability=0.4, size_spread_pct=50, time_spread_min=60"),
+        HABITS.choose("announced-late, minutes=5, spread_min=15"),
+        HABITS.choose("unannounced, probability=0.1"),
+        HABITS.choose("skipped, probability=0.03"),
+    )
+
+
+class Year(Week, name="year"):
+    """52 such weeks, the length of the virtual trial of Reenberg et al. (arXiv 2202.13927)."""
+
+    days: int | None = 364
+
+
+class CustomScenario(ScenarioPart, name="custom"):
+    """A scenario of your own, from a file."""
+
+
+class _Scenarios(Catalogue[ScenarioPart]):
+    """The scenarios; a text that ends in ``.toml`` is the path of a file."""
+
+    def tree(self, text: str, where: str = "") -> Tree:
+        """Tree of a scenario from its text, or from the file that it names."""
+        if Path(text.strip()).suffix != ".toml":
+            return super().tree(text, where)
+        keys = given(read_file(text.strip()).keys, text.strip())
+        return {NAME: GivenValue(CustomScenario.name, where), **keys}
+
+
+SCENARIOS: Final = _Scenarios(ScenarioPart, (PlainDay, UnkindDay, Week, Year, CustomScenario), example="week, days=14")
