@@ -194,25 +194,26 @@ def draw_days(plan: MealPlan, seed: int, person: npt.ArrayLike) -> LivedDays:
     people = checked_people(person)
     checked_counter("seed", seed)
     own = None if plan.own is None else plan.own(seed, people)  # (meals, n)
-    of_day = eaten(plan.meals) if own is None else own
+    meals = eaten(plan.meals) if own is None else own
     numbers, starts_min = plan.drawn_days(), plan.starts_min()
 
     def rows(of_meals: Any) -> Array:
-        of_meals = np.asarray(of_meals, float).reshape(len(plan.meals), -1)
-        return np.tile(np.broadcast_to(of_meals, (len(plan.meals), people.size)), (len(numbers), 1))
+        of_day = np.asarray(of_meals, float)
+        of_day = of_day[:, None] if of_day.ndim == 1 else of_day
+        return np.tile(np.broadcast_to(of_day, (len(plan.meals), people.size)), (len(numbers), 1))
 
     of_numbers = MIN_PER_DAY * np.repeat(numbers, len(plan.meals)).astype(float)
-    t_min, carbs_g = rows(of_day.t_min) + of_numbers[:, None], rows(of_day.carbs_g)
+    t_min, carbs_g = rows(meals.t_min) + of_numbers[:, None], rows(meals.carbs_g)
     planned_min = np.tile([meal.t_min for meal in plan.meals], len(numbers)) + of_numbers
     days = LivedDays(
         t_min=t_min,
         carbs_g=carbs_g,
-        eating_min=rows(of_day.eating_min),
+        eating_min=rows(meals.eating_min),
         announced_g=carbs_g,
         announced_min=t_min,
         day=np.repeat(numbers, len(plan.meals)),
         which=np.tile(np.arange(len(plan.meals)), len(numbers)),
-        date=np.floor(planned_min.ravel() / MIN_PER_DAY).astype(int),
+        date=np.floor(planned_min / MIN_PER_DAY).astype(int),
         starts_min=starts_min,
         person=people,
         seed=seed,
