@@ -25,6 +25,7 @@ from glucoloop.sensors.cgm import (
 from glucoloop.sensors.cgm.model import Constants, ErrorModel, Process, candidate, constants_of, drawn
 from glucoloop.sensors.protocol import IdealSensor
 from glucoloop.simulation.engines import make_engine
+from other_programs import answer_of
 
 ALIKE = {
     "breton-2008": BRETON_2008,
@@ -149,35 +150,43 @@ def test_stationary_variances_are_those_of_a_lyapunov_equation():
         np.testing.assert_allclose(constants_of(model).variance, expected, rtol=1e-12)
 
 
+def points_of_breton(normal):
+    """Errors at the points of the noise, of normal numbers, the first of which is a point itself as in simglucose."""
+    constants, points = constants_of(BRETON_2008), jnp.full((2, 1), normal[0])
+    found = [BRETON_2008.shape(points[1, 0])]
+    for number in normal[1:]:
+        points = constants.advance(points, jnp.full(1, number))
+        found.append(BRETON_2008.shape(points[1, 0]))
+    return np.array(found)
+
+
 def test_the_points_of_breton_are_those_of_simglucose():
     # noise15_iter of simglucose 0.2.11 with its parameters, seed 1, whose xi is -5.47 where the paper has -5.471
     simglucose = [
         *(21.114425351511823, 7.47964393996742, 1.032792415686349, -6.58677728769311),
         *(1.1915577090656635, -15.111498177303236, 1.4090227537341047, -4.281041735740359),
     ]
-    normal = np.random.RandomState(1).randn(8)
-    constants, points = constants_of(BRETON_2008), jnp.full((2, 1), normal[0])
-    found = [BRETON_2008.shape(points[1, 0])]
-    for number in normal[1:]:
-        points = constants.advance(points, jnp.full(1, number))
-        found.append(BRETON_2008.shape(points[1, 0]))
-    np.testing.assert_allclose(np.array(found) + 0.001, simglucose, rtol=1e-12)
+    found = points_of_breton(np.random.RandomState(1).randn(8))
+    np.testing.assert_allclose(found + 0.001, simglucose, rtol=1e-12)
 
 
-def test_the_points_of_breton_are_those_of_an_installed_simglucose():
-    pytest.importorskip("simglucose", reason="simglucose is not installed; pip install glucoloop[bench] brings it")
-    from simglucose.sensor.noise_gen import noise15_iter
+NOISE_OF_SIMGLUCOSE = """
+from simglucose.sensor.noise_gen import CGMNoise
+noise = CGMNoise(asked["parameters"], seed=asked["seed"])
+print(json.dumps([next(noise) for _ in range(asked["samples"])]))
+"""
 
-    shape = BRETON_2008.shape
-    given = {"PACF": 0.7, "gamma": shape.gamma, "lambda": shape.scale, "delta": shape.delta, "xi": shape.xi}
-    theirs = noise15_iter(given, seed=3)
-    expected = [next(theirs) for _ in range(200)]
-    normal = np.random.RandomState(3).randn(200)
-    constants, points, found = constants_of(BRETON_2008), jnp.full((2, 1), normal[0]), []
-    for number in normal[1:]:
-        found.append(float(shape(points[1, 0])))
-        points = constants.advance(points, jnp.full(1, number))
-    np.testing.assert_allclose(found, expected[:-1], rtol=1e-12)
+
+@pytest.mark.long
+@pytest.mark.parametrize("sample_time_min", [1.0, 3.0, 5.0])
+def test_noise_of_simglucose_goes_through_the_points_of_breton(sample_time_min):
+    shape, points = BRETON_2008.shape, 90
+    johnson = {"xi": shape.xi, "lambda": shape.scale, "gamma": shape.gamma, "delta": shape.delta}
+    parameters, every = {"PACF": 0.7, "sample_time": sample_time_min, **johnson}, round(15.0 / sample_time_min)
+    asked = {"parameters": parameters, "seed": 3, "samples": points * every}
+    theirs = answer_of("simglucose", NOISE_OF_SIMGLUCOSE, asked)  # from the sample after the first point on
+    found = points_of_breton(np.random.RandomState(3).randn(points + 1))
+    np.testing.assert_allclose(theirs[every - 1 :: every], found[1:], rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["breton-2008", "dexcom-g6"])
