@@ -448,7 +448,11 @@ def test_a_key_gives_one_course_and_another_gives_another():
         (lambda: of("dexcom-g6, wear_min=1h"), "warm_up_min is 120 min, but the sensor is replaced after 60 min"),
         (lambda: of("dexcom-g5, worn_min=7d"), "worn_min is 10080 min, but the sensor is replaced after 10080 min"),
         (lambda: of("dexcom-g5, lag_min=121"), "lag_min is 121 min; give a number from 0 to 120 min"),
-        (lambda: of("cgm-display, low_mg_dl=400"), "a range of 400 to 400 mg/dl is not possible"),
+        (lambda: of("cgm-display, low_mg_dl=400"), "a range of 400 to 400 mg/dl is not possible; give an upper end"),
+        (
+            lambda: of("cgm-display, high_mg_dl=22"),
+            "a range of 40 to 22 mg/dl is not possible; .* 22 mmol/l is 396 mg/dl",
+        ),
         (lambda: of("cgm-display, every_min=0"), "every_min is 0 min; give a number above 0 min"),
         (lambda: of("cgm-display", 0.0), "a sample time of 0 min is not possible"),
         (lambda: monitor(DEXCOM_G6, warm_up_min=-1.0), "warm_up_min is -1 min; give a number from 0 to 1440 min"),
