@@ -43,15 +43,15 @@ FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
 FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
 
 
-def usual_tuning(name: str, family: str, operating_point: str, *, noisy: bool = False) -> dict[str, Value]:
-    """All settings of a controller that are usual for a patient of the page."""
-    return dict(usual_case(name, situation(family, operating_point, noisy=noisy)).tuning)
+def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
+    """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named."""
+    return dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
 
 
 @functools.cache
-def usual_mpc(family: str, operating_point: str) -> LinearMPC:
+def usual_mpc(family: str, operating_point: str, *sensor: str) -> LinearMPC:
     """Linear MPC of a patient, on the model that is identified without noise, with room for the longest horizon."""
-    found: LinearMPC = _with_room("mpc", family, operating_point)
+    found: LinearMPC = _with_room("mpc", family, operating_point, *sensor)
     return found
 
 
@@ -62,22 +62,22 @@ def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
     return found
 
 
-def shortest_horizon(name: str, family: str) -> int:
+def shortest_horizon(name: str, family: str, *sensor: str) -> int:
     """Least horizon that a predictive controller accepts for every patient of a family."""
 
     def of_patient(operating_point: str) -> int:
         if name == "mpc-se":
             response = linear_response(linear_model(patients(family)[operating_point]))
         else:
-            at_point = situation(family, operating_point)
+            at_point = situation(family, operating_point, *sensor)
             response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
         return least_horizon(*response) or LONGEST_HORIZON[PATIENTS[family].insulin_route]
 
     return max(map(of_patient, patients(family)))
 
 
-def _with_room(name: str, family: str, operating_point: str) -> Any:
-    at_point = situation(family, operating_point)
+def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> Any:
+    at_point = situation(family, operating_point, *sensor)
     controller: Any = controller_of(at_point, usual_case(name, at_point))
     moves, _ = controller.horizons
     return controller.padded(moves, LONGEST_HORIZON[PATIENTS[family].insulin_route])

@@ -8,13 +8,14 @@ pump and guard, the noise, the faults, the meals, and the controllers with all t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import jax
 import numpy as np
 
-from glucoloop.lab.body import FAMILIES, meal_part, plant_part
-from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, adjustable, controller_parts
+from glucoloop.lab.body import FAMILIES, by_equations, meal_part, plant_part
+from glucoloop.lab.controllers import CONTROLLERS, Adjustable, adjustable, controller_parts
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
@@ -24,18 +25,16 @@ from glucoloop.refusal import Refusal
 GUARDED: Final = "_guarded"
 
 
-def parts() -> dict[str, CompiledPart]:
+def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
     """All functions of the page, by the name under which the module exports them."""
     found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
-    for family in FAMILIES:
+    for family in families:
         name = family.replace("-", "_")
-        found |= {
-            f"{name}_plant": plant_part(family),
-            f"{name}_meal": meal_part(family),
-            f"{name}_person": person_part(family),
-        }
-    for route in LONGEST_HORIZON:
-        of_route = [family for family in FAMILIES if PATIENTS[family].insulin_route == route]
+        found |= {f"{name}_plant": plant_part(family), f"{name}_meal": meal_part(family)}
+        if not by_equations(family):
+            found[f"{name}_person"] = person_part(family)
+    for route in {PATIENTS[family].insulin_route: None for family in families}:
+        of_route = [family for family in families if PATIENTS[family].insulin_route == route]
         for name in CONTROLLERS:
             for suffix, guard in (("", False), (GUARDED, True)):
                 first, *others = (adjustable(name, family, guard=guard) for family in of_route)

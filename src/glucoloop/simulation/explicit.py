@@ -52,13 +52,14 @@ class ExplicitPlant:
         def point(carry: tuple[jax.Array, jax.Array], moments: jax.Array) -> tuple[Any, jax.Array]:
             x, clock = carry
             for of_step in moments:
-                x, clock = self._step(x, clock, insulin_mU_min, of_step), clock + self.step_min
+                x, clock = self.step(x, clock, insulin_mU_min, of_step), clock + self.step_min
             return (x, clock), self.patient.glucose_mg_dl(x)
 
         (x, _), inside = jax.lax.scan(point, (x, start), of_points)
         return x, inside
 
-    def _step(self, x: jax.Array, t_min: jax.Array, insulin_mU_min: jax.Array, moments: jax.Array) -> jax.Array:
+    def step(self, x: jax.Array, t_min: jax.Array, insulin_mU_min: jax.Array, moments: jax.Array) -> jax.Array:
+        """State after one step from a time of day on, with the moments ``(3, ...)`` of the meals over the step."""
         h = self.step_min
         start, middle, end = at_start_middle_end(moments)
 

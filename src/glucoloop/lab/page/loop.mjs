@@ -1,7 +1,8 @@
 // @ts-check
 /** The closed loop, sample by sample, with the functions of the module: as `glucoloop.simulation.loop` defines it. */
 
-import { ofFault, ofPump } from "./fields.mjs";
+import { draws } from "./draws.mjs";
+import { ofFault, ofPump, ofSensor } from "./fields.mjs";
 import { familyOf } from "./situation.mjs";
 import { MOMENTS, put } from "./stage.mjs";
 import { drawForPump, drawForSensor } from "./threefry.mjs";
@@ -90,12 +91,20 @@ export class LoopOfVector {
     this.situation = situation;
     this.patient = data.patients[situation.patient];
     this.samples = Math.round(situation.duration_min / data.sample_time_min);
-    this.steps = Math.round(data.sample_time_min / data.step_min);
+    this.step_min = familyOf(situation, data).step_min;
+    this.steps = Math.round(data.sample_time_min / this.step_min);
     /** Moments of the meals; see `Lab.moments`. @type {Float64Array} */
     this.moments = new Float64Array(0);
     const name = controllerName(situation, data);
     const pump = ofPump(situation, data);
-    this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
+    this.sensors = ofSensor(situation, data).map(({ name, numbers, drawing }) => ({
+      numbers,
+      start: lab.stage(`${name}_start`),
+      stage: lab.stage(name),
+      drawing,
+      /** What each person draws. @type {import("./draws.mjs").Draws[]} */
+      draws: [],
+    }));
     this.faults = situation.faults
       .filter((fault) => data.faults[fault.name].part === "sensor")
       .map((fault, place) => {
@@ -109,8 +118,7 @@ export class LoopOfVector {
     this.pump = lab.stage(pump.name);
     this.plant = lab.plant(situation.patient);
 
-    this.noise?.give({ variance: situation.noise_variance, bound_mg_dl: 5 });
-    for (const { numbers, start, stage } of this.faults) for (const of of [start, stage]) of.give(numbers);
+    for (const { numbers, start, stage } of [...this.sensors, ...this.faults]) for (const of of [start, stage]) of.give(numbers);
     for (const stage of [this.pumpStart, this.pump]) stage.give(pump.numbers);
     const numbers = lab.controllerNumbers(situation);
     for (const stage of [this.start, this.controller]) stage.give(numbers);
@@ -118,6 +126,7 @@ export class LoopOfVector {
     /** Samples by which a reading is late, and the readings on their way. */
     this.late = Math.round(situation.dead_time_min / data.sample_time_min);
     this.line = new Float64Array(this.late * lanes);
+    this.lineValid = new Float64Array(this.late * lanes);
     this.glucose = new Float64Array(lanes);
     this.reading = new Float64Array(lanes);
     this.valid = new Float64Array(lanes);
@@ -139,40 +148,51 @@ export class LoopOfVector {
   }
 
   /**
-   * Read glucose at a sample, through noise, dead time and faults.
+   * Read glucose at a sample, through the sensor, dead time and faults.
    * @param {number} k
    * @param {boolean} moves whether the readings on their way move
    */
   read(k, moves) {
-    const { noise, faults, glucose, reading, valid, late, line, seeds } = this;
-    const { normals } = this.lab.data;
+    const { sensors, faults, glucose, reading, valid, late, line, lineValid, seeds } = this;
     const lanes = reading.length;
-    if (noise !== null) {
-      for (let lane = 0; lane < lanes; lane++) {
-        noise.own[lane] = glucose[lane];
-        noise.own[lanes + lane] = normals[seeds[lane]][k];
-      }
-      noise.step();
+    reading.set(glucose);
+    valid.fill(1);
+    for (const { stage, draws } of sensors) {
+      draws.forEach(({ samples, each }, lane) => {
+        for (let i = 0; i < each; i++) stage.own[(2 + i) * lanes + lane] = samples[k * each + i];
+      });
+      this.through(stage);
     }
-    const newest = noise === null ? glucose : noise.outputs;
-    const place = late > 0 ? (k % late) * lanes : 0;
-    for (let lane = 0; lane < lanes; lane++) {
-      valid[lane] = 1;
-      reading[lane] = late > 0 ? line[place + lane] : newest[lane];
-      if (late > 0 && moves) line[place + lane] = newest[lane];
+    if (late > 0) {
+      const place = (k % late) * lanes;
+      for (let lane = 0; lane < lanes; lane++) {
+        const [newest, there] = [reading[lane], valid[lane]];
+        reading[lane] = line[place + lane];
+        valid[lane] = lineValid[place + lane];
+        if (!moves) continue;
+        line[place + lane] = newest;
+        lineValid[place + lane] = there;
+      }
     }
     for (const { stage, past } of faults) {
-      const { own, outputs } = stage;
       past?.show(k, reading, valid, seeds, moves);
-      for (let lane = 0; lane < lanes; lane++) {
-        own[lane] = reading[lane];
-        own[lanes + lane] = valid[lane];
-      }
-      stage.step();
-      for (let lane = 0; lane < lanes; lane++) {
-        reading[lane] = outputs[lane];
-        valid[lane] = outputs[lanes + lane];
-      }
+      this.through(stage);
+    }
+  }
+
+  /** Take the reading through what is around a sensor. @param {Stage} stage */
+  through(stage) {
+    const { reading, valid } = this;
+    const { own, lanes } = stage;
+    for (let lane = 0; lane < lanes; lane++) {
+      own[lane] = reading[lane];
+      own[lanes + lane] = valid[lane];
+    }
+    stage.step();
+    const { outputs } = stage;
+    for (let lane = 0; lane < lanes; lane++) {
+      reading[lane] = outputs[lane];
+      valid[lane] = outputs[lanes + lane];
     }
   }
 
@@ -188,10 +208,18 @@ export class LoopOfVector {
     }
   }
 
-  /** Bring the faults of the sensor to their start. */
+  /** Bring the sensor and its faults to their start. */
   wake() {
-    const { faults, glucose } = this;
+    const { sensors, faults, glucose } = this;
     const lanes = glucose.length;
+    for (const { start, stage, draws } of sensors) {
+      start.own.set(glucose);
+      draws.forEach((of, lane) => {
+        for (let i = 0; i < of.start.length; i++) start.own[(1 + i) * lanes + lane] = of.start[i];
+      });
+      start.step();
+      stage.carry.set(start.outputs);
+    }
     for (const { start, stage, past } of faults) {
       past?.fill(glucose);
       for (let lane = 0; lane < lanes; lane++) {
@@ -212,6 +240,10 @@ export class LoopOfVector {
     const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
     const { lanes } = lab.kernels;
     this.seeds = seeds;
+    for (const sensor of this.sensors) {
+      const { drawing } = sensor;
+      sensor.draws = drawing === undefined ? [] : seeds.map((seed) => draws(lab, drawing, seed, this.samples));
+    }
     this.moments = lab.moments(situation, this.samples * this.steps, people);
     put(plant, people);
     if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
@@ -226,6 +258,7 @@ export class LoopOfVector {
       reported[lane] = people[lane].basal_insulin_mU_min;
       for (let i = 0; i < late; i++) line[i * lanes + lane] = glucose[lane];
     }
+    this.lineValid.fill(1);
     this.wake();
     this.read(0, false);
     this.observe(start);
@@ -243,7 +276,7 @@ export class LoopOfVector {
    * @param {(sample: number, happened: Happened) => void} tell
    */
   run(tell) {
-    const { samples, steps, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
+    const { samples, steps, step_min, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
     const within = new Float64Array(inside.length * lanes);
@@ -272,6 +305,7 @@ export class LoopOfVector {
         for (let i = 0; i < MOMENTS; i++) {
           for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[(at + i) * wide + (lane % wide)];
         }
+        plant.shared.fill((k * steps + step) * step_min); // the time of day, where equations may follow it
         plant.step();
         for (let i = 0; i < inside.length; i++) {
           if (inside[i][0] !== step) continue;

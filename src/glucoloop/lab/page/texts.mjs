@@ -54,6 +54,7 @@ export const texts = {
     faultKind: "Kind of fault",
     addFault: "Add this fault",
     sensor: "Sensor",
+    sensorKind: "Readings",
     seed: "Seed of the noise",
     load: "Load results",
     loadHelp: "Drop the folder of a run or of a trial anywhere on this page, or choose its files: trace.csv and run.toml of a run, report.html of a trial.",
@@ -198,6 +199,10 @@ export const texts = {
   unpinShort: "Unpin",
   hours: (/** @type {number} */ minutes) => `${minutes / 60} h`,
   numberOf: (/** @type {string} */ name) => `${name}, as a number`,
+  noMonitor: "exact, or with white noise",
+  lag: (/** @type {string} */ summary, /** @type {number} */ minutes) => `${summary}, ${minutes} min`,
+  whether: (/** @type {string} */ summary) => summary.replace("Whether readings have", "Readings have").replace("Whether readings are", "Readings are"),
+  worn: (/** @type {string} */ summary) => `${summary}, min; nothing: drawn`,
   noise: "Variance of the noise, (mg/dl)²",
   deadTime: "Dead time of the readings, min; the controller does not know it",
   pictureTitle: "Glucose and insulin of a simulated person",
@@ -219,6 +224,8 @@ export const texts = {
     `The controller as it is now, on people around ${patient.replace("/", " at ")} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
   peopleElsewhere: (/** @type {string} */ patient) =>
     `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that operating point to try a tuning on them, or copy the command below that tries it on people around the present one`,
+  peopleNone: (/** @type {string} */ family) =>
+    `The page draws nobody around ${family}; copy the command below that tries the controller on people of this family`,
   peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
     (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
     `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
