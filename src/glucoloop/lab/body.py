@@ -21,9 +21,9 @@ from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.interpreter import interpret
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import exponential
 from glucoloop.simulation.explicit import ExplicitPeople
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices

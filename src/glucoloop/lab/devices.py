@@ -16,16 +16,16 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.body import SAMPLE_TIME_MIN
 from glucoloop.lab.part import CompiledPart, with_start
-from glucoloop.parts.faults import FAULTS, FaultPart
-from glucoloop.parts.sensors import SENSORS
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Reading, Sensor, lag, white_noise
 from glucoloop.sensors.cgm import Monitor, display
 from glucoloop.sensors.cgm.model import Ticks
+from glucoloop.sensors.settings import SENSORS
 
 _OF_ANOTHER: Final = ("out-of-order",)
 """Faults that have no function of their own."""

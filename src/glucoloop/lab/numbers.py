@@ -11,7 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.control.catalogue import controller_entry
+from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.protocol import Status
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.body import (
     FAMILIES,
     GRID,
@@ -37,17 +39,15 @@ from glucoloop.lab.devices import MONITORS, errors_of
 from glucoloop.lab.part import by_name
 from glucoloop.lab.people import people_numbers
 from glucoloop.parts.code import loaded
-from glucoloop.parts.faults import FAULTS, FaultPart
-from glucoloop.parts.guard import GuardSettings, guard_of
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import PATIENTS, PatientPart
-from glucoloop.parts.pumps import PumpPart
 from glucoloop.parts.routes import SUBCUTANEOUS
-from glucoloop.parts.sensors import SENSORS, DisplaySettings, MonitorPart
 from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.pumps.settings import PumpPart
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SENSORS, DisplaySettings, MonitorPart
 from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
