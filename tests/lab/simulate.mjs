@@ -13,7 +13,8 @@ const { checked } = await import(pathToFileURL(`${page}/situation.mjs`).href);
 const { fromHash, hash: hashOf, situationOf } = await import(pathToFileURL(`${page}/keys.mjs`).href);
 const links = await import(pathToFileURL(`${page}/links.mjs`).href);
 const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
-const { ofFault } = await import(pathToFileURL(`${page}/fields.mjs`).href);
+const { ofFault, ofSensor } = await import(pathToFileURL(`${page}/fields.mjs`).href);
+const { draws } = await import(pathToFileURL(`${page}/draws.mjs`).href);
 const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
@@ -60,6 +61,10 @@ async function answered(asked) {
     return {
       situation,
       numbers: lab.controllerNumbers(situation),
+      sensors: ofSensor(situation, data).map(({ name, numbers, drawing }) => {
+        const drawn = drawing && draws(lab, drawing, situation.seed, trace.t_min.length);
+        return { name, numbers, start: [...drawn?.start ?? []], samples: [...drawn?.samples ?? []] };
+      }),
       faults: situation.faults.map((fault) => ofFault(fault, data).numbers),
       trace,
       summary: summary(trace),

@@ -30,6 +30,7 @@ USUAL = {
     "faults": [],
     "meals": [{"t_min": 50.0, "carbs_g": 50.0}],
     "noise_variance": 0.0,
+    "monitor": None,
     "dead_time_min": 0.0,
     "seed": 0,
     "duration_min": 600.0,

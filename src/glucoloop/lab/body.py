@@ -80,7 +80,7 @@ def people_of(family: str) -> Population:
 @functools.cache
 def _varied(family: str) -> SemilinearPatient:
     """The patients of a family and some people of the page, whose numbers trail where any of them differ."""
-    everybody = list(patients(family).values())
+    everybody: list[Any] = list(patients(family).values())
     if not by_equations(family):
         people = virtual_people(people_of(family), SEED, [0, 1]).patient
         everybody += [of_people(people, i) for i in range(2)]

@@ -79,19 +79,18 @@ def sensors() -> dict[str, Sensor]:
     return {
         "white_noise": white_noise(inner=passed),
         "lag": lag(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
-        "monitor": errors_of(MONITORS[0], passed),
+        "monitor": errors_of(MONITORS[0]),
         "display": display(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
     }
 
 
-def errors_of(name: str, inner: Sensor | None = None, **settings: Any) -> Monitor:
+def errors_of(name: str) -> Monitor:
     """Errors of a monitor of the page alone, without its lag and its display.
 
     A model of one process has a second one that is always zero, so that all monitors have one program.
     """
-    made: Monitor = SENSORS[name](lag_min=0.0, display=False, **settings).made(
-        inner=inner or _Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN
-    )
+    alone = SENSORS[name].partial({"lag_min": 0.0, "display": False}).completed()
+    made: Monitor = alone.made(inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN)
     if made.constants is None or made.shape is not None or made.steps != _EACH_SAMPLE:
         raise Refusal(f"the page has no program for the errors of {name}, which differ or are not of each sample")
     wide = {

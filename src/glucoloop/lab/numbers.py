@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -79,7 +79,7 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
         },
         "sensors": {name: SENSORS[name]().values() for name in CHAIN},
         "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
-        "monitors": {name: _monitor(SENSORS[name]) for name in MONITORS},
+        "monitors": {name: _monitor(name) for name in MONITORS},
         "display": DisplaySettings().values(),
         "seeds": SEEDS,
         "statuses": {status.value: status.text for status in Status},
@@ -138,16 +138,16 @@ def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     }
 
 
-def _monitor(entry: type[MonitorPart]) -> dict[str, Any]:
+def _monitor(name: str) -> dict[str, Any]:
     """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
+    entry = cast(type[MonitorPart], SENSORS[name])
     model, values = loaded(entry.model), entry().values()
-    usual = {**{name: values[name] for name in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
+    usual = {**{setting: values[setting] for setting in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
     worn_min = (0.0, values["wear_min"] - SAMPLE_TIME_MIN, SAMPLE_TIME_MIN)
-    numbers = by_name(errors_of(entry.name))
     drawn_or_unused = ("worn", "inner.valid")
     return {
         "summary": entry.summary,
-        "numbers": {name: number for name, number in numbers.items() if name not in drawn_or_unused},
+        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in drawn_or_unused},
         "processes": len(model.processes),
         "settings": _offered(entry, {**SLIDERS["monitor"], "worn_min": worn_min}, usual),
     }
@@ -228,7 +228,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
             "noise_free": usual_tuning(name, of_patient.name, point.name),
             "noisy": usual_tuning(name, of_patient.name, point.name, "white-noise"),
         }
-    found = {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}
+    found: dict[str, Any] = {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}
     if name == "mpc":
         found["least_behind_lag"] = shortest_horizon(name, of_patient.name, MONITORS[0])
     return found

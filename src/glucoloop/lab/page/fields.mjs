@@ -95,11 +95,13 @@ export function ofSensor({ noise_variance, monitor }, data) {
   const { numbers, processes } = data.monitors[monitor.name];
   const { lag_min, noise, drift, display, worn_min } = monitorSettings(monitor, data);
   const worn = worn_min === null ? NaN : Math.min(Math.floor(worn_min / data.sample_time_min + HAIR), Number(numbers.wear) - 1);
-  const silent = noise ? {} : { "constants.sigma": [0, 0] };
-  const steady = drift ? {} : { "constants.gain": [1, 0, 0], "constants.offset_mg_dl": [0, 0, 0] };
+  /** @type {Numbers} */
+  const errors = { ...numbers, worn };
+  if (!noise) errors["constants.sigma"] = [0, 0];
+  if (!drift) Object.assign(errors, { "constants.gain": [1, 0, 0], "constants.offset_mg_dl": [0, 0, 0] });
   return [
     ...(lag_min > 0 ? [{ name: "sensor_lag", numbers: { lag_min } }] : []),
-    { name: "sensor_monitor", numbers: { ...numbers, worn, ...silent, ...steady }, drawing: { name: "monitor", processes } },
+    { name: "sensor_monitor", numbers: errors, drawing: { name: "monitor", processes } },
     ...(display ? [{ name: "sensor_display", numbers: data.display }] : []),
   ];
 }
