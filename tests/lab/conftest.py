@@ -20,12 +20,12 @@ def in_node(tmp_path_factory):
     if NODE is None:
         pytest.skip("needs node (Debian: apt install nodejs)")
 
-    def ask(situations):
+    def ask(situations, built=PAGE):
         folder = tmp_path_factory.mktemp("page")
         request, answer = folder / "request.json", folder / "answer.json"
         request.write_text(json.dumps(situations))
         script = Path(__file__).with_name("simulate.mjs")
-        subprocess.run([NODE, script, PAGE, HOST, request, answer], check=True, timeout=300)
+        subprocess.run([NODE, script, PAGE, HOST, request, answer, built], check=True, timeout=300)
         return json.loads(answer.read_text())
 
     return ask

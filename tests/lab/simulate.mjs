@@ -1,11 +1,11 @@
-// Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER.
+// Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER [FOLDER OF OTHER DATA].
 // A request is a JSON list of situations; of texts, which are the parts of links after the #; or of {link, samples}, for
 // what the controller expects at these samples; of {link, person}, for a person of the
 // population; or of {toml, csv}, files that glucoloop wrote.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
-const [page, kernels, request, answer] = process.argv.slice(2);
+const [page, kernels, request, answer, built = page] = process.argv.slice(2);
 const { load } = await import(pathToFileURL(kernels).href);
 const { Lab } = await import(pathToFileURL(`${page}/lab.mjs`).href);
 const { summary } = await import(pathToFileURL(`${page}/summary.mjs`).href);
@@ -26,8 +26,8 @@ const { fromToml, fromTrace } = await import(pathToFileURL(`${page}/configuratio
 const { some } = await import(pathToFileURL(`${page}/many.mjs`).href);
 const { personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
 
-const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
-const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
+const data = JSON.parse(readFileSync(`${built}/lab.json`, "utf8"));
+const lab = new Lab(await load(readFileSync(`${built}/lab.wasm`), "float64"), data);
 
 async function answered(asked) {
   try {

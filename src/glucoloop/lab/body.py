@@ -62,7 +62,7 @@ def patient_id(family: str, operating_point: str) -> str:
 @functools.cache
 def patients(family: str) -> dict[str, SemilinearPatient]:
     """Patients of a family by operating point."""
-    points = [point.name for point in PATIENTS[family].operating_points]
+    points = [point.name for point in PATIENTS.find(family).operating_points]
     return {point: cast(SemilinearPatient, situation(family, point).nominal) for point in points}
 
 
@@ -74,7 +74,7 @@ def by_equations(family: str) -> bool:
 @functools.cache
 def people_of(family: str) -> Population:
     """Population whose people the page simulates beside the usual patient of a family: that of ``glucoloop trial``."""
-    return population(PATIENTS[family].usual_population, patient=family)
+    return population(PATIENTS.find(family).usual_population, patient=family)
 
 
 @functools.cache

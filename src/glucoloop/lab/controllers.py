@@ -44,8 +44,17 @@ FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not
 
 
 def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
-    """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named."""
-    return dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
+    """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named.
+
+    A horizon that suits the model is that of the model which the page has.
+    """
+    tuning = dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
+    if tuning.get("prediction_horizon") == 0:
+        exact = [of for of in sensor if of != "white-noise"]  # the page's models are free of noise
+        at_point = situation(family, operating_point, *exact)
+        designed: Any = controller_of(at_point, usual_case(name, at_point))
+        _, tuning["prediction_horizon"] = designed.horizons
+    return tuning
 
 
 @functools.cache
@@ -71,7 +80,7 @@ def shortest_horizon(name: str, family: str, *sensor: str) -> int:
         else:
             at_point = situation(family, operating_point, *sensor)
             response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
-        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS[family].insulin_route]
+        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS.find(family).insulin_route]
 
     return max(map(of_patient, patients(family)))
 
@@ -80,7 +89,7 @@ def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> An
     at_point = situation(family, operating_point, *sensor)
     controller: Any = controller_of(at_point, usual_case(name, at_point))
     moves, _ = controller.horizons
-    return controller.padded(moves, LONGEST_HORIZON[PATIENTS[family].insulin_route])
+    return controller.padded(moves, LONGEST_HORIZON[PATIENTS.find(family).insulin_route])
 
 
 def example_controller(name: str, family: str) -> Controller:
@@ -130,7 +139,7 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     bare = example_controller(name, family)
     if not guard:
         return Adjustable(bare)
-    return Adjustable(guarded(bare, guard_of(PATIENTS[family]), PARKER_1999_LIMITS))
+    return Adjustable(guarded(bare, guard_of(PATIENTS.find(family)), PARKER_1999_LIMITS))
 
 
 def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:

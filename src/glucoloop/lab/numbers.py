@@ -71,9 +71,9 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
         "sample_time_min": SAMPLE_TIME_MIN,
         "inside_min": GRID.inside_min.tolist(),
         "longest_min": LONGEST_MIN,
-        "families": {family: _family(PATIENTS[family]) for family in families},
+        "families": {family: _family(PATIENTS.find(family)) for family in families},
         "patients": {
-            patient_id(family, point): _patient(PATIENTS[family], point, patient)
+            patient_id(family, point): _patient(PATIENTS.find(family), point, patient)
             for family in families
             for point, patient in patients(family).items()
         },
@@ -167,7 +167,7 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
         "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
         "response": _response(entry.name, point),
-        "response_behind_lag": _response(entry.name, point, MONITORS[0]),
+        "response_behind_lag": _response(entry.name, point, *MONITORS[:1]),
         "linear": _linear(entry.name, point, patient),
     }
 
@@ -225,10 +225,10 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
         usual[point.name] = {
-            "noise_free": usual_tuning(name, of_patient.name, point.name),
-            "noisy": usual_tuning(name, of_patient.name, point.name, "white-noise"),
+            kind: usual_tuning(name, of_patient.name, point.name, *sensor)
+            for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
     found: dict[str, Any] = {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}
     if name == "mpc":
-        found["least_behind_lag"] = shortest_horizon(name, of_patient.name, MONITORS[0])
+        found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
     return found

@@ -8,6 +8,7 @@ pump and guard, the noise, the faults, the meals, and the controllers with all t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -29,12 +30,12 @@ def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
     """All functions of the page, by the name under which the module exports them."""
     found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
     for family in families:
-        name = family.replace("-", "_")
+        name = re.sub(r"\W", "_", family)
         found |= {f"{name}_plant": plant_part(family), f"{name}_meal": meal_part(family)}
         if not by_equations(family):
             found[f"{name}_person"] = person_part(family)
-    for route in {PATIENTS[family].insulin_route: None for family in families}:
-        of_route = [family for family in families if PATIENTS[family].insulin_route == route]
+    for route in {PATIENTS.find(family).insulin_route: None for family in families}:
+        of_route = [family for family in families if PATIENTS.find(family).insulin_route == route]
         for name in CONTROLLERS:
             for suffix, guard in (("", False), (GUARDED, True)):
                 first, *others = (adjustable(name, family, guard=guard) for family in of_route)

@@ -82,8 +82,8 @@
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
  * @property {Record<string, {summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
- *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers with the usual values
- *   by operating point
+ *   usual: Record<string, Record<"noise_free" | "noisy" | "behind_lag", Record<string, any>>>}>} controllers with the usual
+ *   values by operating point
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
  * @property {Record<string, any>} configuration what a run without options uses, with a guard
@@ -191,7 +191,7 @@ export function withPatient(situation, family, operating_point, data) {
 }
 
 /**
- * All settings of the controller: the given ones, and the usual ones for readings with or without noise.
+ * All settings of the controller: the given ones, and the usual ones for the readings.
  * @param {Situation} situation
  * @param {Data} data
  * @returns {Record<string, any>}
@@ -199,7 +199,8 @@ export function withPatient(situation, family, operating_point, data) {
 export function tuningOf(situation, data) {
   const { operating_point } = data.patients[situation.patient];
   const usual = familyOf(situation, data).controllers[situation.controller].usual[operating_point];
-  return { ...(situation.noise_variance > 0 ? usual.noisy : usual.noise_free), ...situation.tuning };
+  const kind = situation.noise_variance > 0 ? "noisy" : lagOf(situation, data) > 0 ? "behind_lag" : "noise_free";
+  return { ...usual[kind], ...situation.tuning };
 }
 
 /** All settings of a monitor. @param {Monitor} monitor @param {Data} data @returns {Record<string, any>} */

@@ -121,6 +121,12 @@ export const texts = {
       hash: "#controller=pid,+closed_loop_min=60&meals=90g@60min",
       text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
     },
+    {
+      title: "What a monitor shows",
+      hash: "#patient=hovorka-2004&controller=pid&sensor=dexcom-g6,+worn_min=1440&duration_min=720&meals=60g@60min",
+      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off under Readings. The lag alone shows glucose ten minutes late: it falls to 80. The noise alone lasts half an hour at a time, so that the controller takes it for glucose, and moves insulin nine times as much: 78. The error of calibration alone changes little on this day: 86. MPC moves insulin less than half as much as PID here, and glucose stays above 79.",
+      beside: { name: "Exact readings", hash: "#patient=hovorka-2004&controller=pid&duration_min=720&meals=60g@60min" },
+    },
   ],
   presets: [
     {
