@@ -59,8 +59,10 @@ SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
 )
 """Settings that can be changed on the page, with least and largest value and step of their sliders."""
-_OF_DEFAULT: Final = re.compile(r" 0: .*|; that of the patient's pump\.|; by default .*|: true or false\.")
-"""Sentences on a value of 0, which the page does not offer, on what is usual, which it shows, and on writing."""
+_OF_ZERO: Final = re.compile(r";? 0: .*")
+"""Sentence on a value of 0, where the page does not offer it."""
+_OF_DEFAULT: Final = re.compile(r"; that of the patient's pump\.|; by default .*|: true or false\.")
+"""Sentences on what is usual, which the page shows, and on how to write it."""
 CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
@@ -118,7 +120,7 @@ def _offered(
     for name, bound in bounds.items():
         setting = part.setting(name)
         found[name] = {
-            "summary": _OF_DEFAULT.sub("", setting.summary),
+            "summary": _OF_DEFAULT.sub("", _OF_ZERO.sub("", setting.summary) if bound[0] > 0 else setting.summary),
             "whole": setting.kind in (int, bool),
             **dict(zip(("least", "most", "step"), bound, strict=True)),
             **({} if usual is None else {"usual": usual[name]}),

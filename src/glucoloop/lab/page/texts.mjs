@@ -124,7 +124,7 @@ export const texts = {
     {
       title: "What a monitor shows",
       hash: "#patient=hovorka-2004&controller=pid&sensor=dexcom-g6,+worn_min=1440&duration_min=720&meals=60g@60min",
-      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off under Readings. The lag alone shows glucose ten minutes late: it falls to 80. The noise alone lasts half an hour at a time, so that the controller takes it for glucose, and moves insulin nine times as much: 78. The error of calibration alone changes little on this day: 86. MPC moves insulin less than half as much as PID here, and glucose stays above 79.",
+      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off, under Sensor. With the lag alone, which shows glucose ten minutes late, it falls to 80. With the noise alone it falls to 78: half of an error is still there a quarter of an hour later, so that the controller takes it for glucose, and moves insulin nine times as much. With the error of calibration alone, on this day, it falls to 86. MPC moves insulin less than half as much as PID, and keeps glucose above 79.",
       beside: { name: "Exact readings", hash: "#patient=hovorka-2004&controller=pid&duration_min=720&meals=60g@60min" },
     },
   ],
@@ -206,9 +206,14 @@ export const texts = {
   hours: (/** @type {number} */ minutes) => `${minutes / 60} h`,
   numberOf: (/** @type {string} */ name) => `${name}, as a number`,
   noMonitor: "exact, or with white noise",
-  lag: (/** @type {string} */ summary, /** @type {number} */ minutes) => `${summary}, ${minutes} min`,
-  whether: (/** @type {string} */ summary) => summary.replace("Whether readings have", "Readings have").replace("Whether readings are", "Readings are"),
-  worn: (/** @type {string} */ summary) => `${summary}, min; nothing: drawn`,
+  lag: (/** @type {number} */ minutes) => `Lag of the tissue behind blood, ${minutes} min`,
+  /** @type {Record<string, string>} */
+  parts: {
+    noise: "Noise, which lasts from reading to reading",
+    drift: "Error of calibration, which changes over the days of wear",
+    display: "Display: whole mg/dl, from 40 to 400",
+  },
+  worn: "Worn before the start, min; nothing: drawn",
   noise: "Variance of the noise, (mg/dl)²",
   deadTime: "Dead time of the readings, min; the controller does not know it",
   pictureTitle: "Glucose and insulin of a simulated person",

@@ -33,15 +33,15 @@ export function sensorView(session, change) {
 
   /** Controls of a monitor. @param {string} name */
   function controls(name) {
-    return Object.entries(data.monitors[name].settings).map(([setting, { usual, summary, most }]) => {
+    return Object.entries(data.monitors[name].settings).map(([setting, { usual, most }]) => {
       if (setting === "worn_min") {
         const made = element("input", { type: "number", min: "0", max: `${most}`, step: "5", "data-name": setting });
         made.addEventListener("change", () => put(setting, made.value === "" ? null : Number(made.value)));
-        return element("label", {}, texts.worn(summary), made);
+        return element("label", {}, texts.worn, made);
       }
       const made = element("input", { type: "checkbox", "data-name": setting });
       made.addEventListener("change", () => put(setting, typeof usual === "boolean" ? made.checked : made.checked ? usual : 0));
-      return element("label", { class: "check" }, made, typeof usual === "boolean" ? texts.whether(summary) : texts.lag(summary, Number(usual)));
+      return element("label", { class: "check" }, made, typeof usual === "boolean" ? texts.parts[setting] : texts.lag(Number(usual)));
     });
   }
 
