@@ -345,6 +345,15 @@ def test_glucose_lags_as_behind_a_lag_and_not_at_an_interstitial_site():
     np.testing.assert_array_equal(told(asked, glucose)[0], told(lag(3.0), glucose)[0])
 
 
+def test_errors_are_those_of_glucose_behind_the_lag_and_the_display_shows_them():
+    glucose = 130.0 + 90.0 * np.sin(np.arange(80) / 5.0)
+    behind, _ = told(lag(10.0), glucose)
+    values, _ = told(of("dexcom-g6, noise=false, worn_min=1d"), glucose)
+    days = 1.0 + np.arange(80) * 5.0 / DAY_MIN
+    gain, offset = (np.polynomial.polynomial.polyval(days, of) for of in (DEXCOM_G6.gain, DEXCOM_G6.offset_mg_dl))
+    np.testing.assert_array_equal(values, np.clip(np.round(gain * behind + offset), 40.0, 400.0))
+
+
 def test_noise_of_a_sensor_inside_is_added():
     inner = correlated_noise(9.0, 0.7)
     off = ", noise=false, drift=false, display=false, lag_min=0, warm_up_min=0"
