@@ -146,8 +146,8 @@ class Loops:
         self.starting, self.keys = [key[0] for key in keys], [key[1] for key in keys]
         patients = [data["patients"][situation["patient"]] for situation in situations]
         family, first = patients[0]["family"], situations[0]
-        name = first["controller"].replace("-", "_") + (GUARDED if first["guard"] else "")
-        self.controller = f"{data['families'][family]['route']}_{name}"
+        program = data["families"][family]["controllers"][first["controller"]]["program"]
+        self.controller = program + (GUARDED if first["guard"] else "")
         self.family = family.replace("-", "_")
         self.samples = round(first["duration_min"] / SAMPLE_TIME_MIN)
         self.late = round(first["dead_time_min"] / SAMPLE_TIME_MIN)

@@ -2,7 +2,8 @@
 
 What of a controller is part of its program is usual for the patient and cannot be changed on the page: the dead time of
 IMC, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard. Patients with insulin
-by one route have the same of each, so that there is one program of each controller for each route.
+by one route have the same of each but the states, so that there is one program of each controller for each route, and
+of MPC/SE for each number of states.
 """
 
 from __future__ import annotations
@@ -101,6 +102,16 @@ def example_controller(name: str, family: str) -> Controller:
         delay_min = float(usual_tuning("imc", family, point)["delay_min"])
         return design_imc(-3.0, 80.0, delay_min, PARKER_1999_LIMITS, sample_time_min=SAMPLE_TIME_MIN)
     return usual_mpc(family, point) if name == "mpc" else usual_mpc_se(family, point)
+
+
+def program_of(name: str, family: str) -> str:
+    """Name of the functions of a controller, which patients with insulin by one route share.
+
+    MPC/SE has one for each number of states of its model.
+    """
+    states = usual_mpc_se(family, next(iter(patients(family)))).C.size if name == "mpc-se" else None
+    parts = (PATIENTS.find(family).insulin_route, name.replace("-", "_"), states)
+    return "_".join(str(part) for part in parts if part is not None)
 
 
 class _FreeLimits:

@@ -30,6 +30,7 @@ from glucoloop.lab.body import (
 from glucoloop.lab.controllers import (
     CONTROLLERS,
     LONGEST_HORIZON,
+    program_of,
     shortest_horizon,
     usual_mpc,
     usual_mpc_se,
@@ -230,7 +231,12 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
             kind: usual_tuning(name, of_patient.name, point.name, *sensor)
             for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
-    found: dict[str, Any] = {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}
+    found: dict[str, Any] = {
+        "program": program_of(name, of_patient.name),
+        "summary": entry.summary,
+        "settings": _offered(entry, bounds),
+        "usual": usual,
+    }
     if name == "mpc":
         found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
     return found

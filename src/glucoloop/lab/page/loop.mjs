@@ -26,8 +26,8 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
 
 /** Name of the functions of a controller, without what they do. @param {Situation} situation @param {Data} data */
 export function controllerName(situation, data) {
-  const { route } = familyOf(situation, data);
-  return `${route}_${situation.controller.replace("-", "_")}${situation.guard ? "_guarded" : ""}`;
+  const { program } = familyOf(situation, data).controllers[situation.controller];
+  return situation.guard ? `${program}_guarded` : program;
 }
 
 /** The earlier readings of a fault that gives one of them; its function is shown the one that is chosen. */

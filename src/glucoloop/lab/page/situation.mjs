@@ -77,11 +77,11 @@
  * @typedef {object} Family what all patients of a model have
  * @property {string} summary
  * @property {Record<string, string>} points summaries of the operating points, the usual one first
- * @property {string} route of insulin, by which the functions of the controllers are named
+ * @property {string} route of insulin
  * @property {number} step_min of the integrator
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
- * @property {Record<string, {summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
+ * @property {Record<string, {program: string, summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
  *   usual: Record<string, Record<"noise_free" | "noisy" | "behind_lag", Record<string, any>>>}>} controllers with the usual
  *   values by operating point
  * @property {Record<string, Setting & {usual: number}>} guard_limits
