@@ -78,6 +78,14 @@ class Past {
 /** What stands for the draw of an onset that is given. */
 const DRAWN = 0.5;
 
+/** Numbers of people beside one another. @param {ArrayLike<number>[]} people */
+function beside(people) {
+  const [count, lanes] = [people[0].length, people.length];
+  const found = new Float64Array(count * lanes);
+  for (let lane = 0; lane < lanes; lane++) for (let i = 0; i < count; i++) found[i * lanes + lane] = people[lane][i];
+  return found;
+}
+
 /** The loop of a situation for one vector of people after another. */
 export class LoopOfVector {
   /**
@@ -102,8 +110,10 @@ export class LoopOfVector {
       start: lab.stage(`${name}_start`),
       stage: lab.stage(name),
       drawing,
-      /** What each person draws. @type {import("./draws.mjs").Draws[]} */
-      draws: [],
+      /** What is drawn at the start, and at each sample, of the people beside one another. */
+      begun: new Float64Array(0),
+      drawn: new Float64Array(0),
+      each: 0,
     }));
     this.faults = situation.faults
       .filter((fault) => data.faults[fault.name].part === "sensor")
@@ -157,10 +167,8 @@ export class LoopOfVector {
     const lanes = reading.length;
     reading.set(glucose);
     valid.fill(1);
-    for (const { stage, draws } of sensors) {
-      draws.forEach(({ samples, each }, lane) => {
-        for (let i = 0; i < each; i++) stage.own[(2 + i) * lanes + lane] = samples[k * each + i];
-      });
+    for (const { stage, drawn, each } of sensors) {
+      for (let i = 0, at = k * each; i < each; i++) stage.own[2 * lanes + i] = drawn[at + i];
       this.through(stage);
     }
     if (late > 0) {
@@ -212,11 +220,9 @@ export class LoopOfVector {
   wake() {
     const { sensors, faults, glucose } = this;
     const lanes = glucose.length;
-    for (const { start, stage, draws } of sensors) {
+    for (const { start, stage, begun } of sensors) {
       start.own.set(glucose);
-      draws.forEach((of, lane) => {
-        for (let i = 0; i < of.start.length; i++) start.own[(1 + i) * lanes + lane] = of.start[i];
-      });
+      start.own.set(begun, lanes);
       start.step();
       stage.carry.set(start.outputs);
     }
@@ -242,7 +248,11 @@ export class LoopOfVector {
     this.seeds = seeds;
     for (const sensor of this.sensors) {
       const { drawing } = sensor;
-      sensor.draws = drawing === undefined ? [] : seeds.map((seed) => draws(lab, drawing, seed, this.samples));
+      if (drawing === undefined) continue;
+      const of = seeds.map((seed) => draws(lab, drawing, seed, this.samples));
+      sensor.begun = beside(of.map(({ start }) => start));
+      sensor.drawn = beside(of.map(({ samples }) => samples));
+      sensor.each = of[0].each * lanes;
     }
     this.moments = lab.moments(situation, this.samples * this.steps, people);
     put(plant, people);
@@ -279,6 +289,7 @@ export class LoopOfVector {
     const { samples, steps, step_min, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
+    const timed = plant.shared.length > 0;
     const within = new Float64Array(inside.length * lanes);
     const wide = moments.length / (samples * steps * MOMENTS);
     const happened = {
@@ -305,7 +316,7 @@ export class LoopOfVector {
         for (let i = 0; i < MOMENTS; i++) {
           for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[(at + i) * wide + (lane % wide)];
         }
-        plant.shared.fill((k * steps + step) * step_min); // the time of day, where equations may follow it
+        if (timed) plant.shared.fill((k * steps + step) * step_min); // the time of day, which equations may follow
         plant.step();
         for (let i = 0; i < inside.length; i++) {
           if (inside[i][0] !== step) continue;
