@@ -443,6 +443,12 @@ def test_people_may_trail(name):
     assert len(set((np.asarray(again.glucose_mg_dl) - 120.0).tolist())) > 1  # each has errors of their own
 
 
+@pytest.mark.parametrize("name", MONITORS)
+def test_the_numbers_of_a_monitor_equal_themselves(name):  # by which loops of many people find what varies
+    for one, other in zip(*(jax.tree.leaves(of(name)) for _ in range(2)), strict=True):
+        np.testing.assert_array_equal(np.asarray(one) == np.asarray(other), True)
+
+
 def test_a_key_gives_one_course_and_another_gives_another():
     sensor = of("vettoretti-2019")
     glucose = np.full(30, 120.0)

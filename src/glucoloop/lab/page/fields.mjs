@@ -9,6 +9,8 @@ import { familyOf, limitsOf, monitorSettings } from "./situation.mjs";
 /** @typedef {import("./design.mjs").Numbers} Numbers */
 
 const NOISE_BOUND_MG_DL = 5;
+/** What stands for a time of wear that is drawn. */
+const DRAWN = -1;
 const HAIR = 1e-9; // of a sample or a step, as glucoloop rounds up
 
 /**
@@ -94,7 +96,7 @@ export function ofSensor({ noise_variance, monitor }, data) {
   if (monitor === null) return [];
   const { numbers, processes } = data.monitors[monitor.name];
   const { lag_min, noise, drift, display, worn_min } = monitorSettings(monitor, data);
-  const worn = worn_min === null ? NaN : Math.min(Math.floor(worn_min / data.sample_time_min + HAIR), Number(numbers.wear) - 1);
+  const worn = worn_min === null ? DRAWN : Math.min(Math.floor(worn_min / data.sample_time_min + HAIR), Number(numbers.wear) - 1);
   /** @type {Numbers} */
   const errors = { ...numbers, worn };
   if (!noise) errors["constants.sigma"] = [0, 0];

@@ -30,6 +30,7 @@ from glucoloop.units import MIN_PER_DAY
 
 _INTERSTITIAL = "interstitial"
 _NUMBERS = 7
+_DRAWN = -1.0
 
 
 @pytree
@@ -59,7 +60,7 @@ class Monitor:
     wear: jax.Array | float
     """Samples from one insertion to the next."""
     worn: jax.Array | float
-    """Samples since the insertion at the start; not a number where it is drawn."""
+    """Samples since the insertion at the start; below 0 where it is drawn."""
     calibrated: jax.Array | float
     """Samples from one calibration to the next; those of the wear for a sensor that is not calibrated."""
     sample_time_min: float = static()
@@ -76,7 +77,7 @@ class Monitor:
         shape, dtype = jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl)
         span = self.wear - self.warm_up
         within = jnp.minimum(jnp.floor(span * jax.random.uniform(age_key, shape, dtype)), span - 1.0)
-        age = jnp.where(jnp.isnan(self.worn), self.warm_up + within, self.worn)
+        age = jnp.where(self.worn < 0.0, self.warm_up + within, self.worn)
         own = None
         if self.spread is not None:
             own = drawn(self.spread, jax.random.normal(sensor_key, (_NUMBERS, CANDIDATES, *shape), dtype))
@@ -223,7 +224,7 @@ def monitor(
         return math.ceil(minutes / sample_time_min - 1e-9)
 
     wear = max(samples(wear_min), samples(warm_up_min) + 1)
-    worn = math.nan if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
+    worn = _DRAWN if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
     sensor: Sensor = Monitor(
         inner=or_ideal(inner),
         constants=constants_of(model) if model.spread is None else None,
