@@ -49,7 +49,7 @@ async function inNode() {
       }
       tell(`node: ${controller}${guard ? ", guarded" : ""}: ${setting}, 10 h, ms`, times.slice(20));
     }
-  for (const family of Object.keys(data.families)) {
+  for (const family of Object.keys(data.people)) {
     const day = (controller) => checked({ ...usual(data), ...DAY, controller, patient: data.people[family].patient }, data);
     some(lab, day("mpc"), 0, 40);
     for (const [controller, drawn] of [["mpc", ", drawn too"], ["mpc", ""], ["pid", ""], ["mpc-se", ""]]) {

@@ -20,12 +20,12 @@ def in_node(tmp_path_factory):
     if NODE is None:
         pytest.skip("needs node (Debian: apt install nodejs)")
 
-    def ask(situations):
+    def ask(situations, built=PAGE):
         folder = tmp_path_factory.mktemp("page")
         request, answer = folder / "request.json", folder / "answer.json"
         request.write_text(json.dumps(situations))
         script = Path(__file__).with_name("simulate.mjs")
-        subprocess.run([NODE, script, PAGE, HOST, request, answer], check=True, timeout=300)
+        subprocess.run([NODE, script, PAGE, HOST, request, answer, built], check=True, timeout=300)
         return json.loads(answer.read_text())
 
     return ask
@@ -57,6 +57,8 @@ OTHERS = {
 """Faults in the place of some of these, drawn apart, so that nothing else of the corpus depends on them."""
 PROGRAM = {"late": {"delay_min": 20.0}, "out-of-order": {"among": 5}}
 """Settings that are part of a loop's program in glucoloop."""
+MONITORS = {("mpc-se", False): "dexcom-g6", ("imc", True): "facchinetti-2014"}
+"""Continuous glucose monitors of the loops with each controller."""
 NOTICED = ("mpc", True)
 """Loops whose pump reports an occlusion."""
 
@@ -119,9 +121,10 @@ def corpus(data):
                     {"t_min": float(rng.integers(0, 500)), "carbs_g": float(rng.integers(5, 120))}
                     for _ in range(rng.integers(0, 4))
                 ],
+                "monitor": None,
                 "noise_variance": float(rng.integers(1, 40)) / 10.0 if noisy else 0.0,
                 "dead_time_min": LATE_MIN[controller] if guard else 0.0,
-                "seed": int(rng.integers(len(data["normals"]))),
+                "seed": int(rng.integers(data["seeds"])),
                 "duration_min": 600.0,
             }
         )
@@ -131,6 +134,18 @@ def corpus(data):
         if names is not None:
             chosen = [name for name in names if rng.integers(2)]
             situation["faults"] = [faulty(name, data["faults"][name], rng, False) for name in chosen]
+    rng = np.random.default_rng(19)
+    for situation in found:
+        name = MONITORS.get((situation["controller"], situation["guard"]))
+        if name is not None:
+            settings = {setting: False for setting in ("noise", "drift") if rng.integers(4) == 0}
+            if rng.integers(3):
+                settings["worn_min"] = float(rng.integers(0, data["monitors"][name]["settings"]["worn_min"]["most"]))
+            if rng.integers(4) == 0:
+                settings["worn_min"] = (
+                    data["monitors"][name]["settings"]["worn_min"]["most"] - 300.0
+                )  # soon another one
+            situation |= {"monitor": {"name": name, "settings": settings}, "noise_variance": 0.0}
     return found
 
 

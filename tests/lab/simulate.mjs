@@ -1,11 +1,11 @@
-// Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER.
+// Simulates situations as the page does: node simulate.mjs PAGE KERNELS REQUEST ANSWER [FOLDER OF OTHER DATA].
 // A request is a JSON list of situations; of texts, which are the parts of links after the #; or of {link, samples}, for
 // what the controller expects at these samples; of {link, person}, for a person of the
 // population; or of {toml, csv}, files that glucoloop wrote.
 import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
-const [page, kernels, request, answer] = process.argv.slice(2);
+const [page, kernels, request, answer, built = page] = process.argv.slice(2);
 const { load } = await import(pathToFileURL(kernels).href);
 const { Lab } = await import(pathToFileURL(`${page}/lab.mjs`).href);
 const { summary } = await import(pathToFileURL(`${page}/summary.mjs`).href);
@@ -13,7 +13,8 @@ const { checked } = await import(pathToFileURL(`${page}/situation.mjs`).href);
 const { fromHash, hash: hashOf, situationOf } = await import(pathToFileURL(`${page}/keys.mjs`).href);
 const links = await import(pathToFileURL(`${page}/links.mjs`).href);
 const { usualUnits } = await import(pathToFileURL(`${page}/units.mjs`).href);
-const { ofFault } = await import(pathToFileURL(`${page}/fields.mjs`).href);
+const { ofFault, ofSensor } = await import(pathToFileURL(`${page}/fields.mjs`).href);
+const { draws } = await import(pathToFileURL(`${page}/draws.mjs`).href);
 const repeat = await import(pathToFileURL(`${page}/repeat.mjs`).href);
 
 const { texts } = await import(pathToFileURL(`${page}/texts.mjs`).href);
@@ -25,8 +26,8 @@ const { fromToml, fromTrace } = await import(pathToFileURL(`${page}/configuratio
 const { some } = await import(pathToFileURL(`${page}/many.mjs`).href);
 const { personOf } = await import(pathToFileURL(`${page}/people.mjs`).href);
 
-const data = JSON.parse(readFileSync(`${page}/lab.json`, "utf8"));
-const lab = new Lab(await load(readFileSync(`${page}/lab.wasm`), "float64"), data);
+const data = JSON.parse(readFileSync(`${built}/lab.json`, "utf8"));
+const lab = new Lab(await load(readFileSync(`${built}/lab.wasm`), "float64"), data);
 
 async function answered(asked) {
   try {
@@ -60,6 +61,10 @@ async function answered(asked) {
     return {
       situation,
       numbers: lab.controllerNumbers(situation),
+      sensors: ofSensor(situation, data).map(({ name, numbers, drawing }) => {
+        const drawn = drawing && draws(lab, drawing, situation.seed, trace.t_min.length);
+        return { name, numbers, start: [...drawn?.start ?? []], samples: [...drawn?.samples ?? []] };
+      }),
       faults: situation.faults.map((fault) => ofFault(fault, data).numbers),
       trace,
       summary: summary(trace),

@@ -31,6 +31,7 @@ USUAL = {
     "faults": [],
     "meals": [{"t_min": 50.0, "carbs_g": 50.0}],
     "noise_variance": 0.0,
+    "monitor": None,
     "dead_time_min": 0.0,
     "seed": 0,
     "duration_min": 600.0,
@@ -124,7 +125,7 @@ def moved(answer):
 
 def test_the_lessons_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
-    slow, far, late, occluded, _, unannounced = in_node([lesson["hash"] for lesson in lessons])
+    slow, far, late, occluded, _, unannounced, monitored = in_node([lesson["hash"] for lesson in lessons])
     others = (
         "#controller=pid,+closed_loop_min=10",
         "#controller=prediction_horizon=3",
@@ -154,6 +155,17 @@ def test_the_lessons_show_what_they_tell(in_node):
     assert low_and_peak(state)[0] > 77.0
     assert low_and_peak(guarded)[0] > 70.0
     assert round(low_and_peak(guarded)[1]) == 121
+    of_monitor = lessons[6]["hash"]
+    assert "dexcom-g6" in of_monitor
+    [exact] = in_node([lessons[6]["beside"]["hash"]])
+    parts_off = ("noise=false,+drift=false", "lag_min=0,+drift=false", "lag_min=0,+noise=false")
+    links = [of_monitor.replace("worn_min", f"{off},+worn_min") for off in parts_off]
+    lag, noise, drift, predictive = in_node([*links, of_monitor.replace("pid", "mpc")])
+    assert low_and_peak(exact)[0] > 87.0
+    assert [round(low_and_peak(answer)[0]) for answer in (monitored, lag, noise, drift)] == [72, 80, 78, 86]
+    assert round(moved(noise) / moved(exact)) == 9
+    assert moved(predictive) < 0.5 * moved(monitored)
+    assert low_and_peak(predictive)[0] > 79.0
 
 
 def test_each_preset_is_a_situation_of_its_own(in_node):

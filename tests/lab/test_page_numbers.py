@@ -17,7 +17,7 @@ from glucoloop.control.guard import Guard
 from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
-from glucoloop.experiments.surroundings import Surroundings
+from glucoloop.experiments.surroundings import Surroundings, sensor_of
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
 from glucoloop.lab.body import FAMILIES, SAMPLE_TIME_MIN, STEPS, adjusted, example_person
@@ -36,6 +36,7 @@ from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import dead_time, white_noise
+from glucoloop.sensors.settings import MonitorPart
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
 from glucoloop.simulation.plant import Exogenous
@@ -111,11 +112,11 @@ class Definition:
             setpoint_mg_dl=person["setpoint_mg_dl"],
         )
 
-    def run(self, moments):
-        """Traces ``(samples, people)`` by the interpreter of scalar programs."""
+    def run(self, loops):
+        """Traces ``(samples, people)`` by the interpreter of scalar programs, with what the loops of parts draw."""
+        moments, [normals] = loops.moments, [drawn[:, 0].T for _, _, _, drawn in loops.sensors]
         people = side_by_side(map(numbers_of, self.people))
         of = [self.of(situation) for situation, _, _ in self.loops]
-        normals = np.array([self.data["normals"][situation["seed"]] for situation, _, _ in self.loops])
         rest = np.array([[patient["basal_insulin_mU_min"], *patient["x"]] for patient in of]).T
         drawings = [self.start.drawing(random_key(situation["seed"])) for situation, _, _ in self.loops]
         drawn = np.array([[float(number) for number in drawing] for drawing in drawings]).T
@@ -222,7 +223,7 @@ IN_ONE_PIECE = (("parker-1999", "mpc", True), ("hovorka-2004", "mpc-se", True))
 def test_the_bits_do_not_depend_on_how_a_sample_is_divided(which, groups, answers, arounds, data, loops, traces):
     here, (family, controller, guard) = groups[which], which
     asked = [(answers[i]["situation"], answers[i], arounds[i]) for i in here]
-    found = Definition(family, controller, guard, data, asked).run(loops[which].moments)
+    found = Definition(family, controller, guard, data, asked).run(loops[which])
     for row, key in enumerate(TRACED):
         np.testing.assert_array_equal(found[:, row], traces[which][key], err_msg=key)
     np.testing.assert_array_equal(found[:, len(TRACED) :], traces[which]["inside_mg_dl"])
@@ -368,8 +369,11 @@ def surroundings(run, faults):
     The faults that the run does not have never begin, and noise of no variance is none.
     """
     told = {fault.name: fault for fault in run.faults}
-    sensor = white_noise(run.noise_variance, run.noise_bound_mg_dl)
-    sensor = dead_time(run.dead_time_samples, sensor) if run.dead_time_samples else sensor
+    if any(isinstance(part, MonitorPart) for part in run.sensor):
+        sensor = sensor_of(run)
+    else:
+        sensor = white_noise(run.noise_variance, run.noise_bound_mg_dl)
+        sensor = dead_time(run.dead_time_samples, sensor) if run.dead_time_samples else sensor
     pump = LimitedPump(limits=run.limits)
     for idle in faults:
         own = told.get(idle.name, idle)

@@ -179,6 +179,7 @@ noticed = true
         "faults": [{"name": "occlusion", "start_min": 60, "duration_min": None, "settings": {"noticed": True}}],
         "meals": [{"carbs_g": 50, "t_min": 50}],
         "noise_variance": 2,
+        "monitor": None,
         "dead_time_min": 5,
         "seed": 0,
         "duration_min": 600,

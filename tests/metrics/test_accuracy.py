@@ -7,6 +7,7 @@ import pytest
 import glucoloop as gl
 from glucoloop.metrics.accuracy import ZONES, clarke_zones
 from glucoloop.sensors.settings import SENSORS
+from other_programs import answer_of
 
 # Glucose, reading and zone, on both sides of the lines that Clarke et al. draw.
 POINTS = [
@@ -38,6 +39,25 @@ def test_every_point_is_in_one_zone():
     zones = clarke_zones(glucose, reading)
     assert list(zones) == list(ZONES)
     np.testing.assert_array_equal(sum(within.astype(int) for within in zones.values()), 1)
+
+
+ZONES_OF_ERROR_GRIDS = """
+import numpy as np
+from error_grids import clarke_error_zone_detailed
+axis = np.arange(*asked)
+found = np.vectorize(clarke_error_zone_detailed)(*np.meshgrid(axis, axis))
+print(json.dumps(found.tolist()))
+"""
+
+
+@pytest.mark.long
+def test_zones_are_those_of_another_program_in_the_whole_plane_that_clarke_draws():
+    within = (0.25, 400.0, 1.0)  # between the lines, on which one may count to either side
+    zones = np.array(list("abbccddee"))[answer_of("error-grids", ZONES_OF_ERROR_GRIDS, within)]
+    axis = np.arange(*within)
+    found = clarke_zones(*map(jnp.asarray, np.meshgrid(axis, axis)))
+    for zone in ZONES:
+        np.testing.assert_array_equal(np.asarray(found[zone]), zones == zone, zone)
 
 
 @pytest.fixture(scope="module")

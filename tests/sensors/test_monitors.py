@@ -25,6 +25,7 @@ from glucoloop.sensors.cgm.model import Constants, ErrorModel, Process, candidat
 from glucoloop.sensors.protocol import IdealSensor
 from glucoloop.sensors.settings import SENSORS
 from glucoloop.simulation.engines import make_engine
+from other_programs import answer_of
 
 ALIKE = {
     "breton-2008": BRETON_2008,
@@ -149,35 +150,43 @@ def test_stationary_variances_are_those_of_a_lyapunov_equation():
         np.testing.assert_allclose(constants_of(model).variance, expected, rtol=1e-12)
 
 
+def points_of_breton(normal):
+    """Errors at the points of the noise, of normal numbers, the first of which is a point itself as in simglucose."""
+    constants, points = constants_of(BRETON_2008), jnp.full((2, 1), normal[0])
+    found = [BRETON_2008.shape(points[1, 0])]
+    for number in normal[1:]:
+        points = constants.advance(points, jnp.full(1, number))
+        found.append(BRETON_2008.shape(points[1, 0]))
+    return np.array(found)
+
+
 def test_the_points_of_breton_are_those_of_simglucose():
     # noise15_iter of simglucose 0.2.11 with its parameters, seed 1, whose xi is -5.47 where the paper has -5.471
     simglucose = [
         *(21.114425351511823, 7.47964393996742, 1.032792415686349, -6.58677728769311),
         *(1.1915577090656635, -15.111498177303236, 1.4090227537341047, -4.281041735740359),
     ]
-    normal = np.random.RandomState(1).randn(8)
-    constants, points = constants_of(BRETON_2008), jnp.full((2, 1), normal[0])
-    found = [BRETON_2008.shape(points[1, 0])]
-    for number in normal[1:]:
-        points = constants.advance(points, jnp.full(1, number))
-        found.append(BRETON_2008.shape(points[1, 0]))
-    np.testing.assert_allclose(np.array(found) + 0.001, simglucose, rtol=1e-12)
+    found = points_of_breton(np.random.RandomState(1).randn(8))
+    np.testing.assert_allclose(found + 0.001, simglucose, rtol=1e-12)
 
 
-def test_the_points_of_breton_are_those_of_an_installed_simglucose():
-    pytest.importorskip("simglucose", reason="simglucose is not installed; pip install glucoloop[bench] brings it")
-    from simglucose.sensor.noise_gen import noise15_iter
+NOISE_OF_SIMGLUCOSE = """
+from simglucose.sensor.noise_gen import CGMNoise
+noise = CGMNoise(asked["parameters"], seed=asked["seed"])
+print(json.dumps([next(noise) for _ in range(asked["samples"])]))
+"""
 
-    shape = BRETON_2008.shape
-    given = {"PACF": 0.7, "gamma": shape.gamma, "lambda": shape.scale, "delta": shape.delta, "xi": shape.xi}
-    theirs = noise15_iter(given, seed=3)
-    expected = [next(theirs) for _ in range(200)]
-    normal = np.random.RandomState(3).randn(200)
-    constants, points, found = constants_of(BRETON_2008), jnp.full((2, 1), normal[0]), []
-    for number in normal[1:]:
-        found.append(float(shape(points[1, 0])))
-        points = constants.advance(points, jnp.full(1, number))
-    np.testing.assert_allclose(found, expected[:-1], rtol=1e-12)
+
+@pytest.mark.long
+@pytest.mark.parametrize("sample_time_min", [1.0, 3.0, 5.0])
+def test_noise_of_simglucose_goes_through_the_points_of_breton(sample_time_min):
+    shape, points = BRETON_2008.shape, 90
+    johnson = {"xi": shape.xi, "lambda": shape.scale, "gamma": shape.gamma, "delta": shape.delta}
+    parameters, every = {"PACF": 0.7, "sample_time": sample_time_min, **johnson}, round(15.0 / sample_time_min)
+    asked = {"parameters": parameters, "seed": 3, "samples": points * every}
+    theirs = answer_of("simglucose", NOISE_OF_SIMGLUCOSE, asked)  # from the sample after the first point on
+    found = points_of_breton(np.random.RandomState(3).randn(points + 1))
+    np.testing.assert_allclose(theirs[every - 1 :: every], found[1:], rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["breton-2008", "dexcom-g6"])
@@ -336,6 +345,15 @@ def test_glucose_lags_as_behind_a_lag_and_not_at_an_interstitial_site():
     np.testing.assert_array_equal(told(asked, glucose)[0], told(lag(3.0), glucose)[0])
 
 
+def test_errors_are_those_of_glucose_behind_the_lag_and_the_display_shows_them():
+    glucose = 130.0 + 90.0 * np.sin(np.arange(80) / 5.0)
+    behind, _ = told(lag(10.0), glucose)
+    values, _ = told(of("dexcom-g6, noise=false, worn_min=1d"), glucose)
+    days = 1.0 + np.arange(80) * 5.0 / DAY_MIN
+    gain, offset = (np.polynomial.polynomial.polyval(days, of) for of in (DEXCOM_G6.gain, DEXCOM_G6.offset_mg_dl))
+    np.testing.assert_array_equal(values, np.clip(np.round(gain * behind + offset), 40.0, 400.0))
+
+
 def test_noise_of_a_sensor_inside_is_added():
     inner = correlated_noise(9.0, 0.7)
     off = ", noise=false, drift=false, display=false, lag_min=0, warm_up_min=0"
@@ -425,6 +443,12 @@ def test_people_may_trail(name):
     assert len(set((np.asarray(again.glucose_mg_dl) - 120.0).tolist())) > 1  # each has errors of their own
 
 
+@pytest.mark.parametrize("name", MONITORS)
+def test_the_numbers_of_a_monitor_equal_themselves(name):  # by which loops of many people find what varies
+    for one, other in zip(*(jax.tree.leaves(of(name)) for _ in range(2)), strict=True):
+        np.testing.assert_array_equal(np.asarray(one) == np.asarray(other), True)
+
+
 def test_a_key_gives_one_course_and_another_gives_another():
     sensor = of("vettoretti-2019")
     glucose = np.full(30, 120.0)
@@ -439,7 +463,11 @@ def test_a_key_gives_one_course_and_another_gives_another():
         (lambda: of("dexcom-g6, wear_min=1h"), "warm_up_min is 120 min, but the sensor is replaced after 60 min"),
         (lambda: of("dexcom-g5, worn_min=7d"), "worn_min is 10080 min, but the sensor is replaced after 10080 min"),
         (lambda: of("dexcom-g5, lag_min=121"), "lag_min is 121 min; give a number from 0 to 120 min"),
-        (lambda: of("cgm-display, low_mg_dl=400"), "a range of 400 to 400 mg/dl is not possible"),
+        (lambda: of("cgm-display, low_mg_dl=400"), "a range of 400 to 400 mg/dl is not possible; give an upper end"),
+        (
+            lambda: of("cgm-display, high_mg_dl=22"),
+            "a range of 40 to 22 mg/dl is not possible; .* 22 mmol/l is 396 mg/dl",
+        ),
         (lambda: of("cgm-display, every_min=0"), "every_min is 0 min; give a number above 0 min"),
         (lambda: of("cgm-display", 0.0), "a sample time of 0 min is not possible"),
         (lambda: monitor(DEXCOM_G6, warm_up_min=-1.0), "warm_up_min is -1 min; give a number from 0 to 1440 min"),

@@ -115,6 +115,11 @@ def meal_moments(part, situations, patients, samples):
     return total.reshape(samples, STEPS, 3, len(situations))
 
 
+def drawn_of(part, key):
+    """Numbers that a part draws with a key, by JAX."""
+    return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(drawn) for drawn in part.lowered.drawing(key))])
+
+
 class Loops:
     """Situations of one family and one controller, guarded or not.
 
@@ -137,11 +142,12 @@ class Loops:
         apart = (fault_parts(fault) for fault in faults if fault.name in ("late", "out-of-order"))
         self.parts = {**parts, **{name: part for of in apart for name, part in of.items()}}
         self.situations, parts = situations, self.parts
-        self.keys = [jax.random.split(random_key(of["seed"]))[1] for of in situations]
+        keys = [jax.random.split(random_key(of["seed"])) for of in situations]
+        self.starting, self.keys = [key[0] for key in keys], [key[1] for key in keys]
         patients = [data["patients"][situation["patient"]] for situation in situations]
         family, first = patients[0]["family"], situations[0]
-        name = first["controller"].replace("-", "_") + (GUARDED if first["guard"] else "")
-        self.controller = f"{data['families'][family]['route']}_{name}"
+        program = data["families"][family]["controllers"][first["controller"]]["program"]
+        self.controller = program + (GUARDED if first["guard"] else "")
         self.family = family.replace("-", "_")
         self.samples = round(first["duration_min"] / SAMPLE_TIME_MIN)
         self.late = round(first["dead_time_min"] / SAMPLE_TIME_MIN)
@@ -149,10 +155,7 @@ class Loops:
         numbers = [{k: np.nan if v is None else v for k, v in answer["numbers"].items()} for answer in answers]
         self.of_controller = side_by_side(rows_of(takes, of) for of in numbers)
         self.of_plant = side_by_side(numbers_of([*of["matrices"], *of["numbers"]]) for of in patients)
-        takes = parts["noise"].names["person"]
-        noise = ({"variance": of["noise_variance"], "bound_mg_dl": 5.0} for of in situations)
-        self.of_noise = side_by_side(rows_of(takes, of) for of in noise)
-        self.normals = side_by_side(data["normals"][of["seed"]] for of in situations)
+        self.sensors = list(self.sensors_of([answer["sensors"] for answer in answers]))
         self.moments = meal_moments(parts[f"{self.family}_meal"], situations, patients, self.samples)
         sensors = [of.sensor for of in around]
         self.faults = []
@@ -168,12 +171,37 @@ class Loops:
         self.basal = np.array([of["basal_insulin_mU_min"] for of in patients])
         self.setpoint = np.array([of["setpoint_mg_dl"] for of in patients])
 
+    def sensors_of(self, chains):
+        """Functions of the sensor with numbers of people, and what is drawn at the start and at each sample.
+
+        The page draws it by a function of its own, with bits that JAX does not have on every processor.
+        """
+        silent = {"name": "sensor_white_noise", "numbers": {"bound_mg_dl": 5.0}, "start": [], "samples": []}
+        chains = [chain or [silent] for chain in chains]
+        for of_people in zip(*chains, strict=True):
+            [name] = {of["name"] for of in of_people}
+            part = self.parts[name]
+            numbers = [
+                {place: np.nan if number is None else number for place, number in of["numbers"].items()}
+                for of in of_people
+            ]
+            people = side_by_side(rows_of(part.names["person"], of) for of in numbers)
+            begun = side_by_side(drawn_of(self.parts[f"{name}_start"], key) for key in self.starting)
+            by_jax = begun, self.draws(part, self.keys)
+            drawn = []
+            for expected, place in zip(by_jax, ("start", "samples"), strict=True):
+                found = expected.copy()
+                for i, of in enumerate(of_people):
+                    if of[place]:
+                        found[..., i] = np.reshape(of[place], found.shape[:-1])
+                np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+                drawn.append(found)
+            yield name, people, *drawn
+
     def draws(self, part, keys):
         """Numbers that a part draws at each sample, ``(samples, numbers, situations)``."""
-        if "drawn" not in part.names["own"]:
-            return np.zeros((self.samples, 0, len(keys)))
-        drawing, samples = part.lowered.drawing, jnp.arange(self.samples)
-        each = [jax.vmap(lambda k, key=key: jnp.stack(drawing(jax.random.fold_in(key, k))))(samples) for key in keys]
+        samples = jnp.arange(self.samples)
+        each = [jax.vmap(lambda k, key=key: drawn_of(part, jax.random.fold_in(key, k)))(samples) for key in keys]
         return np.stack([np.asarray(numbers) for numbers in each], axis=-1)
 
     def samples_of(self, made, moved):
@@ -181,27 +209,30 @@ class Loops:
         parts = self.parts
         wake, decide = portable(parts[f"{self.controller}_start"]), made(parts[f"{self.controller}_step"])
         pump = portable(parts[self.pump])
-        noise = portable(parts["noise"])
         waking = [portable(parts[f"{name}_start"]) for name, _ in self.faults]
         faulty = [portable(parts[name]) for name, _ in self.faults]
+        sensing = [(portable(parts[f"{name}_start"]), portable(parts[name]), *rest) for name, *rest in self.sensors]
         draw = np.full(self.basal.size, NO_DRAW)
         draws = [self.draws(parts[name], self.keys) for name, _ in self.faults]
         pulses = self.draws(parts[self.pump], [jax.random.fold_in(key, OF_PUMP) for key in self.keys])
         x, glucose, reported = self.x * (1.0 + moved), self.glucose * (1.0 + moved), self.basal
 
         def awake():
-            found = []
+            found = [begin(people, None, np.array([glucose, *drawn]))[1] for begin, _, people, drawn, _ in sensing]
             for (name, numbers), begin in zip(self.faults, waking, strict=True):
                 drawn = [draw] if "drawn" in parts[f"{name}_start"].names["own"] else []
                 found.append(begin(numbers, None, np.array([glucose, *drawn]))[1])
             return found
 
         def read(k, states, line):
-            own = np.array([glucose, self.normals[k]])
-            reading = noise(self.of_noise, None, own)[1][0]
-            line, (reading, valid) = [*line, reading], (line[0] if line else reading, np.ones_like(glucose))
-            after = []
-            for (_, numbers), show, state, drawn in zip(self.faults, faulty, states, draws, strict=True):
+            reading, valid, after = glucose, np.ones_like(glucose), []
+            for (_, show, people, _, drawn), state in zip(sensing, states[: len(sensing)], strict=True):
+                state, (reading, valid) = show(people, state, np.array([reading, valid, *drawn[k]]))
+                after.append(state)
+            line = [*line, (reading, valid)]
+            reading, valid = line[0]
+            of_faults = zip(self.faults, faulty, states[len(sensing) :], draws, strict=True)
+            for (_, numbers), show, state, drawn in of_faults:
                 state, (reading, valid) = show(numbers, state, np.array([reading, valid, *drawn[k]]))
                 after.append(state)
             return after, line[1:], reading, valid
@@ -210,7 +241,7 @@ class Loops:
             told = dict(zip(OBSERVED, (reading, valid, self.setpoint, reported, np.zeros_like(reading)), strict=True))
             return np.array([told[name] for name in parts[f"{self.controller}_step"].names["own"]])
 
-        line = [glucose] * self.late
+        line = [(glucose, np.ones_like(glucose))] * self.late
         _, _, *first = read(0, awake(), line)
         _, memory = wake(self.of_controller, None, observed(*first))
         states = awake()

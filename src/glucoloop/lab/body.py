@@ -1,7 +1,8 @@
 """Patients of the page with their meals, as functions of one step of the integrator of `glucoloop run`.
 
-The matrices of the integrator are inputs of the function, so that it depends on formulas alone and not on how a library
-rounded; only what is zero at all operating points is known to it.
+The matrices of the exponential integrator are inputs of the function, so that it depends on formulas alone and not on
+how a library rounded; only what is zero at all operating points is known to it. A patient of equations alone is
+carried by the explicit integrator, and has no matrices.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from glucoloop.patients import Population, SemilinearPatient, population, virtua
 from glucoloop.patients.population import of_people
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import exponential
+from glucoloop.simulation.explicit import ExplicitPeople
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
+from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
@@ -44,10 +47,10 @@ SEED: Final = 0
 """Seed of the people, who are those of ``glucoloop trial --seed 0``."""
 
 
-def situation(family: str, operating_point: str, *, noisy: bool = False) -> Situation:
-    """Situation of a patient of the page with the usual pump, and with noise-free readings or not."""
-    patient, sensor = {"name": family, "operating_point": operating_point}, ["white-noise"] * noisy
-    made: Situation = configured(Situation, patient=patient, sensor=sensor)
+def situation(family: str, operating_point: str, *sensor: str) -> Situation:
+    """Situation of a patient of the page with the usual pump, and exact readings unless a sensor is named."""
+    patient = {"name": family, "operating_point": operating_point}
+    made: Situation = configured(Situation, patient=patient, sensor=list(sensor))
     return made
 
 
@@ -59,21 +62,28 @@ def patient_id(family: str, operating_point: str) -> str:
 @functools.cache
 def patients(family: str) -> dict[str, SemilinearPatient]:
     """Patients of a family by operating point."""
-    points = [point.name for point in PATIENTS[family].operating_points]
+    points = [point.name for point in PATIENTS.find(family).operating_points]
     return {point: cast(SemilinearPatient, situation(family, point).nominal) for point in points}
+
+
+def by_equations(family: str) -> bool:
+    """Whether the patients of a family are given by their equations alone, and carried by the explicit integrator."""
+    return not goes_fast(next(iter(patients(family).values())))
 
 
 @functools.cache
 def people_of(family: str) -> Population:
     """Population whose people the page simulates beside the usual patient of a family: that of ``glucoloop trial``."""
-    return population(PATIENTS[family].usual_population, patient=family)
+    return population(PATIENTS.find(family).usual_population, patient=family)
 
 
 @functools.cache
 def _varied(family: str) -> SemilinearPatient:
-    """The patients of a family and some people around the usual one, whose numbers trail where any of them differ."""
-    people = virtual_people(people_of(family), SEED, [0, 1]).patient
-    everybody = [*patients(family).values(), *(of_people(people, i) for i in range(2))]
+    """The patients of a family and some people of the page, whose numbers trail where any of them differ."""
+    everybody: list[Any] = list(patients(family).values())
+    if not by_equations(family):
+        people = virtual_people(people_of(family), SEED, [0, 1]).patient
+        everybody += [of_people(people, i) for i in range(2)]
     leaves = zip(*(jax.tree.leaves(person) for person in everybody), strict=True)
     joined = [
         each[0] if all(np.array_equal(each[0], other) for other in each[1:]) else jnp.stack(list(each), axis=-1)
@@ -81,6 +91,17 @@ def _varied(family: str) -> SemilinearPatient:
     ]
     varied: SemilinearPatient = jax.tree.unflatten(jax.tree.structure(everybody[0]), joined)
     return varied
+
+
+@functools.cache
+def _explicit(family: str) -> ExplicitPeople:
+    """Patients that are given by their equations with the integrator, whose steps are short enough for all of them."""
+    return ExplicitPeople(next(iter(patients(family).values())), _varied(family), GRID)
+
+
+def steps_of(family: str) -> int:
+    """Steps of the integrator in a sample."""
+    return _explicit(family).substeps if by_equations(family) else STEPS
 
 
 @functools.cache
@@ -138,10 +159,13 @@ def plant_numbers(family: str, operating_point: str) -> dict[str, list[float]]:
 
     A zero that is known costs nothing.
     """
+    patient = chosen(patients(family)[operating_point], patients_vary(family))
+    numbers = [float(leaf) for leaf in patient]
+    if by_equations(family):
+        return {"numbers": numbers, "matrices": []}
     leaves = zip(jax.tree.leaves(_matrices(family, operating_point)), _places(family), strict=True)
     nonzero_numbers = [np.ravel(np.asarray(leaf))[nonzero] for leaf, nonzero in leaves if nonzero is not None]
-    patient = chosen(patients(family)[operating_point], patients_vary(family))
-    return {"numbers": [float(leaf) for leaf in patient], "matrices": np.concatenate(nonzero_numbers).tolist()}
+    return {"numbers": numbers, "matrices": np.concatenate(nonzero_numbers).tolist()}
 
 
 def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:
@@ -161,6 +185,9 @@ def _filled(matrices: Matrices, places: Places, numbers: jax.Array) -> Matrices:
 
 def inside(family: str) -> list[tuple[int, int]]:
     """Step and place of each reading of the fine grid among those that the plant gives at a step."""
+    if by_equations(family):
+        per_point = _explicit(family).single.steps_per_point
+        return [((place + 1) * per_point - 1, 0) for place in range(GRID.inside_min.size)]
     matrices = next(iter(plants(family).values())).matrices
     most = matrices.dense.shape[1]
     return [(int(place) // most, int(place)) for place in np.asarray(matrices.wanted)]
@@ -171,9 +198,16 @@ def adjusted(family: str, person: dict[str, Any]) -> tuple[SemilinearPatient, Ma
 
     The rows of the matrices that read glucose are those of all steps of a sample, one below the other.
     """
-    first, nominal = next(iter(patients(family).items()))
-    patient: SemilinearPatient = replaced(nominal, patients_vary(family), person["patient"])
-    return patient, _filled(_matrices(family, first), _places(family), person["matrices"])
+    first = next(iter(patients(family)))
+    return patient_of(family, person), _filled(_matrices(family, first), _places(family), person["matrices"])
+
+
+def patient_of(family: str, person: dict[str, Any]) -> SemilinearPatient:
+    """A patient with other numbers, in the order of `plant_numbers`; JAX traces it."""
+    patient: SemilinearPatient = replaced(
+        next(iter(patients(family).values())), patients_vary(family), person["patient"]
+    )
+    return patient
 
 
 def example_person(family: str) -> dict[str, Any]:
@@ -182,7 +216,7 @@ def example_person(family: str) -> dict[str, Any]:
     numbers = plant_numbers(family, first)
     return {
         "patient": chosen(nominal, patients_vary(family)),
-        "matrices": jnp.asarray(numbers["matrices"]),
+        "matrices": jnp.asarray(numbers["matrices"], float),
     }
 
 
@@ -191,8 +225,7 @@ def portable_glucose_mg_dl(family: str, operating_point: str, x: jax.Array) -> f
 
     def read(person: Any, own: Any, rng: Any) -> Any:
         del rng
-        patient, _ = adjusted(family, person)
-        return patient.glucose_mg_dl(own)
+        return patient_of(family, person).glucose_mg_dl(own)
 
     lowered = starting(read, example_person(family), x).lowered
     numbers = plant_numbers(family, operating_point)
@@ -214,9 +247,18 @@ def plant_part(family: str) -> CompiledPart:
         x, glucose = exponential.step(patient, matrices, dense, carry, rate, own["moments"])
         return x, {"glucose_mg_dl": patient.glucose_mg_dl(x), "inside_mg_dl": glucose}
 
+    def explicit_step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del rng
+        plant = dataclasses.replace(_explicit(family).single, patient=patient_of(family, person))
+        x = plant.step(carry, shared["t_min"], own["insulin_mU_min"], own["moments"])
+        glucose = plant.patient.glucose_mg_dl(x)
+        return x, {"glucose_mg_dl": glucose, "inside_mg_dl": glucose[None]}
+
     nominal = next(iter(patients(family).values()))
     x = nominal.steady_state(nominal.basal_insulin_mU_min)
     own = {"insulin_mU_min": jnp.zeros(()), "moments": jnp.zeros(3)}
+    if by_equations(family):
+        return part(explicit_step, example_person(family), x, own, {"t_min": jnp.zeros(())})
     return part(step, example_person(family), x, own)
 
 
@@ -240,7 +282,7 @@ def meal_part(family: str) -> CompiledPart:
         del own, rng
         gut: MealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
         absorption = Absorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"])))
-        return carry, appearance_moments(shared, STEP_MIN, absorption)
+        return carry, appearance_moments(shared, SAMPLE_TIME_MIN / steps_of(family), absorption)
 
     zero = jnp.zeros(())
     eaten = Eaten(t_min=zero, carbs_g=zero, eating_min=zero)

@@ -2,7 +2,8 @@
 
 What of a controller is part of its program is usual for the patient and cannot be changed on the page: the dead time of
 IMC, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard. Patients with insulin
-by one route have the same of each, so that there is one program of each controller for each route.
+by one route have the same of each but the states, so that there is one program of each controller for each route, and
+of MPC/SE for each number of states.
 """
 
 from __future__ import annotations
@@ -43,15 +44,24 @@ FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
 FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
 
 
-def usual_tuning(name: str, family: str, operating_point: str, *, noisy: bool = False) -> dict[str, Value]:
-    """All settings of a controller that are usual for a patient of the page."""
-    return dict(usual_case(name, situation(family, operating_point, noisy=noisy)).tuning)
+def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
+    """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named.
+
+    A horizon that suits the model is that of the model which the page has.
+    """
+    tuning = dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
+    if tuning.get("prediction_horizon") == 0:
+        exact = [of for of in sensor if of != "white-noise"]  # the page's models are free of noise
+        at_point = situation(family, operating_point, *exact)
+        designed: Any = controller_of(at_point, usual_case(name, at_point))
+        _, tuning["prediction_horizon"] = designed.horizons
+    return tuning
 
 
 @functools.cache
-def usual_mpc(family: str, operating_point: str) -> LinearMPC:
+def usual_mpc(family: str, operating_point: str, *sensor: str) -> LinearMPC:
     """Linear MPC of a patient, on the model that is identified without noise, with room for the longest horizon."""
-    found: LinearMPC = _with_room("mpc", family, operating_point)
+    found: LinearMPC = _with_room("mpc", family, operating_point, *sensor)
     return found
 
 
@@ -62,25 +72,25 @@ def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
     return found
 
 
-def shortest_horizon(name: str, family: str) -> int:
+def shortest_horizon(name: str, family: str, *sensor: str) -> int:
     """Least horizon that a predictive controller accepts for every patient of a family."""
 
     def of_patient(operating_point: str) -> int:
         if name == "mpc-se":
             response = linear_response(linear_model(patients(family)[operating_point]))
         else:
-            at_point = situation(family, operating_point)
+            at_point = situation(family, operating_point, *sensor)
             response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
-        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS[family].insulin_route]
+        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS.find(family).insulin_route]
 
     return max(map(of_patient, patients(family)))
 
 
-def _with_room(name: str, family: str, operating_point: str) -> Any:
-    at_point = situation(family, operating_point)
+def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> Any:
+    at_point = situation(family, operating_point, *sensor)
     controller: Any = controller_of(at_point, usual_case(name, at_point))
     moves, _ = controller.horizons
-    return controller.padded(moves, LONGEST_HORIZON[PATIENTS[family].insulin_route])
+    return controller.padded(moves, LONGEST_HORIZON[PATIENTS.find(family).insulin_route])
 
 
 def example_controller(name: str, family: str) -> Controller:
@@ -92,6 +102,16 @@ def example_controller(name: str, family: str) -> Controller:
         delay_min = float(usual_tuning("imc", family, point)["delay_min"])
         return design_imc(-3.0, 80.0, delay_min, PARKER_1999_LIMITS, sample_time_min=SAMPLE_TIME_MIN)
     return usual_mpc(family, point) if name == "mpc" else usual_mpc_se(family, point)
+
+
+def program_of(name: str, family: str) -> str:
+    """Name of the functions of a controller, which patients with insulin by one route share.
+
+    MPC/SE has one for each number of states of its model.
+    """
+    states = usual_mpc_se(family, next(iter(patients(family)))).C.size if name == "mpc-se" else None
+    parts = (PATIENTS.find(family).insulin_route, name.replace("-", "_"), states)
+    return "_".join(str(part) for part in parts if part is not None)
 
 
 class _FreeLimits:
@@ -130,7 +150,7 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     bare = example_controller(name, family)
     if not guard:
         return Adjustable(bare)
-    return Adjustable(guarded(bare, guard_of(PATIENTS[family]), PARKER_1999_LIMITS))
+    return Adjustable(guarded(bare, guard_of(PATIENTS.find(family)), PARKER_1999_LIMITS))
 
 
 def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:

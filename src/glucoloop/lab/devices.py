@@ -12,21 +12,28 @@ from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from glucoloop._pytree import pytree
-from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.body import SAMPLE_TIME_MIN
-from glucoloop.lab.part import CompiledPart, part, with_start
+from glucoloop.lab.part import CompiledPart, with_start
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.sensors import Reading, white_noise
+from glucoloop.refusal import Refusal
+from glucoloop.sensors import Reading, Sensor, lag, white_noise
+from glucoloop.sensors.cgm import Monitor, display
+from glucoloop.sensors.cgm.model import Ticks
+from glucoloop.sensors.settings import SENSORS
 
 _OF_ANOTHER: Final = ("out-of-order",)
 """Faults that have no function of their own."""
+MONITORS: Final = ("dexcom-g6", "dexcom-g5", "facchinetti-2014")
+"""Continuous glucose monitors of the page, whose errors have one form; the one that it offers first."""
+_PROCESSES: Final = 2
+"""The most processes of their noise."""
+_EACH_SAMPLE: Final = Ticks(1, 1)
 NOTICED: Final = "noticed"
 
 
@@ -52,8 +59,10 @@ class _Passed:
 
 
 def sensor_parts() -> dict[str, CompiledPart]:
-    """Noise, and the faults of a sensor, each with its state at the start."""
-    found = {"noise": noise_part()}
+    """Sensors, and the faults of a sensor, each with its state at the start."""
+    found: dict[str, CompiledPart] = {}
+    for name, sensor in sensors().items():
+        found |= reading_parts(f"sensor_{name}", sensor)
     for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             delay = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
@@ -61,44 +70,58 @@ def sensor_parts() -> dict[str, CompiledPart]:
     return found
 
 
+def sensors() -> dict[str, Sensor]:
+    """Sensors by the names of their functions, each around one whose reading is what it is shown.
+
+    A monitor of the page is the lag, the errors of its model and the display, one after another.
+    """
+    passed = _Passed(valid=jnp.asarray(True))
+    return {
+        "white_noise": white_noise(inner=passed),
+        "lag": lag(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
+        "monitor": errors_of(MONITORS[0]),
+        "display": display(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
+    }
+
+
+def errors_of(name: str) -> Monitor:
+    """Errors of a monitor of the page alone, without its lag and its display.
+
+    A model of one process has a second one that is always zero, so that all monitors have one program.
+    """
+    alone = SENSORS[name].partial({"lag_min": 0.0, "display": False}).completed()
+    made: Monitor = alone.made(inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN)
+    if made.constants is None or made.shape is not None or made.steps != _EACH_SAMPLE:
+        raise Refusal(f"the page has no program for the errors of {name}, which differ or are not of each sample")
+    wide = {
+        of: jnp.zeros(_PROCESSES).at[: numbers.size].set(numbers)
+        for of, numbers in vars(made.constants).items()
+        if of in ("alpha1", "alpha2", "sigma")
+    }
+    return dataclasses.replace(made, constants=dataclasses.replace(made.constants, **wide))
+
+
 def fault_parts(fault: FaultPart) -> dict[str, CompiledPart]:
-    """The two functions of a fault of a sensor: its state at the start, and its step."""
+    """The two functions of a fault of a sensor."""
+    return reading_parts(part_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
+
+
+def reading_parts(name: str, sensor: Any) -> dict[str, CompiledPart]:
+    """The two functions of what is around a sensor: its state at the start, and its step, by what that sensor read."""
     zero = jnp.zeros(())
     shown = Reading(glucose_mg_dl=zero, valid=jnp.asarray(True))
-    numbers = jax.tree.map(jnp.asarray, put_around(_Passed(valid=shown.valid), fault, SAMPLE_TIME_MIN))
+    numbers = jax.tree.map(jnp.asarray, sensor)
 
     def init(sensor: Any, glucose_mg_dl: Any, rng: Any) -> Any:
         return sensor.init(glucose_mg_dl, rng)
 
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
-        faulty = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
-        state, reading = faulty.read(carry, own.glucose_mg_dl, rng)
+        around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
+        state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 
-    return with_start(part_name(fault), init, step, numbers, zero, shown)
-
-
-def noise_part() -> CompiledPart:
-    """The reading of glucose with bounded white noise, from a normal number that was drawn before."""
-
-    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del shared
-        sensor = white_noise(person["variance"], person["bound_mg_dl"])
-        _, reading = sensor.read((), own, rng)
-        return carry, reading.glucose_mg_dl
-
-    zero = jnp.zeros(())
-    return part(step, {"variance": zero, "bound_mg_dl": zero}, (), zero)
-
-
-def normals(seed: int, samples: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Normal numbers of the readings of a run with a seed, in the order in which `noise_part` takes them."""
-    drawing = noise_part().lowered.drawing
-    _, reading_key = jax.random.split(random_key(seed))
-    keys = jax.vmap(lambda index: jax.random.fold_in(reading_key, index))(jnp.arange(samples))
-    [drawn] = jax.vmap(drawing)(keys)
-    return np.asarray(drawn).reshape(samples)
+    return with_start(name, init, step, numbers, zero, shown)
 
 
 def pumps() -> dict[str, Pump]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -18,24 +18,28 @@ from glucoloop.lab.body import (
     FAMILIES,
     GRID,
     SAMPLE_TIME_MIN,
-    STEP_MIN,
+    by_equations,
     gut_numbers,
     inside,
     patient_id,
     patients,
     plant_numbers,
     portable_glucose_mg_dl,
+    steps_of,
 )
 from glucoloop.lab.controllers import (
     CONTROLLERS,
     LONGEST_HORIZON,
+    program_of,
     shortest_horizon,
     usual_mpc,
     usual_mpc_se,
     usual_tuning,
 )
-from glucoloop.lab.devices import normals
+from glucoloop.lab.devices import MONITORS, errors_of
+from glucoloop.lab.part import by_name
 from glucoloop.lab.people import people_numbers
+from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.setting import Value
@@ -44,7 +48,7 @@ from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.pumps.settings import PumpPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SENSORS
+from glucoloop.sensors.settings import SENSORS, DisplaySettings, MonitorPart
 from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -56,31 +60,34 @@ SLIDERS: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     files("glucoloop.lab").joinpath("sliders.toml").read_text(encoding="utf-8")
 )
 """Settings that can be changed on the page, with least and largest value and step of their sliders."""
-_OF_DEFAULT: Final = re.compile(r" 0: .*|; that of the patient's pump\.")
-"""Sentences on a value of 0, which the page does not offer, and on what is usual, which it shows."""
-CHAIN: Final = ("ideal", "white-noise", "dead-time")
+_OF_ZERO: Final = re.compile(r";? 0: .*")
+"""Sentence on a value of 0, where the page does not offer it."""
+_OF_DEFAULT: Final = re.compile(r"; that of the patient's pump\.|; by default .*|: true or false\.")
+"""Sentences on what is usual, which the page shows, and on how to write it."""
+CHAIN: Final = ("ideal", "white-noise", *MONITORS, "dead-time")
 """Sensors that a chain on the page can have, from the innermost outwards."""
 
 
-def numbers() -> dict[str, Any]:
+def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
     """All numbers of the page, as plain data."""
     return {
         "sample_time_min": SAMPLE_TIME_MIN,
-        "step_min": STEP_MIN,
         "inside_min": GRID.inside_min.tolist(),
         "longest_min": LONGEST_MIN,
-        "families": {family: _family(PATIENTS[family]) for family in FAMILIES},
+        "families": {family: _family(PATIENTS.find(family)) for family in families},
         "patients": {
-            patient_id(family, point): _patient(PATIENTS[family], point, patient)
-            for family in FAMILIES
+            patient_id(family, point): _patient(PATIENTS.find(family), point, patient)
+            for family in families
             for point, patient in patients(family).items()
         },
         "sensors": {name: SENSORS[name]().values() for name in CHAIN},
         "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
-        "normals": [normals(seed, round(LONGEST_MIN / SAMPLE_TIME_MIN)).tolist() for seed in range(SEEDS)],
+        "monitors": {name: _monitor(name) for name in MONITORS},
+        "display": DisplaySettings().values(),
+        "seeds": SEEDS,
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
-        "people": {family: people_numbers(family) for family in FAMILIES},
+        "people": {family: people_numbers(family) for family in families if not by_equations(family)},
     }
 
 
@@ -90,6 +97,7 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},
         "route": entry.insulin_route,
+        "step_min": SAMPLE_TIME_MIN / steps_of(entry.name),
         "inside": [list(place) for place in inside(entry.name)],
         "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
         "pump_limits": _offered(PumpPart, SLIDERS["pump"], {name: getattr(entry, name) for name in SLIDERS["pump"]}),
@@ -113,7 +121,7 @@ def _offered(
     for name, bound in bounds.items():
         setting = part.setting(name)
         found[name] = {
-            "summary": _OF_DEFAULT.sub("", setting.summary),
+            "summary": _OF_DEFAULT.sub("", _OF_ZERO.sub("", setting.summary) if bound[0] > 0 else setting.summary),
             "whole": setting.kind in (int, bool),
             **dict(zip(("least", "most", "step"), bound, strict=True)),
             **({} if usual is None else {"usual": usual[name]}),
@@ -133,6 +141,21 @@ def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     }
 
 
+def _monitor(name: str) -> dict[str, Any]:
+    """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
+    entry = cast(type[MonitorPart], SENSORS[name])
+    model, values = loaded(entry.model), entry().values()
+    usual = {**{setting: values[setting] for setting in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
+    worn_min = (0.0, values["wear_min"] - SAMPLE_TIME_MIN, SAMPLE_TIME_MIN)
+    drawn_or_unused = ("worn", "inner.valid")
+    return {
+        "summary": entry.summary,
+        "numbers": {of: number for of, number in by_name(errors_of(name)).items() if of not in drawn_or_unused},
+        "processes": len(model.processes),
+        "settings": _offered(entry, {**SLIDERS["monitor"], "worn_min": worn_min}, usual),
+    }
+
+
 def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -> dict[str, Any]:
     """A patient at rest, and the models on which controllers are designed."""
     x = patient.steady_state(patient.basal_insulin_mU_min)
@@ -147,13 +170,14 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
         "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
         "response": _response(entry.name, point),
+        "response_behind_lag": _response(entry.name, point, *MONITORS[:1]),
         "linear": _linear(entry.name, point, patient),
     }
 
 
-def _response(family: str, point: str) -> dict[str, list[float]]:
+def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
     """The identified response as linear MPC keeps it: coefficients, and a realisation of what comes after them."""
-    mpc = usual_mpc(family, point)
+    mpc = usual_mpc(family, point, *sensor)
     found = {"step_response": np.asarray(mpc.step_response).tolist()}
     if mpc.realisation is not None:
         for name in ("transition", "start", "output"):
@@ -203,6 +227,16 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
-        of_point = [usual_tuning(name, of_patient.name, point.name, noisy=noisy) for noisy in (False, True)]
-        usual[point.name] = dict(zip(("noise_free", "noisy"), of_point, strict=True))
-    return {"summary": entry.summary, "settings": _offered(entry, bounds), "usual": usual}
+        usual[point.name] = {
+            kind: usual_tuning(name, of_patient.name, point.name, *sensor)
+            for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
+        }
+    found: dict[str, Any] = {
+        "program": program_of(name, of_patient.name),
+        "summary": entry.summary,
+        "settings": _offered(entry, bounds),
+        "usual": usual,
+    }
+    if name == "mpc":
+        found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
+    return found

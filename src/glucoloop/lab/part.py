@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
 
@@ -54,4 +55,14 @@ def with_start(
 
 def _names(tree: Any) -> dict[str, int]:
     found = jax.tree_util.tree_leaves_with_path(tree)
-    return {jax.tree_util.keystr(path, simple=True, separator="."): int(leaf.size) for path, leaf in found}
+    return {_name(path): int(leaf.size) for path, leaf in found}
+
+
+def by_name(tree: Any) -> dict[str, Any]:
+    """Numbers of a tree, by the names under which a function of the page takes them."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    return {_name(path): np.asarray(leaf).tolist() for path, leaf in leaves}
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".")

@@ -8,41 +8,40 @@ pump and guard, the noise, the faults, the meals, and the controllers with all t
 
 from __future__ import annotations
 
+import itertools
+import re
+from collections.abc import Sequence
 from typing import Final
 
 import jax
 import numpy as np
 
-from glucoloop.lab.body import FAMILIES, meal_part, plant_part
-from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, adjustable, controller_parts
+from glucoloop.lab.body import FAMILIES, by_equations, meal_part, plant_part
+from glucoloop.lab.controllers import CONTROLLERS, Adjustable, adjustable, controller_parts, program_of
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
-from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"
 
 
-def parts() -> dict[str, CompiledPart]:
+def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
     """All functions of the page, by the name under which the module exports them."""
     found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
-    for family in FAMILIES:
-        name = family.replace("-", "_")
-        found |= {
-            f"{name}_plant": plant_part(family),
-            f"{name}_meal": meal_part(family),
-            f"{name}_person": person_part(family),
-        }
-    for route in LONGEST_HORIZON:
-        of_route = [family for family in FAMILIES if PATIENTS[family].insulin_route == route]
-        for name in CONTROLLERS:
-            for suffix, guard in (("", False), (GUARDED, True)):
-                first, *others = (adjustable(name, family, guard=guard) for family in of_route)
-                if any(_shape(other) != _shape(first) for other in others):
-                    raise Refusal(f"the patients with {route} insulin have no common program of {name}")
-                for what, compiled in controller_parts(first).items():
-                    found[f"{route}_{name.replace('-', '_')}{suffix}_{what}"] = compiled
+    for family in families:
+        name = re.sub(r"\W", "_", family)
+        found |= {f"{name}_plant": plant_part(family), f"{name}_meal": meal_part(family)}
+        if not by_equations(family):
+            found[f"{name}_person"] = person_part(family)
+    shapes: dict[str, tuple[object, ...]] = {}
+    for family, name, guard in itertools.product(families, CONTROLLERS, (False, True)):
+        program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
+        shape = _shape(adjusted)
+        if program not in shapes:
+            found |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
+        if shapes.setdefault(program, shape) != shape:
+            raise Refusal(f"{name} of {family} is not of the form of the program {program}")
     return found
 
 

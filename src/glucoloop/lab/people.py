@@ -89,7 +89,7 @@ def person_part(family: str) -> CompiledPart:
 
 
 def _person_part(family: str, *, rests: bool) -> CompiledPart:
-    point = PATIENTS[family].usual_point
+    point = PATIENTS.find(family).usual_point
     setpoint_mg_dl = float(patients(family)[point].setpoint_mg_dl)
     states = plants(family)[point].matrices.driven_end.shape[0]
     names, build = list(people_of(family).distributions()), patient_model(family).build
@@ -112,7 +112,7 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
 
 def people_numbers(family: str) -> dict[str, Any]:
     """Distributions of the people of a family, and constants of their plants, as the page reads them."""
-    point = PATIENTS[family].usual_point
+    point = PATIENTS.find(family).usual_point
     return {
         "population": people_of(family).name,
         "seed": SEED,

@@ -23,6 +23,9 @@ ZONES = ("a", "b", "c", "d", "e")
 def clarke_zones(glucose_mg_dl: jax.Array, reading_mg_dl: jax.Array) -> dict[str, jax.Array]:
     """Whether a reading lies in each zone of Clarke's error grid; it lies in one of them. Lines go on beyond 400 mg/dl.
 
+    Packages that have the grid branch on one pair of Python numbers; this is traced into the loop, for any number of
+    people.
+
     ====  ================================================================================
     zone  readings
     ====  ================================================================================

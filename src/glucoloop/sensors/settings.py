@@ -135,7 +135,7 @@ class DisplaySettings(SensorPart, name="cgm-display"):
         if not self.low_mg_dl < self.high_mg_dl:
             raise Refusal(
                 f"a range of {self.low_mg_dl:g} to {self.high_mg_dl:g} mg/dl is not possible; "
-                "give an upper end above the lower one"
+                f"{GLUCOSE_BOUND.looks_like(self.high_mg_dl) or 'give an upper end above the lower one'}"
             )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ from glucoloop.meals.absorption import Absorption, at_start_middle_end, meal_mom
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.parts import Content, compiled_by_class
-from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
 
 USUAL_STEPS_PER_MIN: Final = 2
@@ -52,19 +52,27 @@ class ExplicitPlant:
 
         def point(carry: tuple[jax.Array, jax.Array], entry: tuple[jax.Array, Held]) -> tuple[Any, jax.Array]:
             (x, clock), (moments, held) = carry, entry
-            patient = held.of(self.patient)
-
-            def rate(t: jax.Array, x: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-                return patient.derivative(t, x, held.inputs(insulin_mU_min, meal_mg_min))
-
             for of_step in moments:
-                x, clock = self._step(rate, x, clock, of_step), clock + self.step_min
+                x, clock = self.step(x, clock, insulin_mU_min, of_step, held), clock + self.step_min
             return (x, clock), self.patient.glucose_mg_dl(x)
 
         (x, _), inside = jax.lax.scan(point, (x, start), (of_points, exogenous.held))
         return x, inside
 
-    def _step(self, rate: Callable[..., jax.Array], x: jax.Array, t_min: jax.Array, moments: jax.Array) -> jax.Array:
+    def step(
+        self,
+        x: jax.Array,
+        t_min: jax.Array,
+        insulin_mU_min: jax.Array,
+        moments: jax.Array,
+        held: Held = NOTHING_HELD,
+    ) -> jax.Array:
+        """State after one step from a time of day on, with the moments ``(3, ...)`` of the meals over the step."""
+        patient = held.of(self.patient)
+
+        def rate(t: jax.Array, x: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
+            return patient.derivative(t, x, held.inputs(insulin_mU_min, meal_mg_min))
+
         h = self.step_min
         start, middle, end = at_start_middle_end(moments)
         k_1 = rate(t_min, x, start)

@@ -1,13 +1,16 @@
 // @ts-check
 /** Numbers of the functions of the module, by the names of their fields, from the settings of a situation. */
 
-import { familyOf, limitsOf } from "./situation.mjs";
+import { familyOf, limitsOf, monitorSettings } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
 /** @typedef {import("./situation.mjs").Fault} Fault */
 /** @typedef {import("./design.mjs").Numbers} Numbers */
 
+const NOISE_BOUND_MG_DL = 5;
+/** What stands for a time of wear that is drawn. */
+const DRAWN = -1;
 const HAIR = 1e-9; // of a sample or a step, as glucoloop rounds up
 
 /**
@@ -77,6 +80,32 @@ export function ofFault(fault, data) {
   const earlier = delay_min !== undefined ? Math.ceil(delay_min / every - HAIR) : among !== undefined ? among - 1 : 0;
   const program = earlier > 0 ? "late" : fault.name.replaceAll("-", "_");
   return { name: `${entry.part}_${program}${noticed ? "_noticed" : ""}`, numbers, earlier, random: among !== undefined };
+}
+
+/**
+ * Functions of the sensor, from glucose to the display, with their numbers and what they draw.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {{name: string, numbers: Numbers, drawing?: import("./draws.mjs").Drawing}[]}
+ */
+export function ofSensor({ noise_variance, monitor }, data) {
+  if (noise_variance > 0) {
+    const numbers = { variance: noise_variance, bound_mg_dl: NOISE_BOUND_MG_DL };
+    return [{ name: "sensor_white_noise", numbers, drawing: { name: "white-noise" } }];
+  }
+  if (monitor === null) return [];
+  const { numbers, processes } = data.monitors[monitor.name];
+  const { lag_min, noise, drift, display, worn_min } = monitorSettings(monitor, data);
+  const worn = worn_min === null ? DRAWN : Math.min(Math.floor(worn_min / data.sample_time_min + HAIR), Number(numbers.wear) - 1);
+  /** @type {Numbers} */
+  const errors = { ...numbers, worn };
+  if (!noise) errors["constants.sigma"] = [0, 0];
+  if (!drift) Object.assign(errors, { "constants.gain": [1, 0, 0], "constants.offset_mg_dl": [0, 0, 0] });
+  return [
+    ...(lag_min > 0 ? [{ name: "sensor_lag", numbers: { lag_min } }] : []),
+    { name: "sensor_monitor", numbers: errors, drawing: { name: "monitor", processes } },
+    ...(display ? [{ name: "sensor_display", numbers: data.display }] : []),
+  ];
 }
 
 /**

@@ -30,10 +30,11 @@ const MIN_PER_H = 60;
  */
 export function keys(situation, data) {
   const { family, operating_point } = data.patients[situation.patient];
-  const { guard, guard_limits, pump_limits, noise_variance, dead_time_min } = situation;
+  const { guard, guard_limits, pump_limits, noise_variance, monitor, dead_time_min } = situation;
   const elsewhere = operating_point !== Object.keys(data.families[family].points)[0];
   const sensor = [
     ...(noise_variance > 0 ? [{ name: "white-noise", variance: noise_variance }] : []),
+    ...(monitor !== null ? [{ name: monitor.name, ...monitor.settings }] : []),
     ...(dead_time_min > 0 ? [{ name: "dead-time", minutes: dead_time_min }] : []),
   ];
   const limited = Object.keys(guard_limits).length > 0;
@@ -89,26 +90,34 @@ function taken(where, given, standard, offered, unlike) {
 }
 
 /**
- * Noise and dead time of a chain of sensors.
+ * Noise, monitor and dead time of a chain of sensors.
  * @param {Tree[]} chain from the innermost outwards
  * @param {Data} data
  * @param {string[]} unlike gets a phrase for each sensor that the page has not, or has in another order
- * @returns {{noise_variance: number, dead_time_min: number}}
+ * @returns {{noise_variance: number, monitor: import("./situation.mjs").Monitor | null, dead_time_min: number}}
  */
-function ofChain(chain, { sensors }, unlike) {
+function ofChain(chain, { sensors, monitors }, unlike) {
   const found = { variance: 0, minutes: 0 };
+  /** @type {import("./situation.mjs").Monitor | null} */
+  let monitor = null;
   let inner = -1;
   for (const part of chain) {
     const { name, ...given } = part, place = Object.keys(sensors).indexOf(name);
-    if (place <= inner) unlike.push(`the sensor ${partText(part)}`);
-    else {
+    if (place <= inner || (name in monitors && (monitor !== null || found.variance > 0))) unlike.push(`the sensor ${partText(part)}`);
+    else if (name in monitors) {
+      inner = place;
+      const { settings } = monitors[name];
+      const usual = Object.entries(settings).map(([setting, of]) => [setting, of.usual]);
+      const standard = { ...sensors[name], ...Object.fromEntries(usual) };
+      monitor = { name, settings: taken("sensor.", given, standard, Object.keys(settings), unlike) };
+    } else {
       inner = place;
       const told = { ...sensors[name], ...taken("sensor.", given, sensors[name], Object.keys(found), unlike) };
       found.variance = told.variance ?? found.variance;
       found.minutes = told.minutes ?? found.minutes;
     }
   }
-  return { noise_variance: found.variance, dead_time_min: found.minutes };
+  return { noise_variance: found.variance, monitor, dead_time_min: found.minutes };
 }
 
 /**

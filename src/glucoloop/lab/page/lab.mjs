@@ -5,7 +5,7 @@ import { design } from "./design.mjs";
 import { ofController } from "./fields.mjs";
 import { LoopOfVector } from "./loop.mjs";
 import { MOMENTS, functionOf, Stage } from "./stage.mjs";
-import { tuningOf } from "./situation.mjs";
+import { lagOf, tuningOf } from "./situation.mjs";
 
 /** @typedef {import("../../native/targets/wasm/kernels.mjs").Kernels} Kernels */
 /** @typedef {import("./design.mjs").Numbers} Numbers */
@@ -103,10 +103,12 @@ export class Lab {
   controllerNumbers(situation) {
     const { data } = this;
     const tuning = tuningOf(situation, data);
+    const lags = lagOf(situation, data) > 0;
     /** @type {import("./design.mjs").Kept} */
-    const kept = (of, compute) => this.remembered([situation.patient, ...of], compute);
-    const designed = this.remembered([situation.patient, situation.controller, tuning], () =>
-      design(situation.controller, tuning, data.patients[situation.patient], data.sample_time_min, kept),
+    const kept = (of, compute) => this.remembered([situation.patient, lags, ...of], compute);
+    const patient = data.patients[situation.patient];
+    const designed = this.remembered([situation.patient, lags, situation.controller, tuning], () =>
+      design(situation.controller, tuning, lags ? { ...patient, response: patient.response_behind_lag } : patient, data.sample_time_min, kept),
     );
     return ofController(designed, situation, data);
   }
@@ -119,13 +121,15 @@ export class Lab {
    * @returns {Float64Array} (steps, moments, lanes), or without lanes where all have the same gut
    */
   moments({ patient, meals }, steps, people) {
-    const name = functionOf(this.data.patients[patient].family, "meal");
+    const { family } = this.data.patients[patient];
+    const name = functionOf(family, "meal");
+    const { step_min } = this.data.families[family];
     const guts = people.map(({ gut }) => gut);
     const alike = guts.every((gut) => gut === guts[0] || gut.length === 0);
     const wide = alike ? 1 : guts.length;
     const sum = new Float64Array(steps * MOMENTS * wide);
     for (const { t_min, carbs_g } of meals) {
-      const compute = () => this.momentsOfMeal(name, { t_min, carbs_g }, steps, guts, wide);
+      const compute = () => this.momentsOfMeal(name, { t_min, carbs_g }, { steps, step_min }, guts, wide);
       const of = alike ? this.remembered([name, guts[0], t_min, carbs_g, steps], compute) : compute();
       for (let i = 0; i < sum.length; i++) sum[i] += of[i];
     }
@@ -135,12 +139,11 @@ export class Lab {
   /**
    * @param {string} name of the function
    * @param {{t_min: number, carbs_g: number}} meal
-   * @param {number} steps
+   * @param {{steps: number, step_min: number}} grid
    * @param {number[][]} guts of the people, one for each lane
    * @param {number} wide lanes that are wanted
    */
-  momentsOfMeal(name, { t_min, carbs_g }, steps, guts, wide) {
-    const { step_min } = this.data;
+  momentsOfMeal(name, { t_min, carbs_g }, { steps, step_min }, guts, wide) {
     const { lanes } = this.kernels;
     const stage = this.stage(name);
     stage.give({ "meal.t_min": t_min, "meal.carbs_g": carbs_g });

@@ -1,7 +1,8 @@
 // @ts-check
 /** The closed loop, sample by sample, with the functions of the module: as `glucoloop.simulation.loop` defines it. */
 
-import { ofFault, ofPump } from "./fields.mjs";
+import { draws } from "./draws.mjs";
+import { ofFault, ofPump, ofSensor } from "./fields.mjs";
 import { familyOf } from "./situation.mjs";
 import { MOMENTS, put } from "./stage.mjs";
 import { drawForPump, drawForSensor } from "./threefry.mjs";
@@ -25,8 +26,8 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
 
 /** Name of the functions of a controller, without what they do. @param {Situation} situation @param {Data} data */
 export function controllerName(situation, data) {
-  const { route } = familyOf(situation, data);
-  return `${route}_${situation.controller.replace("-", "_")}${situation.guard ? "_guarded" : ""}`;
+  const { program } = familyOf(situation, data).controllers[situation.controller];
+  return situation.guard ? `${program}_guarded` : program;
 }
 
 /** The earlier readings of a fault that gives one of them; its function is shown the one that is chosen. */
@@ -77,6 +78,14 @@ class Past {
 /** What stands for the draw of an onset that is given. */
 const DRAWN = 0.5;
 
+/** Numbers of people beside one another. @param {ArrayLike<number>[]} people */
+function beside(people) {
+  const [count, lanes] = [people[0].length, people.length];
+  const found = new Float64Array(count * lanes);
+  for (let lane = 0; lane < lanes; lane++) for (let i = 0; i < count; i++) found[i * lanes + lane] = people[lane][i];
+  return found;
+}
+
 /** The loop of a situation for one vector of people after another. */
 export class LoopOfVector {
   /**
@@ -90,12 +99,22 @@ export class LoopOfVector {
     this.situation = situation;
     this.patient = data.patients[situation.patient];
     this.samples = Math.round(situation.duration_min / data.sample_time_min);
-    this.steps = Math.round(data.sample_time_min / data.step_min);
+    this.step_min = familyOf(situation, data).step_min;
+    this.steps = Math.round(data.sample_time_min / this.step_min);
     /** Moments of the meals; see `Lab.moments`. @type {Float64Array} */
     this.moments = new Float64Array(0);
     const name = controllerName(situation, data);
     const pump = ofPump(situation, data);
-    this.noise = situation.noise_variance > 0 ? lab.stage("noise") : null;
+    this.sensors = ofSensor(situation, data).map(({ name, numbers, drawing }) => ({
+      numbers,
+      start: lab.stage(`${name}_start`),
+      stage: lab.stage(name),
+      drawing,
+      /** What is drawn at the start, and at each sample, of the people beside one another. */
+      begun: new Float64Array(0),
+      drawn: new Float64Array(0),
+      each: 0,
+    }));
     this.faults = situation.faults
       .filter((fault) => data.faults[fault.name].part === "sensor")
       .map((fault, place) => {
@@ -109,8 +128,7 @@ export class LoopOfVector {
     this.pump = lab.stage(pump.name);
     this.plant = lab.plant(situation.patient);
 
-    this.noise?.give({ variance: situation.noise_variance, bound_mg_dl: 5 });
-    for (const { numbers, start, stage } of this.faults) for (const of of [start, stage]) of.give(numbers);
+    for (const { numbers, start, stage } of [...this.sensors, ...this.faults]) for (const of of [start, stage]) of.give(numbers);
     for (const stage of [this.pumpStart, this.pump]) stage.give(pump.numbers);
     const numbers = lab.controllerNumbers(situation);
     for (const stage of [this.start, this.controller]) stage.give(numbers);
@@ -118,6 +136,7 @@ export class LoopOfVector {
     /** Samples by which a reading is late, and the readings on their way. */
     this.late = Math.round(situation.dead_time_min / data.sample_time_min);
     this.line = new Float64Array(this.late * lanes);
+    this.lineValid = new Float64Array(this.late * lanes);
     this.glucose = new Float64Array(lanes);
     this.reading = new Float64Array(lanes);
     this.valid = new Float64Array(lanes);
@@ -139,40 +158,49 @@ export class LoopOfVector {
   }
 
   /**
-   * Read glucose at a sample, through noise, dead time and faults.
+   * Read glucose at a sample, through the sensor, dead time and faults.
    * @param {number} k
    * @param {boolean} moves whether the readings on their way move
    */
   read(k, moves) {
-    const { noise, faults, glucose, reading, valid, late, line, seeds } = this;
-    const { normals } = this.lab.data;
+    const { sensors, faults, glucose, reading, valid, late, line, lineValid, seeds } = this;
     const lanes = reading.length;
-    if (noise !== null) {
-      for (let lane = 0; lane < lanes; lane++) {
-        noise.own[lane] = glucose[lane];
-        noise.own[lanes + lane] = normals[seeds[lane]][k];
-      }
-      noise.step();
+    reading.set(glucose);
+    valid.fill(1);
+    for (const { stage, drawn, each } of sensors) {
+      for (let i = 0, at = k * each; i < each; i++) stage.own[2 * lanes + i] = drawn[at + i];
+      this.through(stage);
     }
-    const newest = noise === null ? glucose : noise.outputs;
-    const place = late > 0 ? (k % late) * lanes : 0;
-    for (let lane = 0; lane < lanes; lane++) {
-      valid[lane] = 1;
-      reading[lane] = late > 0 ? line[place + lane] : newest[lane];
-      if (late > 0 && moves) line[place + lane] = newest[lane];
+    if (late > 0) {
+      const place = (k % late) * lanes;
+      for (let lane = 0; lane < lanes; lane++) {
+        const [newest, there] = [reading[lane], valid[lane]];
+        reading[lane] = line[place + lane];
+        valid[lane] = lineValid[place + lane];
+        if (!moves) continue;
+        line[place + lane] = newest;
+        lineValid[place + lane] = there;
+      }
     }
     for (const { stage, past } of faults) {
-      const { own, outputs } = stage;
       past?.show(k, reading, valid, seeds, moves);
-      for (let lane = 0; lane < lanes; lane++) {
-        own[lane] = reading[lane];
-        own[lanes + lane] = valid[lane];
-      }
-      stage.step();
-      for (let lane = 0; lane < lanes; lane++) {
-        reading[lane] = outputs[lane];
-        valid[lane] = outputs[lanes + lane];
-      }
+      this.through(stage);
+    }
+  }
+
+  /** Take the reading through what is around a sensor. @param {Stage} stage */
+  through(stage) {
+    const { reading, valid } = this;
+    const { own, lanes } = stage;
+    for (let lane = 0; lane < lanes; lane++) {
+      own[lane] = reading[lane];
+      own[lanes + lane] = valid[lane];
+    }
+    stage.step();
+    const { outputs } = stage;
+    for (let lane = 0; lane < lanes; lane++) {
+      reading[lane] = outputs[lane];
+      valid[lane] = outputs[lanes + lane];
     }
   }
 
@@ -188,10 +216,16 @@ export class LoopOfVector {
     }
   }
 
-  /** Bring the faults of the sensor to their start. */
+  /** Bring the sensor and its faults to their start. */
   wake() {
-    const { faults, glucose } = this;
+    const { sensors, faults, glucose } = this;
     const lanes = glucose.length;
+    for (const { start, stage, begun } of sensors) {
+      start.own.set(glucose);
+      start.own.set(begun, lanes);
+      start.step();
+      stage.carry.set(start.outputs);
+    }
     for (const { start, stage, past } of faults) {
       past?.fill(glucose);
       for (let lane = 0; lane < lanes; lane++) {
@@ -212,6 +246,14 @@ export class LoopOfVector {
     const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
     const { lanes } = lab.kernels;
     this.seeds = seeds;
+    for (const sensor of this.sensors) {
+      const { drawing } = sensor;
+      if (drawing === undefined) continue;
+      const of = seeds.map((seed) => draws(lab, drawing, seed, this.samples));
+      sensor.begun = beside(of.map(({ start }) => start));
+      sensor.drawn = beside(of.map(({ samples }) => samples));
+      sensor.each = of[0].each * lanes;
+    }
     this.moments = lab.moments(situation, this.samples * this.steps, people);
     put(plant, people);
     if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
@@ -226,6 +268,7 @@ export class LoopOfVector {
       reported[lane] = people[lane].basal_insulin_mU_min;
       for (let i = 0; i < late; i++) line[i * lanes + lane] = glucose[lane];
     }
+    this.lineValid.fill(1);
     this.wake();
     this.read(0, false);
     this.observe(start);
@@ -243,9 +286,10 @@ export class LoopOfVector {
    * @param {(sample: number, happened: Happened) => void} tell
    */
   run(tell) {
-    const { samples, steps, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
+    const { samples, steps, step_min, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
+    const timed = plant.shared.length > 0;
     const within = new Float64Array(inside.length * lanes);
     const wide = moments.length / (samples * steps * MOMENTS);
     const happened = {
@@ -272,6 +316,7 @@ export class LoopOfVector {
         for (let i = 0; i < MOMENTS; i++) {
           for (let lane = 0; lane < lanes; lane++) plant.own[(1 + i) * lanes + lane] = moments[(at + i) * wide + (lane % wide)];
         }
+        if (timed) plant.shared.fill((k * steps + step) * step_min); // the time of day, which equations may follow
         plant.step();
         for (let i = 0; i < inside.length; i++) {
           if (inside[i][0] !== step) continue;

@@ -40,7 +40,7 @@ function turnsOf(count, workers) {
  * @param {number} person
  */
 export function seedOf(data, { seed }, person) {
-  return (seed + person) % data.normals.length;
+  return (seed + person) % data.seeds;
 }
 
 /**

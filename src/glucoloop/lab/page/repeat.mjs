@@ -30,7 +30,7 @@ export function commandLine(situation, data) {
  * @param {number} people
  */
 export function commandForPeople(situation, data, people) {
-  const { seed } = data.people[data.patients[situation.patient].family];
+  const { seed } = data.people[data.patients[situation.patient].family] ?? situation;
   return command("trial", { people, ...keys(situation, data), seed });
 }
 

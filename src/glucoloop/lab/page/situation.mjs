@@ -11,6 +11,8 @@
  * @property {Record<string, number | boolean>} settings that are not the usual ones
  */
 
+/** @typedef {{name: string, settings: Record<string, number | boolean>}} Monitor with the settings that are not the usual ones */
+
 /**
  * @typedef {object} Situation
  * @property {string} patient family and operating point, as `Data.patients` names them
@@ -22,6 +24,7 @@
  * @property {Fault[]} faults
  * @property {Meal[]} meals
  * @property {number} noise_variance
+ * @property {Monitor | null} monitor a continuous glucose monitor in place of noise
  * @property {number} dead_time_min
  * @property {number} seed
  * @property {number} duration_min
@@ -58,19 +61,29 @@
  * @property {{pid: import("./design.mjs").FirstOrder, imc: import("./design.mjs").FirstOrder}} first_order
  * @property {import("./design.mjs").Numbers & {step_response: number[]}} response as linear MPC keeps it: coefficients, and a
  *   realisation of what comes after them
+ * @property {import("./design.mjs").Numbers & {step_response: number[]}} response_behind_lag the same behind the lag of a monitor
  * @property {import("./design.mjs").Linear} linear
+ */
+
+/**
+ * @typedef {object} MonitorEntry
+ * @property {string} summary
+ * @property {import("./design.mjs").Numbers} numbers of its errors
+ * @property {number} processes of its noise
+ * @property {Record<string, Setting & {usual: number | boolean | null}>} settings
  */
 
 /**
  * @typedef {object} Family what all patients of a model have
  * @property {string} summary
  * @property {Record<string, string>} points summaries of the operating points, the usual one first
- * @property {string} route of insulin, by which the functions of the controllers are named
+ * @property {string} route of insulin
+ * @property {number} step_min of the integrator
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
- * @property {Record<string, {summary: string, settings: Record<string, Setting>,
- *   usual: Record<string, {noise_free: Record<string, any>, noisy: Record<string, any>}>}>} controllers with the usual values
- *   by operating point
+ * @property {Record<string, {program: string, summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
+ *   usual: Record<string, Record<"noise_free" | "noisy" | "behind_lag", Record<string, any>>>}>} controllers with the usual
+ *   values by operating point
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
  * @property {Record<string, any>} configuration what a run without options uses, with a guard
@@ -92,7 +105,6 @@
 /**
  * @typedef {object} Data as `glucoloop.lab.build` writes it
  * @property {number} sample_time_min
- * @property {number} step_min of the integrator
  * @property {number[]} inside_min
  * @property {number} longest_min
  * @property {Record<string, Record<import("../../native/targets/wasm/kernels.mjs").Group, Record<string, number>> & {held: number}>} functions
@@ -100,8 +112,10 @@
  * @property {Record<string, Patient>} patients by `patientId`
  * @property {Record<string, Record<string, any>>} sensors of a chain, from the innermost outwards, with their usual settings
  * @property {Record<string, FaultEntry>} faults those that this page has
- * @property {Record<string, People>} people by family
- * @property {number[][]} normals
+ * @property {Record<string, MonitorEntry>} monitors
+ * @property {import("./design.mjs").Numbers} display of a monitor
+ * @property {Record<string, People>} people by family, of those around whose patients there are any
+ * @property {number} seeds of the random numbers that can be chosen, from 0 on
  * @property {Record<string, string>} statuses
  * @property {Record<string, string>} status_names as tables tell them
  */
@@ -112,6 +126,8 @@ const LARGEST_VARIANCE = 900;
 const MOST_FAULTS = 4;
 const LONGEST_DEAD_TIME_MIN = 60;
 const SHORTEST_MIN = 30;
+/** Settings that only have the values of their sliders: for other lags the page has no models. */
+const OF_STEPS = ["lag_min"];
 
 /**
  * The situation that the page begins with: that of `glucoloop run`.
@@ -129,6 +145,7 @@ export function usual(data) {
     faults: [],
     meals: [{ t_min: 50, carbs_g: 50 }],
     noise_variance: 0,
+    monitor: null,
     dead_time_min: 0,
     seed: 0,
     duration_min: 600,
@@ -139,10 +156,11 @@ export function usual(data) {
  * The people who are drawn around a patient; null if there are none.
  * @param {string} patient
  * @param {Data} data
+ * @returns {People | null}
  */
 export function peopleAround(patient, data) {
   const people = data.people[data.patients[patient].family];
-  return people.patient === patient ? people : null;
+  return people?.patient === patient ? people : null;
 }
 
 /** Name of a patient in the data. @param {string} family @param {string} operating_point */
@@ -173,7 +191,7 @@ export function withPatient(situation, family, operating_point, data) {
 }
 
 /**
- * All settings of the controller: the given ones, and the usual ones for readings with or without noise.
+ * All settings of the controller: the given ones, and the usual ones for the readings.
  * @param {Situation} situation
  * @param {Data} data
  * @returns {Record<string, any>}
@@ -181,7 +199,19 @@ export function withPatient(situation, family, operating_point, data) {
 export function tuningOf(situation, data) {
   const { operating_point } = data.patients[situation.patient];
   const usual = familyOf(situation, data).controllers[situation.controller].usual[operating_point];
-  return { ...(situation.noise_variance > 0 ? usual.noisy : usual.noise_free), ...situation.tuning };
+  const kind = situation.noise_variance > 0 ? "noisy" : lagOf(situation, data) > 0 ? "behind_lag" : "noise_free";
+  return { ...usual[kind], ...situation.tuning };
+}
+
+/** All settings of a monitor. @param {Monitor} monitor @param {Data} data @returns {Record<string, any>} */
+export function monitorSettings({ name, settings }, data) {
+  const usual = Object.entries(data.monitors[name].settings).map(([setting, { usual }]) => [setting, usual]);
+  return { ...Object.fromEntries(usual), ...settings };
+}
+
+/** Lag of the sensor, min. @param {Situation} situation @param {Data} data @returns {number} */
+export function lagOf({ monitor }, data) {
+  return monitor === null ? 0 : monitorSettings(monitor, data).lag_min;
 }
 
 /**
@@ -229,9 +259,9 @@ export function among(what, value, known) {
 function allowed(given, settings, what) {
   for (const [name, value] of Object.entries(given)) {
     among(what, name, Object.keys(settings));
-    const { least, most, whole } = settings[name];
+    const { least, most, step, whole } = settings[name];
     if (typeof value === "boolean" && least === 0 && most === 1 && whole) continue;
-    within(name.replaceAll("_", " "), value, least, most, "", whole ? 1 : undefined);
+    within(name.replaceAll("_", " "), value, least, most, "", whole ? 1 : OF_STEPS.includes(name) ? step : undefined);
   }
 }
 
@@ -275,7 +305,12 @@ export function checked(given, data) {
   within("the length", given.duration_min, SHORTEST_MIN, data.longest_min, " min", data.sample_time_min);
   within("the variance of the noise", given.noise_variance, 0, LARGEST_VARIANCE, " (mg/dl)²");
   within("the dead time", given.dead_time_min, 0, LONGEST_DEAD_TIME_MIN, " min", data.sample_time_min);
-  within("the seed", given.seed, 0, data.normals.length - 1, "", 1);
+  within("the seed", given.seed, 0, data.seeds - 1, "", 1);
+  if (given.monitor !== null) {
+    among("the monitor", given.monitor.name, Object.keys(data.monitors));
+    allowed(given.monitor.settings, data.monitors[given.monitor.name].settings, "a setting of the monitor");
+    if (given.noise_variance > 0) throw new RangeError("white noise inside a monitor is not possible on this page; give one of them");
+  }
   if (given.meals.length > MOST_MEALS) {
     throw new RangeError(`${given.meals.length} meals are too many; give at most ${MOST_MEALS}`);
   }
@@ -283,8 +318,10 @@ export function checked(given, data) {
     within("a meal", meal.carbs_g, 1, LARGEST_MEAL_G, " g");
     within("the time of a meal", meal.t_min, 0, given.duration_min - 1, " min");
   }
-  const { settings } = controllers[given.controller];
-  seesInsulin(given.tuning.prediction_horizon, settings.prediction_horizon?.least);
+  const { settings, least_behind_lag } = controllers[given.controller];
+  const behind = least_behind_lag !== undefined && lagOf(given, data) > 0;
+  if (behind) seesInsulin(tuningOf(given, data).prediction_horizon, least_behind_lag);
+  else seesInsulin(given.tuning.prediction_horizon, settings.prediction_horizon?.least);
   allowed(given.tuning, settings, "a setting");
   allowed(given.guard_limits, guard_limits, "a limit of the guard");
   allowed(given.pump_limits, pump_limits, "a limit of the pump");

@@ -21,7 +21,7 @@ export const MOMENTS = 3;
 
 /** Name of a function of a family's patients. @param {string} family @param {"plant" | "meal" | "person"} what */
 export function functionOf(family, what) {
-  return `${family.replaceAll("-", "_")}_${what}`;
+  return `${family.replace(/\W/g, "_")}_${what}`;
 }
 
 /** @param {Record<string, number>} names */

@@ -54,6 +54,7 @@ export const texts = {
     faultKind: "Kind of fault",
     addFault: "Add this fault",
     sensor: "Sensor",
+    sensorKind: "Readings",
     seed: "Seed of the noise",
     load: "Load results",
     loadHelp: "Drop the folder of a run or of a trial anywhere on this page, or choose its files: trace.csv and run.toml of a run, report.html of a trial.",
@@ -119,6 +120,12 @@ export const texts = {
       title: "The unannounced meal",
       hash: "#controller=pid,+closed_loop_min=60&meals=90g@60min",
       text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
+    },
+    {
+      title: "What a monitor shows",
+      hash: "#patient=hovorka-2004&controller=pid&sensor=dexcom-g6,+worn_min=1440&duration_min=720&meals=60g@60min",
+      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off, under Sensor. With the lag alone, which shows glucose ten minutes late, it falls to 80. With the noise alone it falls to 78: half of an error is still there a quarter of an hour later, so that the controller takes it for glucose, and moves insulin nine times as much. With the error of calibration alone, on this day, it falls to 86. MPC moves insulin less than half as much as PID, and keeps glucose above 79.",
+      beside: { name: "Exact readings", hash: "#patient=hovorka-2004&controller=pid&duration_min=720&meals=60g@60min" },
     },
   ],
   presets: [
@@ -198,6 +205,15 @@ export const texts = {
   unpinShort: "Unpin",
   hours: (/** @type {number} */ minutes) => `${minutes / 60} h`,
   numberOf: (/** @type {string} */ name) => `${name}, as a number`,
+  noMonitor: "exact, or with white noise",
+  lag: (/** @type {number} */ minutes) => `Lag of the tissue behind blood, ${minutes} min`,
+  /** @type {Record<string, string>} */
+  parts: {
+    noise: "Noise, which lasts from reading to reading",
+    drift: "Error of calibration, which changes over the days of wear",
+    display: "Display: whole mg/dl, from 40 to 400",
+  },
+  worn: "Worn before the start, min; nothing: drawn",
   noise: "Variance of the noise, (mg/dl)²",
   deadTime: "Dead time of the readings, min; the controller does not know it",
   pictureTitle: "Glucose and insulin of a simulated person",
@@ -219,6 +235,8 @@ export const texts = {
     `The controller as it is now, on people around ${patient.replace("/", " at ")} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
   peopleElsewhere: (/** @type {string} */ patient) =>
     `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that operating point to try a tuning on them, or copy the command below that tries it on people around the present one`,
+  peopleNone: (/** @type {string} */ family) =>
+    `The page draws nobody around ${family}; copy the command below that tries the controller on people of this family`,
   peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
     (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
     `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,

@@ -45,11 +45,29 @@ export function uniform(seed, word, person) {
 /** JAX's `fold_in`. @param {Key} key @param {number[]} numbers one after the other */
 const folded = (key, ...numbers) => numbers.reduce((of, number) => block(of, 0, number), key);
 
-/** Key of the readings of a run; folding in 1 is the second half of a split key. @param {number} seed */
+/** Key of the start of a sensor; folding in the numbers from 0 on is how a key is split. @param {number} seed */
+const ofStart = (seed) => folded([0, seed], 0);
+
+/** Key of the readings of a run. @param {number} seed */
 const ofReadings = (seed) => folded([0, seed], 1);
 
 /** Uniform number of JAX. @param {Key} key */
 const drawn = (key) => fraction(block(key, 0, 0), 0);
+
+/** Probabilities whose quantiles are the first of JAX's normal numbers. @param {Key} key @param {number} count */
+const central = (key, count) => Array.from({ length: count }, (_, i) => fraction(block(key, 0, i), 0.25));
+
+/** The normal number of white noise on a reading, as a probability. @param {number} seed @param {number} sample */
+export const whiteNoise = (seed, sample) => central(folded(ofReadings(seed), sample, 0), 1);
+
+/** Uniform number by which the time is drawn for which a monitor has been worn. @param {number} seed */
+export const drawForWear = (seed) => drawn(folded(ofStart(seed), 0));
+
+/** The normal numbers with which the noise of a monitor begins, as probabilities. @param {number} seed @param {number} count */
+export const monitorStart = (seed, count) => central(folded(ofStart(seed), 2), count);
+
+/** Those of a sample. @param {number} seed @param {number} sample @param {number} count */
+export const monitorNoise = (seed, sample, count) => central(folded(ofReadings(seed), sample, 1), count);
 
 /** The draw by which a fault of the sensor chooses a reading. @param {number} seed @param {number} sample */
 export const drawForSensor = (seed, sample) => drawn(folded(ofReadings(seed), sample, FAULTS, WHICH));

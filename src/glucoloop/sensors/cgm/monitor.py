@@ -12,7 +12,17 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.cgm.display import display as shown_by
-from glucoloop.sensors.cgm.model import CANDIDATES, Constants, ErrorModel, Ticks, candidate, constants_of, drawn
+from glucoloop.sensors.cgm.model import (
+    CANDIDATES,
+    Constants,
+    ErrorModel,
+    Johnson,
+    Spread,
+    Ticks,
+    candidate,
+    constants_of,
+    drawn,
+)
 from glucoloop.sensors.delay import lag
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 from glucoloop.sensors.settings import MonitorPart
@@ -20,6 +30,7 @@ from glucoloop.units import MIN_PER_DAY
 
 _INTERSTITIAL = "interstitial"
 _NUMBERS = 7
+_DRAWN = -1.0
 
 
 @pytree
@@ -42,18 +53,21 @@ class Monitor:
     """Adds the errors of a model over the days of wear to the reading of the inner sensor; make it with `monitor`."""
 
     inner: Sensor
-    model: ErrorModel = static()
+    constants: Constants | None
+    """Constants of all sensors; None for sensors that differ."""
+    warm_up: jax.Array | float
+    """Samples after an insertion without a reading."""
+    wear: jax.Array | float
+    """Samples from one insertion to the next."""
+    worn: jax.Array | float
+    """Samples since the insertion at the start; below 0 where it is drawn."""
+    calibrated: jax.Array | float
+    """Samples from one calibration to the next; those of the wear for a sensor that is not calibrated."""
     sample_time_min: float = static()
+    spread: Spread | None = static()
+    shape: Johnson | None = static()
     steps: Ticks = static()
     """Steps of the noise."""
-    warm_up: int = static()
-    """Samples after an insertion without a reading."""
-    wear: int = static()
-    """Samples from one insertion to the next."""
-    worn: int | None = static()
-    """Samples since the insertion at the start; None for a number that is drawn."""
-    calibrated: int | None = static()
-    """Samples from one calibration to the next; None for a sensor that is not calibrated."""
     noise: bool = static()
     drift: bool = static()
 
@@ -61,15 +75,12 @@ class Monitor:
         """State before the first reading; sensor, noise and, unless given, the time since the insertion are drawn."""
         age_key, sensor_key, noise_key, inner_key = jax.random.split(key, 4)
         shape, dtype = jnp.shape(glucose_mg_dl), jnp.result_type(float, glucose_mg_dl)
-        if self.worn is None:
-            span = float(self.wear - self.warm_up)
-            within = jnp.floor(span * jax.random.uniform(age_key, shape, dtype))
-            age = self.warm_up + jnp.minimum(within, span - 1.0)
-        else:
-            age = jnp.full(shape, float(self.worn), dtype)
+        span = self.wear - self.warm_up
+        within = jnp.minimum(jnp.floor(span * jax.random.uniform(age_key, shape, dtype)), span - 1.0)
+        age = jnp.where(self.worn < 0.0, self.warm_up + within, self.worn)
         own = None
-        if self.model.spread is not None:
-            own = drawn(self.model.spread, jax.random.normal(sensor_key, (_NUMBERS, CANDIDATES, *shape), dtype))
+        if self.spread is not None:
+            own = drawn(self.spread, jax.random.normal(sensor_key, (_NUMBERS, CANDIDATES, *shape), dtype))
         points = self._of(own, shape).begin(self._normal(noise_key, 2, shape, dtype)) if self.noise else None
         return _State(
             inner=self.inner.init(glucose_mg_dl, inner_key),
@@ -87,8 +98,8 @@ class Monitor:
         shape, dtype = state.age.shape, state.age.dtype
         constants, value = self._of(state.own, shape), reading.glucose_mg_dl
         if self.drift:
-            samples = state.age if self.calibrated is None else jnp.fmod(state.age, float(self.calibrated))
-            value = constants.altered(value, samples * (self.sample_time_min / MIN_PER_DAY))
+            days = jnp.fmod(state.age, self.calibrated) * (self.sample_time_min / MIN_PER_DAY)
+            value = constants.altered(value, days)
         if state.points is not None:
             value = value + self._error(state.points, state.since)
         ready = state.age >= self.warm_up
@@ -97,8 +108,8 @@ class Monitor:
         # and on to the next sample
         age, own, spare, points, since = state.age + 1.0, state.own, state.spare, state.points, state.since
         new = age >= self.wear
-        if self.model.spread is not None:
-            found, taken = candidate(self.model.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
+        if self.spread is not None:
+            found, taken = candidate(self.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
             spare = _where(taken, found, spare)
             own = _where(new, spare, own)
         if points is not None:
@@ -122,18 +133,18 @@ class Monitor:
         """Constants of the sensor, or of all of them with axes for people."""
         if own is not None:
             return own
-        alike: Constants = jax.tree.map(lambda c: c.reshape(-1, *[1] * len(shape)), constants_of(self.model))
+        alike: Constants = jax.tree.map(lambda c: c.reshape(-1, *[1] * len(shape)), self.constants)
         return alike
 
     def _normal(self, key: jax.Array, points: int, shape: tuple[int, ...], dtype: Any) -> jax.Array:
-        processes = 1 if self.model.spread is not None else len(self.model.processes)
+        processes = 1 if self.constants is None else self.constants.alpha1.shape[0]
         return jax.random.normal(key, (points, processes, *shape), dtype)
 
     def _error(self, points: jax.Array, since: jax.Array | None) -> jax.Array:
         """Noise of a sample, on the line between two points."""
         total = points.sum(axis=1)
-        if self.model.shape is not None:
-            total = self.model.shape(total)
+        if self.shape is not None:
+            total = self.shape(total)
         if since is None:
             return total[1]
         share = since / self.steps.of_tick
@@ -212,17 +223,19 @@ def monitor(
     def samples(minutes: float) -> int:
         return math.ceil(minutes / sample_time_min - 1e-9)
 
-    wear, calibrated = max(samples(wear_min), samples(warm_up_min) + 1), model.calibrated_every_min
-    worn = None if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
+    wear = max(samples(wear_min), samples(warm_up_min) + 1)
+    worn = _DRAWN if worn_min is None else min(math.floor(worn_min / sample_time_min + 1e-9), wear - 1)
     sensor: Sensor = Monitor(
         inner=or_ideal(inner),
-        model=model,
+        constants=constants_of(model) if model.spread is None else None,
+        warm_up=float(samples(warm_up_min)),
+        wear=float(wear),
+        worn=float(worn),
+        calibrated=float(min(samples(min(model.calibrated_every_min, wear_min)), wear)),
         sample_time_min=sample_time_min,
+        spread=model.spread,
+        shape=model.shape,
         steps=Ticks.seen(sample_time_min, model.step_min),
-        warm_up=samples(warm_up_min),
-        wear=wear,
-        worn=worn,
-        calibrated=samples(calibrated) if math.isfinite(calibrated) else None,
         noise=noise,
         drift=drift,
     )

@@ -32,7 +32,8 @@ export function crowdView(session, many) {
     const { patient } = session.situation;
     const around = peopleAround(patient, session.data);
     if (around !== null) return texts.peopleHere(patient, around.population);
-    return texts.peopleElsewhere(people[patients[patient].family].patient);
+    const { family } = patients[patient];
+    return family in people ? texts.peopleElsewhere(people[family].patient) : texts.peopleNone(family);
   }
 
   /** @param {number} count */

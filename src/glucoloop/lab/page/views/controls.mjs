@@ -6,6 +6,7 @@ import { familyOf, patientId, tuningOf, usual, withPatient } from "../situation.
 import { texts } from "../texts.mjs";
 import { unitOf, UNITS, usualUnits } from "../units.mjs";
 import { faultRows, faultsOffered } from "./faults.mjs";
+import { sensorView } from "./sensor.mjs";
 
 /** @typedef {import("../session.mjs").Session} Session */
 /** @typedef {import("../situation.mjs").Situation} Situation */
@@ -19,7 +20,7 @@ export function controlsView(session) {
   const names = (/** @type {Record<string, unknown>} */ of) =>
     Object.keys(of).map((name) => /** @type {[string, string]} */ ([name, name]));
   choices(select("family"), names(data.families));
-  choices(select("seed"), data.normals.map((_, seed) => [`${seed}`, `${seed}`]));
+  choices(select("seed"), Array.from({ length: data.seeds }, (_, seed) => [`${seed}`, `${seed}`]));
 
   /** @param {Partial<Situation>} change @param {string} [by] */
   const change = (change, by) => {
@@ -73,14 +74,7 @@ export function controlsView(session) {
     list.addEventListener("change", () => session.show({ [quantity]: unitOf(quantity, list.value) }));
   }
 
-  byId("sensor").replaceChildren(
-    slider("noise", texts.noise, { least: 0, most: 20, step: 0.05 }, 0, (noise_variance) =>
-      change({ noise_variance }, "noise"),
-    ),
-    slider("dead-time", texts.deadTime, { least: 0, most: 60, step: data.sample_time_min }, 0, (dead_time_min) =>
-      change({ dead_time_min }, "dead time"),
-    ),
-  );
+  const showSensor = sensorView(session, change);
   /** The family and the controller whose choices and sliders are there. */
   let [shown, tuned] = ["", ""];
   /** The choices of the duration that are there. */
@@ -125,8 +119,7 @@ export function controlsView(session) {
       );
     }
     Object.keys(settings).forEach((name, i) => setSlider(byId("tuning").children[i], tuning[name]));
-    setSlider(byId("sensor").children[0], now.noise_variance);
-    setSlider(byId("sensor").children[1], now.dead_time_min);
+    showSensor();
     for (const of of /** @type {const} */ (["guard_limits", "pump_limits"])) {
       const boxes = byId(of.replace("_", "-")).children;
       Object.entries(of_family[of]).forEach(([name, { usual }], i) => setSlider(boxes[i], now[of][name] ?? usual));
