@@ -214,6 +214,15 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
     pulse_mU_min = 14.5
 
 
+class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
+    """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
+
+    model = "glucoloop.patients.dalla_man.patient:UVA_PADOVA_2008_MODEL"
+    insulin_route = SUBCUTANEOUS
+    operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 0 mU/min, which is 0 U/h"),)
+    pulse_mU_min = 6.5
+
+
 class _Patients(Catalogue[PatientPart]):
     """The patients; one that is named by its operating point is refused with the mend."""
 
@@ -229,7 +238,7 @@ class _Patients(Catalogue[PatientPart]):
 
 PATIENTS: Final = _Patients(
     PatientPart,
-    (Parker1999Part, Hovorka2004Part, Wilinska2010Part),
+    (Parker1999Part, Hovorka2004Part, Wilinska2010Part, UvaPadova2008Part),
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.meals import fasting, meal_model_of
-from glucoloop.meals.absorption import moments_of_parts
+from glucoloop.meals import fasting
+from glucoloop.meals.moments import moments_of_parts
 from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
@@ -136,7 +136,7 @@ def nonlinear_model(
     """
     integrator = Exponential(substeps=1, near_rest=True) if goes_fast(patient) else Explicit()
     grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
-    plant, outside = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)
+    plant, outside = integrator.prepare(patient, fasting(), grid)
     assert outside.moments is not None
     insulin, state = _at_rest(patient, setpoint_mg_dl)
     return InternalModel(

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.absorption import Absorption
+from glucoloop.meals.moments import points_of_sample
 from glucoloop.patients.protocol import Patient
 
 
@@ -30,7 +31,7 @@ class SampleGrid:
     @property
     def inside_min(self) -> npt.NDArray[np.float64]:
         """Moments of the fine grid within a sample, its end included, counted from its start."""
-        parts = max(1, round(self.sample_time_min))
+        parts = points_of_sample(self.sample_time_min)
         return self.sample_time_min * np.arange(1, parts + 1, dtype=np.float64) / parts
 
     @property
@@ -77,5 +78,7 @@ class SteppingIntegrator(Integrator, Protocol):
 
     def at_sample(
         self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[Any, Exogenous]:
-        """The plant with other meals than it was prepared for, and its exogenous inputs of one sample; traceable."""
+    ) -> tuple[Any, Exogenous, Any]:
+        """The plant with other meals than it was prepared for, its exogenous inputs of one sample, and the state of the
+        gut after it; traceable.
+        """
