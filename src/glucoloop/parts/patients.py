@@ -217,9 +217,12 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
 class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
     """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
 
-    model = "glucoloop.patients.dalla_man.patient:UVA_PADOVA_2008_MODEL"
+    model = "glucoloop.patients.dalla_man.model:UVA_PADOVA_2008_MODEL"
     insulin_route = SUBCUTANEOUS
-    operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 0 mU/min, which is 0 U/h"),)
+    operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 6.99 mU/min, which is 0.419 U/h"),)
+    populations: ClassVar = {
+        "lognormal": "ten constants, lognormal with a coefficient of variation of 20 %, and weight with 15 %"
+    }
     pulse_mU_min = 6.5
 
 

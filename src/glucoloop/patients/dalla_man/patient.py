@@ -1,4 +1,4 @@
-"""The patient of the simulator of 2008 (UVA/Padova) and its model: an average person, who rests at 120 mg/dl."""
+"""The patient of the simulator of 2008 (UVA/Padova) at an operating point: constants, basal rate, setpoint."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from glucoloop.meals.dalla_man import DallaManGut
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.dalla_man.equations import STATE_NAMES, UPTAKE_FALLS_BELOW_MG_DL, balances
 from glucoloop.patients.dalla_man.parameters.dallaman2007 import CONSTANTS
-from glucoloop.patients.model import PatientModel
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
 
@@ -22,7 +21,7 @@ class DallaManPatient(OdePatient):
     """A person with type 1 diabetes by the equations of Dalla Man et al.; the gut is `DallaManGut`."""
 
     nominal: ClassVar[Mapping[str, float]] = {constant.name: constant.value for constant in CONSTANTS}
-    near_rest: ClassVar[tuple[float, ...]] = (225.0, 150.0, 225.0, 2.0, 1.0, 40.0, 40.0, 0.0, 40.0, 40.0)
+    near_rest: ClassVar[tuple[float, ...]] = (225.0, 150.0, 225.0, 2.0, 1.0, 40.0, 40.0, -10.0, 40.0, 40.0)
     near_basal_mU_min: ClassVar[float] = 10.0
     insulin_route: ClassVar[str] = SUBCUTANEOUS
     sites: ClassVar[tuple[str, ...]] = ("plasma", INTERSTITIAL)
@@ -56,7 +55,3 @@ class DallaManPatient(OdePatient):
         del site
         seen: jax.Array = x[STATE_NAMES.index("G_s")] / self.parameters["V_G"]
         return seen
-
-
-UVA_PADOVA_2008_MODEL: Final[PatientModel] = DallaManPatient.model({"fasting-120": 120.0})
-"""Model of the average person."""
