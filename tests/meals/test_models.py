@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from glucoloop.meals import (
     Eaten,
+    DallaManGut,
     HovorkaGut,
     Ingestion,
     LehmannDeutsch,
@@ -177,7 +178,7 @@ def test_what_is_ingested_is_the_rate_of_eating():
 
 
 def test_models_are_known_by_their_names():
-    assert {type(meal_model(name)) for name in MEAL_MODELS} == {LehmannDeutsch, HovorkaGut}
+    assert {type(meal_model(name)) for name in MEAL_MODELS} == {LehmannDeutsch, HovorkaGut, DallaManGut}
     assert all(isinstance(meal_model(name), MealModel) for name in MEAL_MODELS)
     with pytest.raises(ValueError, match=r"^unknown meal model 'dalla-man'; the known ones are: lehmann-deutsch, hov"):
         meal_model("dalla-man")

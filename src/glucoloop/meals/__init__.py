@@ -5,7 +5,7 @@ from glucoloop.meals.dalla_man import DallaManGut
 from glucoloop.meals.hovorka import HovorkaGut
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.meals.linear import LinearAbsorption, appearance_mg_min, appearance_moments
+from glucoloop.meals.linear import LinearAbsorption, appearance_mg_min, appearance_moments, emptying_mg_min
 from glucoloop.meals.models import meal_model, meal_model_of
 from glucoloop.meals.plan import MealPlan, draw_meals
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel, MealModel, OdeMealModel
@@ -31,6 +31,7 @@ __all__ = [
     "appearance_moments",
     "draw_meals",
     "eaten",
+    "emptying_mg_min",
     "fasting",
     "meal_model",
     "meal_model_of",

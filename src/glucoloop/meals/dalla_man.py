@@ -66,13 +66,12 @@ class DallaManGut:
     def emptying_mg_min(self, state: jax.Array) -> jax.Array:
         """Rate at which the stomach empties, k_empt q_sto2."""
         q_sto1, q_sto2, _, D = state
-        eaten = D > 0.0
-        per_meal = 2.5 / jnp.where(eaten, D, 1.0)
+        # before the first meal both tangents are of zero, which makes k_empt = k_max
+        per_meal = jnp.where(D > 0.0, 2.5 / jnp.where(D > 0.0, D, 1.0), 0.0)
         q_sto = q_sto1 + q_sto2
-        slows = jnp.tanh(per_meal / (1.0 - self.b) * (q_sto - self.b * D))
-        hastens = jnp.tanh(per_meal / self.d * (q_sto - self.d * D))
-        k_empt = self.k_min + (self.k_max - self.k_min) / 2.0 * (slows - hastens + 2.0)
-        return jnp.where(eaten, k_empt, self.k_max) * q_sto2
+        slows = jnp.tanh(per_meal * (1.0 / (1.0 - self.b)) * (q_sto - self.b * D))
+        hastens = jnp.tanh(per_meal * (1.0 / self.d) * (q_sto - self.d * D))
+        return (self.k_max + (self.k_max - self.k_min) / 2.0 * (slows - hastens)) * q_sto2
 
     def appearance_mg_min(self, state: jax.Array) -> jax.Array:
         """Rate of appearance, f k_abs q_gut."""

@@ -48,9 +48,8 @@ class LinearAbsorption:
         return moments, None
 
     def emptying_mg_min(self, samples: int, sample_time_min: float) -> jax.Array:
-        """Rate at which the stomach empties, at every sample; the rate of eating where a model has no stomach."""
-        state = jax.vmap(lambda t: state_at(t, self))(jnp.arange(samples) * sample_time_min)
-        return state[:, min(1, state.shape[1] - 1)]
+        """Rate at which the stomach empties at every sample of a run, ``(samples, ...)``."""
+        return jax.vmap(lambda t: emptying_mg_min(t, self))(jnp.arange(samples) * sample_time_min)
 
 
 @jax.jit
@@ -74,6 +73,12 @@ def state_at(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
 def appearance_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
     """Rate at which glucose from meals appears in the blood, at a time, a scalar or `(...)`."""
     return state_at(t_min, absorption)[0]
+
+
+def emptying_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
+    """Rate at which the stomach empties; the rate of eating where a model has no stomach."""
+    state = state_at(t_min, absorption)
+    return state[min(1, state.shape[0] - 1)]
 
 
 def appearance_moments(t_min: jax.Array, step_min: float, absorption: LinearAbsorption) -> jax.Array:

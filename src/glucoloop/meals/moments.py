@@ -6,6 +6,8 @@ n = 0, 1, 2. Three numbers say the same as the quadratic that has these moments.
 
 from __future__ import annotations
 
+import functools
+import math
 from typing import Final
 
 import jax
@@ -33,24 +35,30 @@ def moments_of_values(start: jax.Array, middle: jax.Array, end: jax.Array) -> ja
     return jnp.stack([(start + 4.0 * middle + end) / 6.0, (end - start) / 6.0, (start + end - 2.0 * middle) / 15.0])
 
 
-def moments_of_parts(moments: jax.Array, parts: int) -> jax.Array:
-    """Moments ``(parts, 3, ...)`` of equal parts of a step, from those ``(3, ...)`` of the quadratic over all of it."""
-    start = np.arange(parts)[:, None] / parts
-    of_whole = legendre(start + NODES / parts) * np.array([1.0, 3.0, 5.0])
-    matrix = np.einsum("pnk,nj,n->pjk", of_whole, legendre(NODES), WEIGHTS)
-    return jnp.tensordot(jnp.asarray(matrix, moments.dtype), moments, 1)
+def moments_of_steps(moments: jax.Array, steps: int) -> jax.Array:
+    """Moments ``(steps, 3, ...)`` of equal steps of a time, from those ``(n, 3, ...)`` of n equal steps of it.
+
+    They are those of the quadratic over each of the n steps: exact where several of them make one.
+    """
+    if moments.shape[0] == steps:
+        return moments
+    return jnp.tensordot(jnp.asarray(_steps_matrix(moments.shape[0], steps), moments.dtype), moments, 2)
 
 
-def moments_of_whole(moments: jax.Array) -> jax.Array:
-    """Moments ``(3, ...)`` of a step from those ``(parts, 3, ...)`` of its equal parts, exact for any rates."""
-    parts = moments.shape[0]
-    if parts == 1:
-        return moments[0]
-    # P_n of the whole step, seen from a part, is a quadratic again: by its values at three points of the part
-    start = np.arange(parts)[:, None] / parts
-    seen = legendre(start + np.array([0.0, 0.5, 1.0]) / parts)
-    matrix = np.einsum("jk,pki->ipj", np.linalg.inv(legendre(np.array([0.0, 0.5, 1.0]))), seen) / parts
-    return jnp.tensordot(jnp.asarray(matrix, moments.dtype), moments, 2)
+@functools.cache
+def _steps_matrix(n: int, steps: int) -> npt.NDArray[np.float64]:
+    """Matrix ``(steps, 3, n, 3)`` of `moments_of_steps`, by way of parts of which whole numbers make both steps."""
+    parts = math.lcm(n, steps)
+    # P_n of a step, seen from a part of it, at the nodes of the part; the quadratic has 2 n + 1 times its moments
+    of_old, of_new = (
+        legendre((np.arange(parts) % each)[:, None] / each + NODES / each) for each in (parts // n, parts // steps)
+    )
+    values = of_old * np.array([1.0, 3.0, 5.0])
+    each_part = np.einsum("pkj,pki,k->pji", of_new, values, WEIGHTS) * (steps / parts)
+    matrix = np.zeros((steps, 3, n, 3))
+    for part, entries in enumerate(each_part):
+        matrix[part * steps // parts, :, part * n // parts] += entries
+    return matrix
 
 
 def legendre(s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

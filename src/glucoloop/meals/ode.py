@@ -1,13 +1,19 @@
 """A gut given by its equations, advanced beside the body, and the moments of what appears.
 
-The gut is advanced by the classical Runge-Kutta method, two steps or more in each point of the fine grid, which has
-about one minute. Steps end with points, where the rate of eating and what the gut remembers jump, and none crosses the
-end of a step of the body. The appearance at the start, the middle and the end of a step makes the quadratic whose
-moments the body takes; in the middle the state is that of the method's own interpolation, of third order.
+The gut is advanced by a two-derivative Runge-Kutta method of Chan and Tsai (2010), of fifth order, by equal steps that
+end with the points of the fine grid, where the rate of eating and what the gut remembers jump. With ``f = s'`` at the
+start and ``g = s''``, which follows from the equations,
+
+    s_2 = s + 3/10 h f + 9/200 h^2 g_1,    s_3 = s + 3/4 h f + 9/32 h^2 g_2
+    s_end = s + h f + h^2/162 (15 g_1 + 50 g_2 + 16 g_3)
+
+Three states are looked at in a step, where a classical method of this order takes six: what costs most, a hyperbolic
+tangent, has its derivative for nothing. The appearance at the start, the middle and the end of a step makes the
+quadratic whose moments the body takes. Steps of the body need not end with those of the gut.
 
 References
 ----------
-E. Hairer, S. P. Nørsett, G. Wanner, "Solving Ordinary Differential Equations I", 2nd ed., 1993, Sec. II.6.
+R. P. K. Chan, A. Y. J. Tsai, "On explicit two-derivative Runge-Kutta methods", Numer. Algorithms 53, 2010, 171-194.
 """
 
 from __future__ import annotations
@@ -23,12 +29,12 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
-from glucoloop.meals.moments import moments_of_values, moments_of_whole, points_of_sample
+from glucoloop.meals.moments import moments_of_steps, moments_of_values, points_of_sample
 from glucoloop.meals.protocol import Eaten, OdeMealModel
 from glucoloop.units import MG_PER_G
 
-STEPS_PER_POINT: Final = 2
-"""Least number of steps of the gut in a point."""
+STEPS_PER_POINT: Final = 4
+"""Least number of steps of the gut in a point: some stomachs slow down within a minute."""
 NOTHING: Final = 1e-20
 """Amount below which a state is set to zero, so that numbers never become subnormal, with which processors are slow."""
 
@@ -58,30 +64,34 @@ class OdeDigestion:
 
     def sample(self, state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Digestion over one sample: the state at its end, and the moments ``(substeps, 3, ...)``."""
-        steps = math.lcm(STEPS_PER_POINT * self.points, self.substeps) // self.points
         point_min = self.sample_time_min / self.points
+        of_point = self.substeps // self.points if self.substeps % self.points == 0 else STEPS_PER_POINT
 
         def point(state: jax.Array, entry: jax.Array) -> tuple[jax.Array, jax.Array]:
             state = self.model.at_point(state, entry[0], entry[1] > 0.0)
             moments = []
-            for _ in range(steps):
-                state, of_step = self._step(state, entry[0] / point_min, point_min / steps)
+            for _ in range(STEPS_PER_POINT):
+                state, of_step = self._step(state, entry[0] / point_min, point_min / STEPS_PER_POINT)
                 moments.append(of_step)
-            return jnp.where(jnp.abs(state) < NOTHING, 0.0, state), jnp.stack(moments)
+            flushed = jnp.where(jnp.abs(state) < NOTHING, 0.0, state)
+            return flushed, moments_of_steps(jnp.stack(moments), of_point)
 
         state, moments = jax.lax.scan(point, state, inputs)
-        of_steps = moments.reshape(self.substeps, -1, *moments.shape[2:])
-        return state, jnp.stack([moments_of_whole(parts) for parts in of_steps])
+        return state, moments_of_steps(moments.reshape(-1, *moments.shape[2:]), self.substeps)
 
     def _step(self, state: jax.Array, eating_mg_min: jax.Array, h: float) -> tuple[jax.Array, jax.Array]:
         """State after a step, and the moments of the appearance over it."""
-        k_1 = self.model.derivative(state, eating_mg_min)
-        k_2 = self.model.derivative(state + h / 2.0 * k_1, eating_mg_min)
-        k_3 = self.model.derivative(state + h / 2.0 * k_2, eating_mg_min)
-        k_4 = self.model.derivative(state + h * k_3, eating_mg_min)
-        middle = state + h / 24.0 * (5.0 * k_1 + 4.0 * (k_2 + k_3) - k_4)
-        end = state + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+        f, g_1 = self._rates(state, eating_mg_min)
+        _, g_2 = self._rates(state + 0.3 * h * f + 0.045 * h * h * g_1, eating_mg_min)
+        _, g_3 = self._rates(state + 0.75 * h * f + 0.28125 * h * h * g_2, eating_mg_min)
+        middle = state + h / 2.0 * f + h * h / 648.0 * (33.0 * g_1 + 50.0 * g_2 - 2.0 * g_3)
+        end = state + h * f + h * h / 162.0 * (15.0 * g_1 + 50.0 * g_2 + 16.0 * g_3)
         return end, moments_of_values(*map(self.model.appearance_mg_min, (state, middle, end)))
+
+    def _rates(self, state: jax.Array, eating_mg_min: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """First and second derivative of the state."""
+        f = self.model.derivative(state, eating_mg_min)
+        return jax.jvp(lambda state: self.model.derivative(state, eating_mg_min), (state,), (f,))
 
 
 @pytree

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals import fasting
-from glucoloop.meals.moments import moments_of_parts
+from glucoloop.meals.moments import moments_of_steps
 from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
@@ -109,7 +109,7 @@ class InternalModel:
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
         """State after one sample, with the appearance of a meal."""
-        moments = moments_of_parts(appearance_mg_min, self.steps) if self.steps > 1 else appearance_mg_min[None]
+        moments = moments_of_steps(appearance_mg_min[None], self.steps)
         return self.plant.advance(x, insulin_mU_min, Exogenous(t_min=jnp.zeros(()), moments=moments))[0]
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:

@@ -44,10 +44,12 @@ UPTAKE_FALLS_BELOW_MG_DL: Final = 5.0
 def balances(c: Mapping[str, Any], x: jax.Array, insulin_mU_min: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
     """Rate of change of the state ``(10, ...)`` per minute, in the order of `STATE_NAMES`."""
     G_p, G_t, G_s, I_p, I_l, I_sc1, I_sc2, X, I_1, I_d = x
-    u = insulin_mU_min / MU_MIN_PER_PMOL_MIN
-    insulin = I_p / c["V_I"]
+    # what is divided by is a person's own, so that a reciprocal is found once
+    per_kg, uptake_falls_below = 1.0 / c["BW"], UPTAKE_FALLS_BELOW_MG_DL * c["V_G"]
+    u = insulin_mU_min / MU_MIN_PER_PMOL_MIN * per_kg
+    insulin = I_p * (1.0 / c["V_I"])
     EGP = jnp.maximum(c["k_p1"] - c["k_p2"] * G_p - c["k_p3"] * I_d, 0.0)
-    U_ii = c["F_cns"] * jnp.minimum(G_p / (UPTAKE_FALLS_BELOW_MG_DL * c["V_G"]), 1.0)
+    U_ii = c["F_cns"] * jnp.minimum(G_p * (1.0 / uptake_falls_below), 1.0)
     E = c["k_e1"] * jnp.maximum(G_p - c["k_e2"], 0.0)
     U_id = (c["V_m0"] + c["V_mx"] * X) * G_t / (c["K_m0"] + G_t)
     to_tissues = c["k_1"] * G_p - c["k_2"] * G_t
@@ -55,12 +57,12 @@ def balances(c: Mapping[str, Any], x: jax.Array, insulin_mU_min: jax.Array, meal
     extracted = c["HE_b"] / (1.0 - c["HE_b"]) * c["m_1"]
     return jnp.stack(
         [
-            EGP + meal_mg_min / c["BW"] - U_ii - E - to_tissues,
+            EGP + meal_mg_min * per_kg - U_ii - E - to_tissues,
             to_tissues - U_id,
             c["k_sc"] * (G_p - G_s),
             c["m_1"] * I_l - (c["m_2"] + c["m_4"]) * I_p + c["k_a1"] * I_sc1 + c["k_a2"] * I_sc2,
             c["m_2"] * I_p - (c["m_1"] + extracted) * I_l,
-            u / c["BW"] - c["k_a1"] * I_sc1 - dissociates,
+            u - c["k_a1"] * I_sc1 - dissociates,
             dissociates - c["k_a2"] * I_sc2,
             c["p_2U"] * (insulin - c["I_b"] - X),
             c["k_i"] * (insulin - I_1),
