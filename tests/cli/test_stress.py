@@ -87,7 +87,10 @@ def test_limits_of_the_guard_are_heeded(glucoloop, tmp_path):
             ("--out", "a", "--fault", "late, delay_min=0"),
             "delay_min is 0 min; give a finite number above 0 min",
         ),
-        (("--out", "a", "--guard", "gap_min=-1"), "--guard: gap_min is -1 min; give a number from 0 to 10000 min, or one in h, s or d."),
+        (
+            ("--out", "a", "--guard", "gap_min=-1"),
+            "--guard: gap_min is -1 min; give a number from 0 to 10000 min, or one in h, s or d.",
+        ),
         (("--out", "a", "--guard", "none"), "--guard is none; let --guards say whether there is one"),
         (("--out", "a", "--workers", 0), "--workers is 0; give a whole number from 1"),
         (("--out", "a", "--people", 0), "--people is 0"),

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
-from glucoloop.meals.linear import appearance_moments, jump_table, linear_digestion
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
+from glucoloop.meals.linear import appearance_moments, jump_table, linear_digestion
 
 STEPS, MEALS = 48, 3
 STEP_MIN = 2.5

@@ -240,7 +240,9 @@ def meal_part(family: str) -> CompiledPart:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
         gut: LinearMealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
-        absorption = LinearAbsorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"])))
+        absorption = LinearAbsorption(
+            model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"]))
+        )
         return carry, appearance_moments(shared, STEP_MIN, absorption)
 
     zero = jnp.zeros(())

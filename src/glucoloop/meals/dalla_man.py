@@ -61,7 +61,9 @@ class DallaManGut:
         """Balances of stomach and gut."""
         q_sto1, q_sto2, q_gut, _ = state
         ground, emptied = self.k_max * q_sto1, self.emptying_mg_min(state)
-        return jnp.stack([eating_mg_min - ground, ground - emptied, emptied - self.k_abs * q_gut, jnp.zeros_like(q_gut)])
+        return jnp.stack(
+            [eating_mg_min - ground, ground - emptied, emptied - self.k_abs * q_gut, jnp.zeros_like(q_gut)]
+        )
 
     def emptying_mg_min(self, state: jax.Array) -> jax.Array:
         """Rate at which the stomach empties, k_empt q_sto2."""

@@ -61,5 +61,7 @@ class DallaManGutSettings(MealModelPart, name="dalla-man"):
 
 
 MEAL_MODELS: Final = Catalogue(
-    MealModelPart, (LehmannDeutschSettings, HovorkaGutSettings, DallaManGutSettings), example="hovorka, time_to_maximum_min=55"
+    MealModelPart,
+    (LehmannDeutschSettings, HovorkaGutSettings, DallaManGutSettings),
+    example="hovorka, time_to_maximum_min=55",
 )

@@ -23,6 +23,8 @@ _FOUND: Final = 1e-9
 """Largest last change of a state at rest, as a share of the state's size."""
 _KEPT: Final = 0.1
 """Least share of a positive state that a step leaves."""
+_VANISHED: Final = 1e-6
+"""Share of a positive state near rest below which it has gone to zero: equations without glucose rest there too."""
 
 
 class OdePatient(RestingPatient[dict[str, Any]]):
@@ -206,7 +208,8 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
         return jnp.any(moved > 1e-14) & (number < _MOST_STEPS)
 
     y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
-    return jnp.where(moved <= _FOUND, y, jnp.nan)
+    vanished = jnp.any(positive & (y < _VANISHED * jnp.abs(near)), axis=0)
+    return jnp.where((moved <= _FOUND) & ~vanished, y, jnp.nan)
 
 
 def _solved(A: jax.Array, b: jax.Array) -> jax.Array:

@@ -20,8 +20,8 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.linear import LinearAbsorption, appearance_mg_min
-from glucoloop.meals.ode import OdeAbsorption, eaten_of
 from glucoloop.meals.moments import points_of_sample
+from glucoloop.meals.ode import OdeAbsorption, eaten_of
 from glucoloop.meals.protocol import OdeMealModel
 from glucoloop.patients.protocol import Inputs, Patient
 from glucoloop.simulation.plant import Exogenous, SampleGrid
@@ -117,7 +117,9 @@ class AdaptiveGutPlant:
             )
             return (x, gut, start + point_min), x
 
-        (x, gut, _), states = jax.lax.scan(point, (x, outside.gut, outside.t_min), (outside.eaten[:, 0], outside.eaten[:, 1]))
+        (x, gut, _), states = jax.lax.scan(
+            point, (x, outside.gut, outside.t_min), (outside.eaten[:, 0], outside.eaten[:, 1])
+        )
         return (x, gut), states
 
 
