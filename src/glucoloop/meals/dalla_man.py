@@ -59,7 +59,7 @@ class DallaManGut:
 
     def derivative(self, state: jax.Array, eating_mg_min: jax.Array) -> jax.Array:
         """Balances of stomach and gut."""
-        q_sto1, q_sto2, q_gut, _ = state
+        q_sto1, _, q_gut, _ = state
         ground, emptied = self.k_max * q_sto1, self.emptying_mg_min(state)
         return jnp.stack(
             [eating_mg_min - ground, ground - emptied, emptied - self.k_abs * q_gut, jnp.zeros_like(q_gut)]
@@ -73,8 +73,10 @@ class DallaManGut:
         q_sto = q_sto1 + q_sto2
         slows = jnp.tanh(per_meal * (1.0 / (1.0 - self.b)) * (q_sto - self.b * D))
         hastens = jnp.tanh(per_meal * (1.0 / self.d) * (q_sto - self.d * D))
-        return (self.k_max + (self.k_max - self.k_min) / 2.0 * (slows - hastens)) * q_sto2
+        k_empt: jax.Array = self.k_max + (self.k_max - self.k_min) / 2.0 * (slows - hastens)
+        return k_empt * q_sto2
 
     def appearance_mg_min(self, state: jax.Array) -> jax.Array:
         """Rate of appearance, f k_abs q_gut."""
-        return self.bioavailability * self.k_abs * state[2]
+        appears: jax.Array = self.bioavailability * self.k_abs * state[2]
+        return appears

@@ -48,7 +48,7 @@ class Jumps:
 
 @runtime_checkable
 class LinearMealModel(Protocol):
-    """Linear model of a person's gut: a pytree whose numbers are those of one person, or have a trailing axis of people.
+    """Linear model of a person's gut: a pytree whose numbers are those of one person, or trail for many people.
 
     The first state is the rate at which glucose from meals appears in the blood [mg/min]; the second, where there is
     one, is the rate at which the stomach empties into the gut [mg/min].

@@ -24,7 +24,7 @@ _FOUND: Final = 1e-9
 _KEPT: Final = 0.1
 """Least share of a positive state that a step leaves."""
 _VANISHED: Final = 1e-6
-"""Share of a positive state near rest below which it has gone to zero: equations without glucose rest there too."""
+"""Share of the glucose near rest below which it has gone to zero: without glucose most equations rest too."""
 
 
 class OdePatient(RestingPatient[dict[str, Any]]):
@@ -153,7 +153,9 @@ def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> j
     """State at rest under a rate; NaN where none was found."""
     shape = shape_of_people(p, insulin_mU_min)
     insulin = jnp.broadcast_to(insulin_mU_min, shape)
-    return _root(lambda x: _rates(kind, p, x, insulin), _spread(kind.near_rest, shape))
+    near, patient = _spread(kind.near_rest, shape), kind._with(p)
+    x = _root(lambda x: _rates(kind, p, x, insulin), near)
+    return jnp.where(patient.glucose_mg_dl(x) > _VANISHED * patient.glucose_mg_dl(near), x, jnp.nan)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -208,8 +210,7 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
         return jnp.any(moved > 1e-14) & (number < _MOST_STEPS)
 
     y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
-    vanished = jnp.any(positive & (y < _VANISHED * jnp.abs(near)), axis=0)
-    return jnp.where((moved <= _FOUND) & ~vanished, y, jnp.nan)
+    return jnp.where(moved <= _FOUND, y, jnp.nan)
 
 
 def _solved(A: jax.Array, b: jax.Array) -> jax.Array:

@@ -96,6 +96,7 @@ class AdaptiveGutPlant:
 
     def digested(self, outside: Fed) -> jax.Array:
         """State of the gut after one sample."""
+        gut: jax.Array
         (_, gut), _ = self._points(jnp.zeros((0, *outside.gut.shape[1:])), outside, lambda t, x, gut: x)
         return gut
 
@@ -162,7 +163,11 @@ class Adaptive:
         self, patient: Patient, absorption: Absorption, grid: SampleGrid
     ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous]:
         """The patient with the meals or the gut, and the time and the state of the gut at each sample."""
-        common = {"patient": patient, "inside_min": jnp.asarray(grid.inside_min), "clock_min": grid.start_min}
+        common: dict[str, Any] = {
+            "patient": patient,
+            "inside_min": jnp.asarray(grid.inside_min),
+            "clock_min": grid.start_min,
+        }
         times = jnp.asarray(grid.t_min)
         if isinstance(absorption, LinearAbsorption):
             plant = AdaptivePlant(**common, absorption=absorption, tolerance=self.tolerance)
