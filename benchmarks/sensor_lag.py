@@ -14,8 +14,8 @@ import numpy as np
 
 from glucoloop.experiments.designs import controller_of
 from glucoloop.meals import Meal, Scenario
-from glucoloop.parts.sensors import WhiteNoiseSettings
 from glucoloop.sensors import lag, white_noise
+from glucoloop.sensors.settings import WhiteNoiseSettings
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation

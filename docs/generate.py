@@ -21,12 +21,12 @@ from glucoloop import units
 from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.faults import FAULTS, TIMING
 from glucoloop.lab import pack
+from glucoloop.metrics.settings import METRICS
 from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
-from glucoloop.parts.faults import FAULTS, TIMING
-from glucoloop.parts.metrics import METRICS
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.setting import Default, value_text
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES
 
@@ -313,6 +313,8 @@ def everyday() -> str:
     rows = []
     for name in sorted(glucoloop.__all__, key=str.lower):
         thing = getattr(glucoloop, name)
+        if isinstance(thing, ModuleType):
+            continue
         place = f"{thing.__module__}.{thing.__qualname__}"
         rows.append(f"   * - :py:obj:`{name} <{place}>`\n     - {first_sentence(thing).replace('`', '``')}")
     return "\n".join([".. list-table::", "   :widths: 30 70", "", *rows]) + "\n"

@@ -17,8 +17,7 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.meals import HovorkaGut
-from glucoloop.parts.patients import OperatingPoint, PatientPart
-from glucoloop.patients import Inputs, OdePatient, Population, Variation
+from glucoloop.patients import Inputs, OdePatient, OperatingPoint, PatientPart, Population, Variation
 
 # Constants of person 1; they may vary from person to person.
 CONSTANTS = {

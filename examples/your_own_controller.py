@@ -14,10 +14,9 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
-from glucoloop.control import Decision, Observation, Status
+from glucoloop.control import ControllerPart, Decision, Observation, Status
 from glucoloop.control.design_case import DesignCase
-from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.setting import About
+from glucoloop.parts import About
 
 
 @jax.tree_util.register_static

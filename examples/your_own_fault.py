@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
 from glucoloop.episodes import Episodes, always
-from glucoloop.parts.faults import Timed
-from glucoloop.parts.setting import About
+from glucoloop.faults import Timed
+from glucoloop.parts import About
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.faults.wrapping import AlteredReadings
 

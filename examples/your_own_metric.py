@@ -16,9 +16,8 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
-from glucoloop.metrics import Course, Ended, Metric
-from glucoloop.parts.metrics import MetricPart, Result
-from glucoloop.parts.setting import About
+from glucoloop.metrics import Course, Ended, Metric, MetricPart, Result
+from glucoloop.parts import About
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
-from glucoloop.parts.pumps import PumpPart
-from glucoloop.parts.setting import About
-from glucoloop.pumps import Delivery, Pump
+from glucoloop.parts import About
+from glucoloop.pumps import Delivery, Pump, PumpPart
 from glucoloop.pumps.protocol import deliver
 
 

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from scipy.stats import qmc
 
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.samplers import SamplerPart
+from glucoloop.parts import Tuned
+from glucoloop.tuning import SamplerPart
 
 
 class Sobol(SamplerPart):

@@ -16,9 +16,8 @@ import numpy as np
 
 import glucoloop as gl
 from glucoloop.control import internal_model_tuning
-from glucoloop.parts.sensors import SensorPart
-from glucoloop.parts.setting import About
-from glucoloop.sensors import Reading
+from glucoloop.parts import About
+from glucoloop.sensors import Reading, SensorPart
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["left", "step_mg_dl"], meta_fields=["site"])

@@ -8,8 +8,8 @@ import polars as pl
 import pytest
 
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.part import ControllerPart
 from glucoloop.parts.code import found
-from glucoloop.parts.controllers import ControllerPart
 from glucoloop.parts.setting import About
 from glucoloop.situations.toml import toml_text
 from requests_read import asked
@@ -176,7 +176,7 @@ PLAIN = """
 import jax
 from dataclasses import dataclass
 from glucoloop.control import Decision
-from glucoloop.parts.controllers import ControllerPart
+from glucoloop.control.part import ControllerPart
 
 
 @jax.tree_util.register_static

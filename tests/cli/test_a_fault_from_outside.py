@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.situations.situation import Situation, configured
 
 NAME = "your_own_fault:CoarseReadings"

@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from glucoloop.metrics import RunningMetrics
-from glucoloop.parts.metrics import METRICS, RESULTS, Result, metrics_with
+from glucoloop.metrics.settings import METRICS, RESULTS, Result, metrics_with
 
 NAME = "your_own_metric:TightRange"
 SHORT = ("--controller", "basal", "--duration", "60", "--meal", "50g@10min", "--metric")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from glucoloop.parts.code import entry_points
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import patient, population, virtual_people
+from glucoloop.patients.settings import PATIENTS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kanderian.py"
 NAME = "kanderian:Person1"

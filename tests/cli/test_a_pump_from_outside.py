@@ -10,8 +10,8 @@ import pytest
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import pump_of
-from glucoloop.parts.pumps import PUMPS, PumpPart
 from glucoloop.pumps.protocol import gives_bolus
+from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from glucoloop.parts.samplers import SAMPLERS
 from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import Search
+from glucoloop.tuning.settings import SAMPLERS
 
 NAME = "your_own_sampler:Sobol"
 

@@ -8,9 +8,9 @@ import pytest
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.trial import Trial, fingerprint
 from glucoloop.experiments.surroundings import sensor_of
-from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
+from glucoloop.sensors.settings import SENSORS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation, configured
 

@@ -3,8 +3,8 @@
 import pytest
 
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.parts.faults import FAULTS
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.faults import FAULTS
+from glucoloop.patients.settings import PATIENTS
 
 
 def test_everything_is_listed_a_line_each(glucoloop):

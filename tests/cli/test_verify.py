@@ -2,9 +2,9 @@
 
 import pytest
 
+from glucoloop.metrics.promises import CAPS, DOSE, OF_CONTROLLER, PROMISES
 from glucoloop.studies.verification import NONSENSE_SAMPLES, study
 from glucoloop.studies.verification.campaign import circumstances_of
-from glucoloop.studies.verification.promises import CAPS, DOSE, OF_CONTROLLER, PROMISES
 from glucoloop.studies.verification.study import SAME_BITS
 
 KEPT = {

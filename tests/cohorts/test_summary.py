@@ -9,7 +9,7 @@ import pytest
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.summary import DISTRIBUTIONS, MOST_NAMED, summarise_people
 from glucoloop.metrics.control_variability import grid_counts
-from glucoloop.parts.metrics import RESULTS
+from glucoloop.metrics.settings import RESULTS
 
 METRIC_NAMES = [result.name for result in RESULTS]
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.control import Observation, Status, design_basal_bolus, guarded
-from glucoloop.parts.guard import GuardSettings
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.pumps import bolus_limits, dose_limits
 
 BASAL, TARGET, EVERY = 7.0, 110.0, 5.0

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from glucoloop.experiments.designs import controller_of, nominal_model
-from glucoloop.parts.sensors import WhiteNoiseSettings
+from glucoloop.sensors.settings import WhiteNoiseSettings
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.experiments.faulty import episodes_of, faulty_pump, faulty_sensor
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor
 from glucoloop.studies.stress import STANDARD_FAULTS

@@ -12,9 +12,9 @@ from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.settings import StateTuning
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.individual import individual_design
-from glucoloop.parts.sensors import DeadTimeSettings
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.sensors.settings import DeadTimeSettings
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import pytest
 
 from glucoloop.experiments.surroundings import sensor_of
-from glucoloop.parts.sensors import IdealSettings, LagSettings, SensorPart, WhiteNoiseSettings
 from glucoloop.sensors import Reading
+from glucoloop.sensors.settings import IdealSettings, LagSettings, SensorPart, WhiteNoiseSettings
 from glucoloop.situations.situation import Situation
 
 

@@ -13,7 +13,7 @@ from glucoloop.firmware.hil.loop import run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.firmware.samples import example
 from glucoloop.meals import Meal, Scenario
-from glucoloop.parts.sensors import WhiteNoiseSettings
+from glucoloop.sensors.settings import WhiteNoiseSettings
 from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation

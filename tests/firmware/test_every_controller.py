@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.parts.guard import GuardSettings
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 

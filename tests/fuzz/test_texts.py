@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.parts.grammar import part_text, part_tree, plain
 from glucoloop.printable import is_printable, printable
 from glucoloop.situations.case import Case

@@ -19,11 +19,11 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS as ENTRIES
 from glucoloop.control.protocol import gives_boluses
+from glucoloop.estimation.unknown_meal.settings import MovingHorizonSettings
 from glucoloop.identification import FirstOrderModel
 from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.models.state_space import impulse_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.estimators import MovingHorizonSettings
 from glucoloop.pumps import LimitedPump
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate

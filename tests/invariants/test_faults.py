@@ -13,9 +13,9 @@ from glucoloop.episodes import Episodes
 from glucoloop.experiments.designs import with_guard, with_individual_basal
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
+from glucoloop.faults import FAULTS
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
-from glucoloop.parts.faults import FAULTS
 from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from glucoloop import faults as parts
 from glucoloop.lab.pack import DATA, PAGE
 from glucoloop.native.targets.wasm.module import HOST
-from glucoloop.parts import faults as parts
 
 NODE = shutil.which("node")
 

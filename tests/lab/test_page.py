@@ -15,7 +15,7 @@ from browser import MODULES, NODE, needs_modules
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
 from glucoloop.native.targets.wasm.module import HOST
 from glucoloop.pages.script import PAGES
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from page_loops import run_of

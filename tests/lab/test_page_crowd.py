@@ -10,9 +10,9 @@ import pytest
 from glucoloop.experiments.designs import controller_of, with_individual_basal
 from glucoloop.lab.body import FAMILIES, people_of, situation
 from glucoloop.lab.pack import PAGE
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.threefry import name_word, uniforms

@@ -6,7 +6,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.metrics.accuracy import ZONES, clarke_zones
-from glucoloop.parts.sensors import SENSORS
+from glucoloop.sensors.settings import SENSORS
 
 # Glucose, reading and zone, on both sides of the lines that Clarke et al. draw.
 POINTS = [

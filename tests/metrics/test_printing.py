@@ -3,7 +3,7 @@
 import numpy as np
 
 from glucoloop.metrics import Metrics
-from glucoloop.parts.metrics import RESULTS
+from glucoloop.metrics.settings import RESULTS
 
 
 def metrics_of(value, **changed):

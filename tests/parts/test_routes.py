@@ -9,10 +9,10 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.control.guard_settings import guard_of
 from glucoloop.parts.grammar import given
-from glucoloop.parts.guard import guard_of
-from glucoloop.parts.patients import PATIENTS, OperatingPoint, PatientPart, patient_entry
 from glucoloop.parts.routes import PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
+from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientPart, patient_entry
 from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.request import asked_for
 from glucoloop.situations.run import Run

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from glucoloop.parts.catalogue import Catalogue, catalogues
 from glucoloop.parts.grammar import part_text, part_tree, plain
 from glucoloop.parts.part import Part
-from glucoloop.parts.setting import About, usual
+from glucoloop.parts.setting import About, Default, Setting, known_names, usual
 from glucoloop.plausible import SETPOINT
 from glucoloop.refusal import Refusal
 
@@ -175,3 +175,34 @@ def test_parts_are_read_and_refused_without_jax():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "mpc-se: move_horizon is 0; give a whole number from 1 to 50\n"
+
+
+def test_a_default_follows_noise():
+    default = Default(1, noisy=2)
+    assert [default.value(noisy=noisy) for noisy in (False, True)] == [1, 2]
+    assert Default(1).value(noisy=True) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "told"),
+    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a finite number"), (str, 1, "a text")],
+)
+def test_setting_of_another_type_is_refused(kind, value, told):
+    with pytest.raises(ValueError, match=f"x is {value!r}; give {told}"):
+        Setting("x", kind, (), False, False, Default(kind()), About("")).check(value)
+
+
+def test_whole_number_will_do_for_a_number():
+    checked = Setting("x", float, (), False, False, Default(0.0), About("")).check(1)
+    assert isinstance(checked, float)
+
+
+def test_known_names_are_those_that_are_like_it():
+    assert known_names("a", []) == "there are none"
+    assert known_names("name7", [f"name{k}" for k in range(20)]) == "did you mean 'name7'?"
+    many = [*(f"name{k}" for k in range(20)), "noise_variance", "noise_bound_mg_dl"]
+    assert (
+        known_names("largest_noise_mg", many, where="see there")
+        == "those like it are: noise_variance, noise_bound_mg_dl"
+    )
+    assert known_names("zzz_mg", many, where="see there") == "none of the 22 known ones is like it; see there"

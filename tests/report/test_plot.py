@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.patients import population
 from glucoloop.report._runs import periods
 from glucoloop.report.charts import GLUCOSE, Panel, thinned

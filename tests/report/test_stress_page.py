@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.report.columns import headings
 from glucoloop.report.heat import SHADES_PCT as SHADES
 from glucoloop.studies.stress import STANDARD_FAULTS

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.report.columns import percent, terse_percent, whole, whole_glucose
 from glucoloop.report.descriptions import settings_in_words, short_names, when_in_words
 from glucoloop.report.heat import SHADES_PCT as SHADES

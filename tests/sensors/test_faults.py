@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.episodes import Episodes, always, never, once, recurring
-from glucoloop.parts.faults import FAULTS as CATALOGUE
+from glucoloop.faults import FAULTS as CATALOGUE
 from glucoloop.sensors import (
     IdealSensor,
     calibration,

@@ -11,7 +11,6 @@ import pytest
 import scipy.linalg
 import scipy.stats
 
-from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors import Reading, correlated_noise, lag
 from glucoloop.sensors.cgm import (
     BRETON_2008,
@@ -24,6 +23,7 @@ from glucoloop.sensors.cgm import (
 )
 from glucoloop.sensors.cgm.model import Constants, ErrorModel, Process, candidate, constants_of, drawn
 from glucoloop.sensors.protocol import IdealSensor
+from glucoloop.sensors.settings import SENSORS
 from glucoloop.simulation.engines import make_engine
 
 ALIKE = {

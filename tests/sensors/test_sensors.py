@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from glucoloop.parts.sensors import SENSORS
 from glucoloop.sensors import IdealSensor, correlated_noise, dead_time, lag, white_noise
+from glucoloop.sensors.settings import SENSORS
 
 N = 20_000
 KEYS = jax.random.split(jax.random.key(7), N)

@@ -9,9 +9,9 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.meals import Scenario
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.hovorka.patient import HovorkaPatient
 from glucoloop.patients.model import patient_model
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import Adaptive, Exponential
 from glucoloop.simulation.parts import goes_fast, refuse_two_patients
 from glucoloop.simulation.people_plant import PeoplePlant

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.control import GuardSettings
+from glucoloop.metrics.promises import CAPS, OF_CONTROLLER, Caps
 from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification, study
-from glucoloop.studies.verification.promises import CAPS, OF_CONTROLLER, Caps
 
 SETTINGS = GuardSettings(max_hour=2.0, max_on_board=0.8, on_board_tau_min=90.0)
 BASAL = 20.0

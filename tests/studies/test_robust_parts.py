@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 
 from glucoloop.parts.ranges import Tuned, parse_range
-from glucoloop.parts.samplers import SAMPLERS
 from glucoloop.studies.robust import BOTH, RANGES
 from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
 from glucoloop.tuning.samplers import Evaluated
+from glucoloop.tuning.settings import SAMPLERS
 
 
 def test_ranges_are_read_as_they_are_written():

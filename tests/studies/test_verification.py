@@ -13,7 +13,8 @@ from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.episodes import Episode
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
+from glucoloop.metrics.promises import PROMISES, Promises, all_finite
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.model import sound
@@ -32,7 +33,6 @@ from glucoloop.studies.verification.campaign import (
     random_faults,
     random_order,
 )
-from glucoloop.studies.verification.promises import PROMISES, Promises, all_finite
 from glucoloop.studies.verification.study import SAME_BITS
 
 PERSON = patient()

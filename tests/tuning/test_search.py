@@ -19,10 +19,10 @@ from glucoloop.control.catalogue import controller_entry
 from glucoloop.control.tuning import PARKER_1999
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
-from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.sensors import white_noise
+from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation

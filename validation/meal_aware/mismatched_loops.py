@@ -16,13 +16,13 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.trial import Trial
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
 from glucoloop.experiments.designs import controller_of, with_guard, with_individual_basal
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
-from glucoloop.parts.guard import GuardSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model

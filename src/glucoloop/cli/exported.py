@@ -14,8 +14,8 @@ from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
+from glucoloop.models.settings import FilePart
 from glucoloop.native.targets.c.host import Library, compiler
-from glucoloop.parts.models import FilePart
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage.files import json_text, read_text, with_version
 from glucoloop.storage.folder import OutputFolder

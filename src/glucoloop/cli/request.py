@@ -15,7 +15,7 @@ from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.screen import note, stage
 from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for
 
@@ -214,7 +214,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
     if ".toml" in str(plain(found.get("population"))):
         found["population"] = in_folder(found["population"])
     if "model" in found:
-        from glucoloop.parts.models import MODELS
+        from glucoloop.models.settings import MODELS
 
         model = found["model"]
         if isinstance(plain(model), str) and plain(model) != NONE:

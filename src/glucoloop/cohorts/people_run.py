@@ -18,8 +18,8 @@ from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario
 from glucoloop.meals.scenario import announced_g
 from glucoloop.metrics import Metrics, RunningMetrics
-from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.population import VirtualPeople
+from glucoloop.patients.settings import patient_entry
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal

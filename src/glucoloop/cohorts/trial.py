@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
 from glucoloop.parts.grammar import Tree
-from glucoloop.parts.patients import patient_entry
 from glucoloop.parts.setting import Default
+from glucoloop.patients.settings import patient_entry
 from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from glucoloop.control.part import ControllerPart
 from glucoloop.control.settings import (
     BasalBolusSettings,
     BasalSettings,
@@ -15,7 +16,6 @@ from glucoloop.control.settings import (
     PIDSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.controllers import ControllerPart
 
 CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
     ControllerPart,

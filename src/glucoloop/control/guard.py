@@ -14,9 +14,9 @@ from glucoloop.arguments import checked
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
 from glucoloop.control.tuning import check_rate
-from glucoloop.parts.guard import GuardSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.units import MIN_PER_DAY
 

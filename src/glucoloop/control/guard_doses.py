@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glucoloop._pytree import pytree
-from glucoloop.parts.guard import GuardSettings
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.units import MIN_PER_H
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.parts.guard import GuardSettings
+from glucoloop.control.guard_settings import GuardSettings
 
 _TREND: Final = 0.5
 """Share of each change of the reading that counts as a trend; half of the noise of one reading is left."""

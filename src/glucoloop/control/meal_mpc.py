@@ -31,11 +31,11 @@ from glucoloop.estimation.unknown_meal import (
 from glucoloop.estimation.unknown_meal.disturbed import fading
 from glucoloop.estimation.unknown_meal.expectation import Expectation, expectation
 from glucoloop.estimation.unknown_meal.habits import earlier
+from glucoloop.estimation.unknown_meal.settings import EstimatorPart, MovingHorizonSettings
 from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
 from glucoloop.models.nonlinear import FedModel, IndividualModel, individual_model
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
-from glucoloop.parts.estimators import EstimatorPart, MovingHorizonSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -365,7 +365,7 @@ def design_meal_mpc(
     habits : MealHabits, optional
         Prior knowledge of meals.
     estimator : EstimatorPart, optional
-        One of `parts.estimators`; the moving horizon by default.
+        One of `estimation.unknown_meal.settings`; the moving horizon by default.
     disturbance_variance : float
         Variance of the change of unexplained glucose per sample, (mg/min)^2.
     measurement_variance : float

@@ -9,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
-from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart, NoisePace
+from glucoloop.control.part import ControllerPart
+from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart, NoisePace
 from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.sensors import LONGEST_LAG_MIN
 from glucoloop.parts.setting import About, usual
 from glucoloop.plausible import ACTION_TIME, CARB_RATIO, CORRECTION, FITTED_STEP, GLUCOSE_BOUND, LAG, MEAL, PID_GAIN
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import LONGEST_LAG_MIN
 
 if TYPE_CHECKING:
     from glucoloop.estimation.unknown_meal import MealHabits

@@ -1,28 +1,5 @@
 """State estimation: the Kalman filter in filter form, steady and time-varying."""
 
-from glucoloop.estimation.kalman import (
-    Innovation,
-    KalmanState,
-    SteadyStateFilter,
-    filter_gain,
-    kalman_step,
-    predict,
-    riccati_step,
-    steady_state_gain,
-    update,
-)
-from glucoloop.estimation.steady_state import steady_state_covariance, steady_state_seen
+import lazy_loader
 
-__all__ = [
-    "Innovation",
-    "KalmanState",
-    "SteadyStateFilter",
-    "filter_gain",
-    "kalman_step",
-    "predict",
-    "riccati_step",
-    "steady_state_covariance",
-    "steady_state_gain",
-    "steady_state_seen",
-    "update",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.control import Controller, GuardSettings, guarded
+from glucoloop.control.part import ControllerPart
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.identification import FirstOrderModel, Identification
@@ -20,7 +21,6 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.controllers import ControllerPart
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION

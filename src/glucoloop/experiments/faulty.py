@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from glucoloop.episodes import Episodes, always, once, recurring
-from glucoloop.parts.faults import DURATION, KEY, LATEST, PER_DAY, START, FaultPart
+from glucoloop.faults import DURATION, KEY, LATEST, PER_DAY, START, FaultPart
 from glucoloop.pumps import DoseLimits, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Sensor

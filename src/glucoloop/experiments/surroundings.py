@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
-from glucoloop.parts.faults import FaultPart
-from glucoloop.parts.sensors import IdealSettings, SensorPart
+from glucoloop.faults import FaultPart
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.sensors.protocol import site_of
+from glucoloop.sensors.settings import IdealSettings, SensorPart
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
 from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.faults import FAULTS
 from glucoloop.firmware.exported import Exported
 from glucoloop.native.interpreter import Interpreter
-from glucoloop.parts.faults import FAULTS
 from glucoloop.simulation.stepper import Stepper
 from glucoloop.situations.situation import Situation
 

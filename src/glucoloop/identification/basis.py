@@ -18,11 +18,10 @@ import numpy.typing as npt
 
 from glucoloop.identification.laguerre import laguerre_functions
 from glucoloop.identification.reliability import held_out_errors
-from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.parts.routes import INTRAVENOUS, ROUTES, SUBCUTANEOUS
 
 Floats = npt.NDArray[np.float64]
 
-_SLOW: Final = PATIENTS["hovorka-2004"]
 _BETWEEN: Final = ((360.0, 0.92, 2, False), (720.0, 0.96, 2, False), (1440.0, 0.98, 2, False), (480.0, 0.93, 6, True))
 """Memory in min, pole at 5-min samples, functions, and whether insulin is given under the skin."""
 _POLES_AT_MIN: Final = 5.0
@@ -51,7 +50,9 @@ class Basis:
 
 def usual_bases(sample_time_min: float) -> tuple[Basis, ...]:
     """Candidates at a sample time, the paper's first."""
-    paper, slow = (Basis(*entry.identification(sample_time_min).values()) for entry in (USUAL_PATIENT, _SLOW))
+    paper, slow = (
+        Basis(*ROUTES[route].identification(sample_time_min).values()) for route in (INTRAVENOUS, SUBCUTANEOUS)
+    )
     between = (
         Basis(max(2, round(memory_min / sample_time_min)), pole ** (sample_time_min / _POLES_AT_MIN), functions, skin)
         for memory_min, pole, functions, skin in _BETWEEN

@@ -21,9 +21,9 @@ from glucoloop.meals.linear import LinearAbsorption, appearance_moments
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, LinearMealModel
 from glucoloop.native.interpreter import interpret
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import exponential
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
 from glucoloop.simulation.people_plant import PeoplePlant

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from glucoloop.control import Controller, LinearMPC
 from glucoloop.control.guard import Guard, guarded
+from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.horizon import identified_response, least_horizon, linear_response
 from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
@@ -25,10 +26,9 @@ from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.lab.part import CompiledPart, part, starting
-from glucoloop.parts.guard import GuardSettings, guard_of
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model
 from glucoloop.situations.case import usual_case

@@ -18,9 +18,9 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Status
 from glucoloop.experiments.faulty import put_around
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.body import SAMPLE_TIME_MIN
 from glucoloop.lab.part import CompiledPart, part, with_start
-from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.sensors import Reading, white_noise

@@ -11,7 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.control.catalogue import controller_entry
+from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.protocol import Status
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.body import (
     FAMILIES,
     GRID,
@@ -34,17 +36,15 @@ from glucoloop.lab.controllers import (
 )
 from glucoloop.lab.devices import normals
 from glucoloop.lab.people import people_numbers
-from glucoloop.parts.faults import FAULTS, FaultPart
-from glucoloop.parts.guard import GuardSettings, guard_of
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import PATIENTS, PatientPart
-from glucoloop.parts.pumps import PumpPart
 from glucoloop.parts.routes import SUBCUTANEOUS
-from glucoloop.parts.sensors import SENSORS
 from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
+from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.pumps.settings import PumpPart
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SENSORS
 from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

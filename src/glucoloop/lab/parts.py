@@ -18,7 +18,7 @@ from glucoloop.lab.controllers import CONTROLLERS, LONGEST_HORIZON, Adjustable, 
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"

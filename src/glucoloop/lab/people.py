@@ -21,10 +21,10 @@ from glucoloop.lab.body import (
     plants,
 )
 from glucoloop.lab.part import CompiledPart, part
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.varying import chosen

@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.parts.meals import DallaManGutSettings
+from glucoloop.meals.settings import DallaManGutSettings
 
 
 @pytree
@@ -73,8 +73,8 @@ class DallaManGut:
         q_sto = q_sto1 + q_sto2
         slows = jnp.tanh(per_meal * (1.0 / (1.0 - self.b)) * (q_sto - self.b * D))
         hastens = jnp.tanh(per_meal * (1.0 / self.d) * (q_sto - self.d * D))
-        k_empt: jax.Array = self.k_max + (self.k_max - self.k_min) / 2.0 * (slows - hastens)
-        return k_empt * q_sto2
+        empties: jax.Array = (self.k_max + (self.k_max - self.k_min) / 2.0 * (slows - hastens)) * q_sto2
+        return empties
 
     def appearance_mg_min(self, state: jax.Array) -> jax.Array:
         """Rate of appearance, f k_abs q_gut."""

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
-from glucoloop.parts.meals import HovorkaGutSettings
+from glucoloop.meals.settings import HovorkaGutSettings
 from glucoloop.units import MG_PER_G
 
 TIME_TO_MAXIMUM_MIN: Final = HovorkaGutSettings.time_to_maximum_min

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.meals.protocol import Eaten, Jumps, matrix
-from glucoloop.parts.meals import LehmannDeutschSettings
+from glucoloop.meals.settings import LehmannDeutschSettings
 from glucoloop.units import MG_PER_G
 
 PLATEAU_MG_MIN: Final = LehmannDeutschSettings.plateau_mg_min

@@ -9,7 +9,7 @@ from glucoloop.arguments import is_traced
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.meals.protocol import MealModel
-from glucoloop.parts.meals import MEAL_MODELS
+from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.refusal import Refusal
 
 

@@ -16,7 +16,7 @@ from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
-from glucoloop.parts.meals import MEAL_MODELS
+from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY

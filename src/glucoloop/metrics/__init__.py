@@ -1,18 +1,5 @@
 """Metrics of a run, each a fold: regulation, glycemic risk, insulin, constraints and what the samples met."""
 
-from glucoloop.metrics.clinical import ClinicalSummary, clinical_summary
-from glucoloop.metrics.metrics import Metrics
-from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
-from glucoloop.metrics.running import RunningMetrics, summarise
+import lazy_loader
 
-__all__ = [
-    "LOWEST_GLUCOSE_MG_DL",
-    "ClinicalSummary",
-    "Course",
-    "Ended",
-    "Metric",
-    "Metrics",
-    "RunningMetrics",
-    "clinical_summary",
-    "summarise",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

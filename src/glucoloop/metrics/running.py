@@ -16,7 +16,7 @@ from glucoloop.arguments import checked
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metrics import Metrics
 from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
-from glucoloop.parts.metrics import metrics_with
+from glucoloop.metrics.settings import metrics_with
 from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
@@ -162,7 +162,7 @@ def summarise(
     lowest_glucose_mg_dl : array_like
         Bound of the constraint (19).
     metrics : sequence of str
-        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `parts.metrics`.
+        Further metrics beside the usual ones, like "sensor-accuracy": name and settings, see `metrics.settings`.
 
     Returns
     -------

@@ -14,17 +14,17 @@ from glucoloop.refusal import Refusal
 P = TypeVar("P", bound=Part)
 
 HOMES: Final = {
-    "patient": "glucoloop.parts.patients:PATIENTS",
-    "meal model": "glucoloop.parts.meals:MEAL_MODELS",
-    "sensor": "glucoloop.parts.sensors:SENSORS",
-    "pump": "glucoloop.parts.pumps:PUMPS",
-    "fault": "glucoloop.parts.faults:FAULTS",
+    "patient": "glucoloop.patients.settings:PATIENTS",
+    "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "sensor": "glucoloop.sensors.settings:SENSORS",
+    "pump": "glucoloop.pumps.settings:PUMPS",
+    "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
-    "estimator": "glucoloop.parts.estimators:ESTIMATORS",
-    "guard": "glucoloop.parts.guard:GUARDS",
-    "metric": "glucoloop.parts.metrics:METRICS",
-    "sampler": "glucoloop.parts.samplers:SAMPLERS",
-    "model": "glucoloop.parts.models:MODELS",
+    "estimator": "glucoloop.estimation.unknown_meal.settings:ESTIMATORS",
+    "guard": "glucoloop.control.guard_settings:GUARDS",
+    "metric": "glucoloop.metrics.settings:METRICS",
+    "sampler": "glucoloop.tuning.settings:SAMPLERS",
+    "model": "glucoloop.models.settings:MODELS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 

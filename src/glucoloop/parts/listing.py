@@ -8,25 +8,12 @@ from typing import Any, Final
 
 from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.code import loaded
-from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.guard import OF_ROUTE, GuardSettings
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import NOMINAL, PatientPart
-from glucoloop.parts.routes import ROUTES, SUBCUTANEOUS
+from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, choices_text, known_names, value_text
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
-_SKIN: Final = "under the skin"
-_USUAL_OF_PATIENT: Final = (
-    "max_change_mU_min",
-    "min_insulin_mU_min",
-    "max_insulin_mU_min",
-    "pulse_mU_min",
-    "memory_min",
-    "laguerre_pole",
-    "laguerre_functions",
-)
 
 
 def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -50,16 +37,14 @@ def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any
 
 def described(part: type[Part]) -> dict[str, Any]:
     """A part as plain values."""
-    found: dict[str, Any] = {"kind": part.kind, "name": part.name, "summary": part.summary}
-    if issubclass(part, PatientPart):
-        found |= {
-            "insulin_route": part.insulin_route,
-            "operating_points": {point.name: point.summary for point in part.operating_points},
-            "populations": {NOMINAL: "the nominal patient, whoever is drawn", **part.populations},
-            "usual": {name: getattr(part, name) for name in _USUAL_OF_PATIENT},
-        }
     settings = (setting for setting in part.settings().values() if setting.name not in part.refused)
-    return {**found, "settings": [_setting(part, setting) for setting in settings]}
+    return {
+        "kind": part.kind,
+        "name": part.name,
+        "summary": part.summary,
+        **part.facts(),
+        "settings": [_setting(part, setting) for setting in settings],
+    }
 
 
 def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
@@ -75,11 +60,9 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
         possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
-    if issubclass(part, ControllerPart):
-        tuning = ROUTES[SUBCUTANEOUS].tunings.get(part.name, {})
-        usual |= {_SKIN: tuning[setting.name].noise_free} if setting.name in tuning else {}
-    if issubclass(part, GuardSettings) and setting.name in OF_ROUTE[SUBCUTANEOUS]:
-        usual[_SKIN] = OF_ROUTE[SUBCUTANEOUS][setting.name]
+    under_the_skin = part.usual_of_route(SUBCUTANEOUS)
+    if setting.name in under_the_skin:
+        usual["under the skin"] = under_the_skin[setting.name]
     return {
         "name": setting.name,
         "summary": setting.summary,

@@ -98,6 +98,16 @@ class Part:
         return found
 
     @classmethod
+    def facts(cls) -> dict[str, Any]:
+        """Further plain values for a list of parts, beside the settings."""
+        return {}
+
+    @classmethod
+    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+        """Usual settings for a route of insulin, where they differ from the defaults."""
+        return {}
+
+    @classmethod
     def setting(cls, name: str) -> Setting:
         """A setting by name, also without the unit at its end; Refusal if there is no such setting."""
         found = cls.settings().get(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.parts.setting import Default, Tunings, known_names
 from glucoloop.refusal import Refusal
@@ -67,6 +67,15 @@ class Route:
     laguerre_functions: int
     tunings: Tunings = field(default_factory=dict)
     """Settings of controllers, where they differ from the controller's own, which are for a vein."""
+
+    def identification(self, sample_time_min: float) -> dict[str, Any]:
+        """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
+        return {
+            "memory": max(2, round(self.memory_min / sample_time_min)),
+            # at another sample time than 5 min the pole falls as fast
+            "laguerre_pole": float(self.laguerre_pole ** (sample_time_min / 5.0)),
+            "laguerre_functions": self.laguerre_functions,
+        }
 
 
 ROUTES: Final[Mapping[str, Route]] = {

@@ -1,37 +1,5 @@
 """Virtual patients, by family."""
 
-from glucoloop.patients.model import PatientModel, patient
-from glucoloop.patients.ode import OdePatient
-from glucoloop.patients.population import (
-    Draw,
-    Population,
-    VirtualPeople,
-    draw,
-    population,
-    populations_of,
-    virtual_people,
-)
-from glucoloop.patients.protocol import Inputs, Patient, SemilinearPatient
-from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient, at_basal, at_setpoint
-from glucoloop.patients.variation import Variation
+import lazy_loader
 
-__all__ = [
-    "OPERATING_POINTS",
-    "Draw",
-    "Inputs",
-    "OdePatient",
-    "Patient",
-    "PatientModel",
-    "Population",
-    "SemilinearPatient",
-    "SorensenPatient",
-    "Variation",
-    "VirtualPeople",
-    "at_basal",
-    "at_setpoint",
-    "draw",
-    "patient",
-    "population",
-    "populations_of",
-    "virtual_people",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 
 from glucoloop.arguments import checked
 from glucoloop.parts.code import loaded
-from glucoloop.parts.patients import patient_entry
 from glucoloop.patients.protocol import Patient
+from glucoloop.patients.settings import patient_entry
 from glucoloop.patients.variation import Distribution
 from glucoloop.refusal import Refusal
 

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
-from glucoloop.parts.patients import NOMINAL
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient, patient_model
 from glucoloop.patients.protocol import Patient
+from glucoloop.patients.settings import NOMINAL
 from glucoloop.patients.variation import Distribution, Values, Variation
 from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people, uniforms

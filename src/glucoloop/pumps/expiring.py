@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.parts.pumps import ExpiringSettings
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
+from glucoloop.pumps.settings import ExpiringSettings
 
 
 def rate_in_force(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within, begin, recurring
-from glucoloop.parts.faults import OcclusionSettings
+from glucoloop.faults import OcclusionSettings
 from glucoloop.pumps.expiring import expiring
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver

@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
-from glucoloop.parts.faults import ResolutionSettings
+from glucoloop.faults import ResolutionSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 from glucoloop.refusal import Refusal

@@ -20,7 +20,7 @@ from polars import selectors
 
 from glucoloop.bounds import Distance
 from glucoloop.metrics import Metrics
-from glucoloop.parts.metrics import Result, metrics_with
+from glucoloop.metrics.settings import Result, metrics_with
 from glucoloop.printable import NOT_AVAILABLE, glucose_text
 from glucoloop.printable import percent as percent_text
 from glucoloop.refusal import Refusal

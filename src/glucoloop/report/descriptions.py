@@ -8,15 +8,15 @@ from typing import Any, Final
 import jax
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
 from glucoloop.meals import Meal
-from glucoloop.parts.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
-from glucoloop.parts.patients import patient_entry
-from glucoloop.parts.pumps import PUMPS, PumpPart
-from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
 from glucoloop.parts.setting import Value, value_text
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
+from glucoloop.patients.settings import patient_entry
 from glucoloop.printable import the_first
+from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation

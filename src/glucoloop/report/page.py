@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
-from glucoloop.parts.faults import FAULTS, FaultPart
 from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
-from glucoloop.parts.faults import FAULTS
-from glucoloop.parts.metrics import result_named
+from glucoloop.metrics.settings import result_named
 from glucoloop.printable import NOT_AVAILABLE, percent
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import INSULIN, Panel, Plot, extent, thinned

@@ -20,9 +20,9 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.parts.sensors import LagSettings
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
+from glucoloop.sensors.settings import LagSettings
 
 
 def lagged(

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
-from glucoloop.parts.sensors import CorrelatedNoiseSettings, WhiteNoiseSettings
 from glucoloop.sensors.protocol import Reading, Sensor, or_ideal
+from glucoloop.sensors.settings import CorrelatedNoiseSettings, WhiteNoiseSettings
 
 
 @pytree

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Self
 
 from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
-from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.faults import FaultPart
+from glucoloop.control.guard_settings import GuardSettings, guard_of
+from glucoloop.control.part import ControllerPart
+from glucoloop.faults import FaultPart
+from glucoloop.models.settings import IdentifiedPart, ModelPart
 from glucoloop.parts.grammar import NAME, GivenValue, Tree, as_table, part_text, place
-from glucoloop.parts.guard import GuardSettings, guard_of
-from glucoloop.parts.models import IdentifiedPart, ModelPart
 from glucoloop.parts.part import Part, read
 from glucoloop.parts.setting import About, Value
 from glucoloop.printable import is_printable

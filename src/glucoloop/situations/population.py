@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop.arguments import converted
-from glucoloop.parts.patients import USUAL_PATIENT
 from glucoloop.parts.setting import known_names
 from glucoloop.patients.population import Population, populations_of
+from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.patients.variation import Variation
 from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal

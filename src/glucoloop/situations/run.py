@@ -5,10 +5,10 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
+from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.models.settings import ModelPart
 from glucoloop.parts.grammar import Tree
-from glucoloop.parts.guard import GuardSettings
-from glucoloop.parts.models import ModelPart
 from glucoloop.plausible import DURATION, GLUCOSE
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case

@@ -11,16 +11,14 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
+from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.parts.faults import START, FaultPart
+from glucoloop.meals.settings import MealModelPart
+from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.parts.grammar import given as given_values
-from glucoloop.parts.meals import MealModelPart
-from glucoloop.parts.metrics import MetricPart, metrics_with
 from glucoloop.parts.number_text import parse_time_of_day
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT, PatientPart
-from glucoloop.parts.pumps import PUMPS, PumpPart
-from glucoloop.parts.sensors import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT, PatientPart
 from glucoloop.plausible import (
     CONFIRM_OPTION,
     LARGEST_RATE,
@@ -31,7 +29,9 @@ from glucoloop.plausible import (
     SETPOINT,
     refuse_unusual,
 )
+from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
 from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.request import read_root
 

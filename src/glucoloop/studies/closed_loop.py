@@ -14,7 +14,7 @@ from glucoloop.experiments.assemble import close_loop
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
-from glucoloop.parts.models import FilePart
+from glucoloop.models.settings import FilePart
 from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note

@@ -3,3 +3,7 @@
 `search` tries a grid. `samplers` draws at random or uses Optuna, and `evolution` is CMA-ES; both are asked for points
 and given their results in turns, so that a study can resume.
 """
+
+from glucoloop.tuning.settings import SAMPLERS, SamplerPart
+
+__all__ = ["SAMPLERS", "SamplerPart"]

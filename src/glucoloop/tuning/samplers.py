@@ -1,4 +1,4 @@
-"""Samplers that propose the next tunings, declared in `parts.samplers`.
+"""Samplers that propose the next tunings, declared in `tuning.settings`.
 
 A sampler is asked for a round of tunings at a time and gets the result of each, in order. It depends only on its seed,
 on the size of a round and on these results, so that an interrupted search resumes by passing them again.

@@ -15,8 +15,8 @@ from glucoloop.estimation.unknown_meal import MealHabits, design_meal_horizon, d
 from glucoloop.estimation.unknown_meal.expectation import expectation
 from glucoloop.estimation.unknown_meal.habits import daily_rates, earlier, parse_daily
 from glucoloop.estimation.unknown_meal.replay import estimate_meals
+from glucoloop.estimation.unknown_meal.settings import MovingHorizonSettings
 from glucoloop.experiments.designs import controller_of
-from glucoloop.parts.estimators import MovingHorizonSettings
 from glucoloop.situations.situation import configured
 
 NIGHT, DAY = 2 * 60.0, 12 * 60.0

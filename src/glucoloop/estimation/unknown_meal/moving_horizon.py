@@ -374,7 +374,7 @@ def design_meal_horizon(
 ) -> MealHorizon:
     """Design the estimator for a model.
 
-    Settings have the meanings, units and bounds of those of the same names in `parts.estimators`.
+    Settings have the meanings, units and bounds of those of the same names in `estimation.unknown_meal.settings`.
 
     Parameters
     ----------

@@ -21,10 +21,10 @@ from glucoloop.identification import Identification, Record, Validation, best_po
 from glucoloop.meals import Scenario
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.sensors import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.patients import SemilinearPatient
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import white_noise
+from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation

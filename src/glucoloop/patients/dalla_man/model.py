@@ -12,12 +12,12 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.dalla_man.equations import STATE_NAMES
 from glucoloop.patients.dalla_man.parameters.dallaman2007 import CONSTANTS
 from glucoloop.patients.dalla_man.patient import DallaManPatient
 from glucoloop.patients.model import PatientModel
 from glucoloop.patients.population import Population
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import Distribution, Variation
 from glucoloop.refusal import Refusal
 

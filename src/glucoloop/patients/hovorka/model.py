@@ -10,7 +10,6 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, STATE_NAMES, HovorkaConstants
 from glucoloop.patients.hovorka.parameters import boiroux2017, hovorka2004, wilinska2010
 from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004
@@ -29,6 +28,7 @@ from glucoloop.patients.hovorka.varying import (
 from glucoloop.patients.model import PatientModel, Values
 from glucoloop.patients.population import Population
 from glucoloop.patients.provenance import Constant
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import TRUNCATION_SD, Variation
 
 

@@ -16,9 +16,9 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.parts.patients import PATIENTS
 from glucoloop.patients.model import PatientModel, Values
 from glucoloop.patients.population import Population
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.sorensen.equations import INSULIN, STATE_NAMES
 from glucoloop.patients.sorensen.parameters.parker2000 import LARGEST_VARIATION_PCT, UNCERTAIN
 from glucoloop.patients.sorensen.patient import OPERATING_POINTS, SorensenPatient

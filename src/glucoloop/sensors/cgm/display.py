@@ -9,9 +9,9 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.parts.sensors import DisplaySettings
 from glucoloop.sensors.cgm.model import Ticks
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
+from glucoloop.sensors.settings import DisplaySettings
 
 
 @pytree

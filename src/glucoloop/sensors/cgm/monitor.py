@@ -10,12 +10,12 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.parts.sensors import MonitorPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.cgm.display import display as shown_by
 from glucoloop.sensors.cgm.model import CANDIDATES, Constants, ErrorModel, Ticks, candidate, constants_of, drawn
 from glucoloop.sensors.delay import lag
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
+from glucoloop.sensors.settings import MonitorPart
 from glucoloop.units import MIN_PER_DAY
 
 _INTERSTITIAL = "interstitial"

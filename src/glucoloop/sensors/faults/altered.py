@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within, always
-from glucoloop.parts.faults import CalibrationSettings, DriftSettings, SaturationSettings, SpikesSettings
+from glucoloop.faults import CalibrationSettings, DriftSettings, SaturationSettings, SpikesSettings
 from glucoloop.sensors.faults.wrapping import AlteredReadings, FaultySensor, read_within
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 from glucoloop.units import MIN_PER_H

@@ -20,7 +20,7 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within
-from glucoloop.parts.faults import CompressionSettings
+from glucoloop.faults import CompressionSettings
 from glucoloop.sensors.faults.wrapping import FaultySensor, read_within
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within
-from glucoloop.parts.faults import OutOfOrderSettings, RepeatedSettings
+from glucoloop.faults import OutOfOrderSettings, RepeatedSettings
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.delay import LONGEST_DEAD_TIME_SAMPLES, filled, joined, one_of, without_oldest
 from glucoloop.sensors.faults.wrapping import FaultySensor, read_within

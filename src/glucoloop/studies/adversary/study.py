@@ -12,7 +12,6 @@ import polars as pl
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.designs import controller_of
-from glucoloop.parts.sensors import whole_samples
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
@@ -20,6 +19,7 @@ from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.report.print_figure import figure_files
+from glucoloop.sensors.settings import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings

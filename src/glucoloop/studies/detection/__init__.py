@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.catalogue import ESTIMATING
+from glucoloop.control.part import ControllerPart
+from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
 from glucoloop.limits import MOST_DAYS
-from glucoloop.parts.controllers import ControllerPart
-from glucoloop.parts.estimators import ESTIMATORS, EstimatorPart
 from glucoloop.parts.grammar import part_text
-from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy

@@ -7,8 +7,8 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.models.settings import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
 from glucoloop.parts.grammar import Tree
-from glucoloop.parts.models import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
 from glucoloop.parts.setting import About, Default
 from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.refusal import Refusal

@@ -13,16 +13,16 @@ from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.number_text import number_of
 from glucoloop.parts.ranges import Tuned, parse_range
-from glucoloop.parts.samplers import SAMPLERS, SamplerPart
-from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
 from glucoloop.parts.setting import About
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import Option
 from glucoloop.situations.ranges import RANGES as RANGES_KEY
 from glucoloop.situations.ranges import ranges_parted, with_ranges
 from glucoloop.studies.guarded import PAPER_MEAL
 from glucoloop.studies.study import SearchStudy
+from glucoloop.tuning.settings import SAMPLERS, SamplerPart
 
 BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""

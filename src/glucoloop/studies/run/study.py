@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.bounds import OptimalDoses, distance_to_bound
 from glucoloop.bounds.optimal_doses import check_samples
-from glucoloop.parts.models import FilePart
+from glucoloop.models.settings import FilePart
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat, comparison_table, interactive_page, metrics_table, plot
 from glucoloop.report.descriptions import comparison_facts, run_facts

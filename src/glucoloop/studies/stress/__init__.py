@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.parts.faults import FAULTS, FaultPart
-from glucoloop.parts.sensors import SensorPart, WhiteNoiseSettings
+from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import SENSOR_PANEL, Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial

@@ -13,7 +13,7 @@ import polars as pl
 
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.faults import FAULTS
+from glucoloop.faults import FAULTS
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
 from glucoloop.report import Repeat
 from glucoloop.report.columns import (

@@ -13,7 +13,7 @@ from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts
 from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
-from glucoloop.parts.metrics import result_named
+from glucoloop.metrics.settings import result_named
 from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table

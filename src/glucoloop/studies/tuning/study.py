@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 
 from glucoloop.control import MPCTuning
-from glucoloop.parts.models import FilePart
-from glucoloop.parts.patients import USUAL_PATIENT
+from glucoloop.models.settings import FilePart
+from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat

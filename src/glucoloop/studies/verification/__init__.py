@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import USUAL_PATIENT, patient_entry
+from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy

@@ -30,19 +30,20 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
+from glucoloop.control.guard_settings import guard_of
 from glucoloop.episodes import Episodes
 from glucoloop.experiments.designs import controller_of, with_guard
 from glucoloop.experiments.faulty import put_around
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings
+from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
-from glucoloop.parts.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
-from glucoloop.parts.guard import guard_of
-from glucoloop.parts.patients import PATIENTS, USUAL_PATIENT
+from glucoloop.metrics.promises import PROMISES, Caps, Promises
 from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
+from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
@@ -51,7 +52,6 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 from glucoloop.studies.verification import Verification
-from glucoloop.studies.verification.promises import PROMISES, Caps, Promises
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
 

@@ -18,7 +18,8 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Observation, guarded
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.parts.patients import PATIENTS
+from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES, Caps, Counted, breaches, held_by_controller
+from glucoloop.patients.settings import PATIENTS
 from glucoloop.printable import how_many
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
@@ -39,7 +40,6 @@ from glucoloop.studies.verification.campaign import (
     circumstances_of,
     run_campaign,
 )
-from glucoloop.studies.verification.promises import OF_CONTROLLER, PROMISES, Caps, Counted, breaches, held_by_controller
 from glucoloop.threefry import uniforms
 
 _BOLUS_OF_RATE_MIN: Final = 60.0

@@ -1,4 +1,4 @@
-"""The catalogue: names, settings, defaults, and a controller behind every name."""
+"""The catalogue of controllers: names, settings, defaults, and a controller behind every name."""
 
 from typing import ClassVar
 
@@ -10,8 +10,8 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.patients import USUAL_PATIENT, OperatingPoint, PatientPart
-from glucoloop.parts.setting import About, Default, Setting, known_names
+from glucoloop.parts.setting import Default
+from glucoloop.patients.settings import USUAL_PATIENT, OperatingPoint, PatientPart
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -60,12 +60,6 @@ def test_a_name_has_one_type_in_all_controllers():
             assert found.setdefault(name, (setting.kind, setting.choices)) == (setting.kind, setting.choices), name
 
 
-def test_a_default_follows_noise():
-    default = Default(1, noisy=2)
-    assert [default.value(noisy=noisy) for noisy in (False, True)] == [1, 2]
-    assert Default(1).value(noisy=True) == 1
-
-
 class _Somebody(PatientPart, name="somebody"):
     """Somebody."""
 
@@ -91,28 +85,6 @@ def test_unknown_names_are_answered():
         controller_entry("mcp")
     with pytest.raises(ValueError, match="controller mpc has no setting 'gain'; the known ones are: move_horizon"):
         controller_entry("mpc").setting("gain")
-    assert known_names("a", []) == "there are none"
-    assert known_names("name7", [f"name{k}" for k in range(20)]) == "did you mean 'name7'?"
-    many = [*(f"name{k}" for k in range(20)), "noise_variance", "noise_bound_mg_dl"]
-    assert (
-        known_names("largest_noise_mg", many, where="see there")
-        == "those like it are: noise_variance, noise_bound_mg_dl"
-    )
-    assert known_names("zzz_mg", many, where="see there") == "none of the 22 known ones is like it; see there"
-
-
-@pytest.mark.parametrize(
-    ("kind", "value", "told"),
-    [(int, 1.5, "a whole number"), (int, True, "a whole number"), (float, "1", "a finite number"), (str, 1, "a text")],
-)
-def test_setting_of_another_type_is_refused(kind, value, told):
-    with pytest.raises(ValueError, match=f"x is {value!r}; give {told}"):
-        Setting("x", kind, (), False, False, Default(kind()), About("")).check(value)
-
-
-def test_whole_number_will_do_for_a_number():
-    checked = Setting("x", float, (), False, False, Default(0.0), About("")).check(1)
-    assert isinstance(checked, float)
 
 
 def test_design_that_needs_a_model_says_so():

@@ -6,6 +6,7 @@ A patient joins every command by one class, entered in `PATIENTS` or by the entr
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
@@ -18,6 +19,15 @@ from glucoloop.refusal import Refusal
 
 NOMINAL: Final = "nominal"
 """Name of the population of nominal patients, which every patient model has."""
+_USUAL: Final = (
+    "max_change_mU_min",
+    "min_insulin_mU_min",
+    "max_insulin_mU_min",
+    "pulse_mU_min",
+    "memory_min",
+    "laguerre_pole",
+    "laguerre_functions",
+)
 
 
 @dataclass(frozen=True)
@@ -106,6 +116,16 @@ class PatientPart(Part):
         if self.operating_point is not None:
             self.point(self.operating_point)
 
+    @classmethod
+    def facts(cls) -> dict[str, Any]:
+        """Route of insulin, operating points, populations, and what is usual for the patient."""
+        return {
+            "insulin_route": cls.insulin_route,
+            "operating_points": {point.name: point.summary for point in cls.operating_points},
+            "populations": {NOMINAL: "the nominal patient, whoever is drawn", **cls.populations},
+            "usual": {name: getattr(cls, name) for name in _USUAL},
+        }
+
     @property
     def rests_at(self) -> str:
         """Name of the operating point."""
@@ -132,12 +152,8 @@ class PatientPart(Part):
     @classmethod
     def identification(cls, sample_time_min: float) -> dict[str, Any]:
         """Usual identification of a model at a sample time: memory in samples, and the Laguerre functions."""
-        return {
-            "memory": max(2, round(cls.memory_min / sample_time_min)),
-            # at another sample time than 5 min the pole falls as fast
-            "laguerre_pole": float(cls.laguerre_pole ** (sample_time_min / 5.0)),
-            "laguerre_functions": cls.laguerre_functions,
-        }
+        own = {name: getattr(cls, name) for name in ("memory_min", "laguerre_pole", "laguerre_functions")}
+        return dataclasses.replace(ROUTES[cls.insulin_route], **own).identification(sample_time_min)
 
 
 _AT_NOMINAL_22: Final = {

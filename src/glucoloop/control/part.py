@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
 from glucoloop.parts.ranges import Tuned
+from glucoloop.parts.routes import ROUTES
 from glucoloop.plausible import ANY_SETTING
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
@@ -59,6 +61,11 @@ class ControllerPart(Part):
         for name, setting in self.settings().items():
             if setting.is_part:
                 object.__setattr__(self, name, getattr(self, name).completed())
+
+    @classmethod
+    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+        """Usual settings for a route of insulin, where they differ from the defaults, for readings without noise."""
+        return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Annotated, ClassVar, Final
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import Part
-from glucoloop.parts.patients import PatientPart
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.parts.setting import About
 from glucoloop.plausible import (
@@ -135,6 +135,11 @@ class GuardSettings(Part, name="usual"):
         route_of(insulin_route)
         return cls(**OF_ROUTE[insulin_route])
 
+    @classmethod
+    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+        """Usual limits for a route of insulin, where they differ from the defaults."""
+        return OF_ROUTE[insulin_route]
+
     def __post_init__(self) -> None:
         from glucoloop.arguments import ArgumentTypeError, is_traced
 
@@ -159,7 +164,14 @@ class GuardSettings(Part, name="usual"):
 GUARDS: Final = Catalogue(GuardSettings, (GuardSettings,), example="usual, max_hour=2", unnamed=True)
 
 
-def guard_of(patient: PatientPart | type[PatientPart], given: GuardSettings | None = None) -> GuardSettings:
+class Guarded(Protocol):
+    """Declaration of a patient, as far as a guard depends on it."""
+
+    insulin_route: ClassVar[str]
+    guard: ClassVar[Mapping[str, float]]
+
+
+def guard_of(patient: Guarded | type[Guarded], given: GuardSettings | None = None) -> GuardSettings:
     """A guard with the settings that are usual for a patient, in place of those that were not given."""
     usual = {**OF_ROUTE[patient.insulin_route], **patient.guard}
     whole = GuardSettings.partial({}) if given is None else given

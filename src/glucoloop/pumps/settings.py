@@ -10,6 +10,7 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
+from glucoloop.faults import Least, Step
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About, known_names
@@ -17,8 +18,6 @@ from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _bolus: Final = functools.partial(About, at_most=1000.0)
-Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
-Least = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
 
 
 class PumpPart(MadePart):

@@ -12,9 +12,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
-from glucoloop.parts.pumps import Least, Step
 from glucoloop.parts.setting import About, Setting
-from glucoloop.plausible import GLUCOSE_BOUND
+from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
 from glucoloop.refusal import Refusal
 
 START: Final = "start_min"
@@ -33,6 +32,8 @@ Whole = Callable[[str, int, int], int]
 Key = Annotated[
     int | None, About("Number that makes the random draws of two faults of the same kind differ; 0 by default.")
 ]
+Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
+Least = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
 Noticed = Annotated[bool, About("Whether the pump reports the fault: true or false.")]
 
 

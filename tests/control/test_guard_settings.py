@@ -5,10 +5,10 @@ import dataclasses
 import pytest
 
 from glucoloop.control import Guard, GuardSettings, design_open_loop
+from glucoloop.control.guard_settings import GUARDS, OF_ROUTE, guard_of
 from glucoloop.experiments.designs import with_guard
-from glucoloop.parts.guard import GUARDS, OF_ROUTE, guard_of
-from glucoloop.parts.patients import USUAL_PATIENT, PatientPart, patient_entry
 from glucoloop.parts.routes import SUBCUTANEOUS
+from glucoloop.patients.settings import USUAL_PATIENT, PatientPart, patient_entry
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 

@@ -1,0 +1,11 @@
+from .kalman import Innovation as Innovation
+from .kalman import KalmanState as KalmanState
+from .kalman import SteadyStateFilter as SteadyStateFilter
+from .kalman import filter_gain as filter_gain
+from .kalman import kalman_step as kalman_step
+from .kalman import predict as predict
+from .kalman import riccati_step as riccati_step
+from .kalman import steady_state_gain as steady_state_gain
+from .kalman import update as update
+from .steady_state import steady_state_covariance as steady_state_covariance
+from .steady_state import steady_state_seen as steady_state_seen
