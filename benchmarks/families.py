@@ -4,8 +4,8 @@
 
 A day with three meals, 5-min samples, the usual population of each patient; the whole path of a trial, from drawing
 people to their metrics. The people of uva-padova-2008, each with an own gut that is an ODE, have boluses for announced
-meals and a monitor that shows whole mg/dl. Times are of the processor, so that what else runs on the machine disturbs less; the best of
-the repeats are compared, with the first patient as 1.
+meals and a monitor that shows whole mg/dl. Times are of the processor, so that what else runs on the machine disturbs
+less; the best of the repeats are compared, with the first patient as 1.
 """
 
 from __future__ import annotations

@@ -79,4 +79,4 @@ class SteppingIntegrator(Integrator, Protocol):
     def at_sample(
         self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
     ) -> tuple[Any, Exogenous, Any]:
-        """The plant with other meals than it was made for, its inputs of one sample, and the gut after it; traceable."""
+        """The plant with other meals than it was made for, its inputs of one sample, and the gut after; traceable."""
