@@ -180,7 +180,9 @@ def test_what_is_ingested_is_the_rate_of_eating():
 def test_models_are_known_by_their_names():
     assert {type(meal_model(name)) for name in MEAL_MODELS} == {LehmannDeutsch, HovorkaGut, DallaManGut}
     assert all(isinstance(meal_model(name), MealModel) for name in MEAL_MODELS)
-    with pytest.raises(ValueError, match=r"^unknown meal model 'dalla-men'; the known ones are: lehmann-deutsch, hov"):
+    with pytest.raises(
+        ValueError, match=r"^unknown meal model 'dalla-men'; did you mean 'dalla-man'\? the known ones are: leh"
+    ):
         meal_model("dalla-men")
 
 

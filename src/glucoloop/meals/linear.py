@@ -28,7 +28,7 @@ class LinearAbsorption:
 
     @property
     def state(self) -> None:
-        """None: the closed forms take all meals since the start."""
+        """State that is carried, which is None: the closed forms take all meals since the start."""
 
     def goes_on(self, state: None) -> LinearAbsorption:
         """The same, whatever has been digested."""

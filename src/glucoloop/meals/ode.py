@@ -146,7 +146,7 @@ def _course(absorption: OdeAbsorption, samples: int, substeps: int, sample_time_
 
 
 def eaten_of(eaten: Eaten, number: Any, sample_time_min: float) -> jax.Array:
-    """What is eaten in points with given numbers since the start [mg], and whether a meal begins, ``(points, 2, ...)``.
+    """Amounts eaten in points with given numbers [mg], and whether a meal begins there, ``(points, 2, ...)``.
 
     A meal of 0 g begins nowhere.
     """

@@ -69,7 +69,7 @@ class Fed(Exogenous):
     gut: jax.Array
     """State of the gut at the sample."""
     eaten: jax.Array
-    """(points, 2, ...) what is eaten in each point of the fine grid, and whether a meal begins there."""
+    """(points, 2, ...) amount eaten in each point of the fine grid, and whether a meal begins there."""
 
 
 @pytree
