@@ -135,7 +135,8 @@ def test_the_method_is_of_fifth_order(monkeypatch):
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > 4.3)
 
 
-TIMES, SIZES, EATING = st.floats(0.0, 200.0), st.floats(0.0, 150.0), st.one_of(st.just(0.0), st.floats(1.0, 60.0))
+TIMES, EATING = st.floats(0.0, 200.0), st.one_of(st.just(0.0), st.floats(1.0, 60.0))
+SIZES = st.one_of(st.just(0.0), st.floats(0.01, 150.0))
 MEALS = st.lists(st.tuples(TIMES, SIZES, EATING), min_size=3, max_size=3)
 
 
