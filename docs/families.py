@@ -18,7 +18,7 @@ from pathlib import Path
 from made import made
 
 DOCS = Path(__file__).resolve().parent
-PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian-2009", "bergman:Minimal")
+PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009", "bergman:Minimal")
 
 
 def _of_run(found):

@@ -165,6 +165,9 @@ class _Argument:
         if typing.get_origin(annotation) in (types.UnionType, typing.Union):
             kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
             if (self.value is None and len(kinds) < len(typing.get_args(annotation))) or len(kinds) > 1:
+                if self.value is not None and all(map(_is_ours, kinds)):
+                    for kind in () if any(_is_a(self.value, kind) for kind in kinds) else kinds:
+                        self._refuse_other(kind)
                 as_it_is = set(kinds) != {float, jax.Array} or isinstance(self.value, jax.Array | np.ndarray)
                 if not any(map(_is_ours, kinds)):
                     self._refuse_swapped()

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import (
+    DallaManGut,
     Eaten,
     HovorkaGut,
     Ingestion,
@@ -178,10 +179,13 @@ def test_what_is_ingested_is_the_rate_of_eating():
 
 
 def test_models_are_known_by_their_names():
-    assert {type(meal_model(name)) for name in MEAL_MODELS} == {LehmannDeutsch, HovorkaGut, RoyParkerGut}
+    known = {LehmannDeutsch, HovorkaGut, RoyParkerGut, DallaManGut}
+    assert {type(meal_model(name)) for name in MEAL_MODELS} == known
     assert all(isinstance(meal_model(name), MealModel) for name in MEAL_MODELS)
-    with pytest.raises(ValueError, match=r"^unknown meal model 'dalla-man'; the known ones are: lehmann-deutsch, hov"):
-        meal_model("dalla-man")
+    with pytest.raises(
+        ValueError, match=r"^unknown meal model 'dalla-men'; did you mean 'dalla-man'\? the known ones are: leh"
+    ):
+        meal_model("dalla-men")
 
 
 def test_a_patient_has_a_gut_of_its_own_or_the_published_one():

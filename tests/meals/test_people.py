@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
-from glucoloop.meals.absorption import appearance_moments, digest, digestion_matrices, jump_table
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
+from glucoloop.meals.linear import appearance_moments, jump_table, linear_digestion
 
 STEPS, MEALS = 48, 3
 STEP_MIN = 2.5
@@ -27,13 +27,14 @@ def by_jumps(absorption, step_min):
 @functools.partial(jax.jit, static_argnums=2)
 def scan(table, model, step_min):
     """Moments of every step and states at their ends, one step after the other, of people who trail."""
+    gut = linear_digestion(model, 1, step_min)
+    axes = jax.tree.map(lambda leaf: -1 if leaf.ndim > 2 else None, gut)
 
     def one(state, inside):
-        state, moments = jax.vmap(digest, in_axes=(-1, matrices_axes, -1), out_axes=-1)(state, matrices, inside)
-        return state, (moments, state)
+        over = jax.vmap(lambda gut, state, inside: gut.sample(state, inside[None]), (axes, -1, -1), -1)
+        state, moments = over(gut, state, inside)
+        return state, (moments[0], state)
 
-    matrices = digestion_matrices(model, step_min)
-    matrices_axes = jax.tree.map(lambda leaf: -1 if leaf.ndim > 2 else None, matrices)
     states = table.shape[1] - 3
     return jax.lax.scan(one, jnp.zeros((states, table.shape[2])), table)[1]
 

@@ -11,7 +11,6 @@ from glucoloop._pytree import pytree
 from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
-from glucoloop.meals.absorption import meal_moments
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.models.state_space import step_response
@@ -321,7 +320,7 @@ def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc
             pump=with_resolution(0.5),
             setpoint_mg_dl=jnp.asarray(SETPOINT),
         )
-        moments = meal_moments(SHORT.samples, PER_NOMINAL, 5.0 / PER_NOMINAL, absorb(person(guts, i), meals))
+        moments = absorb(person(guts, i), meals).moments(SHORT.samples, PER_NOMINAL, 5.0 / PER_NOMINAL)
         glucose, insulin, lowest = plain_scan(loop, varied.rest[:, i], basal, people.key[i], moments, told)
         assert np.ptp(np.asarray(insulin)) > 1.0
         for run in runs.values():

@@ -12,7 +12,7 @@ import scipy.linalg
 import glucoloop as gl
 from glucoloop._pytree import pytree
 from glucoloop.meals import HovorkaGut, Meal, Scenario, eaten
-from glucoloop.meals.absorption import moments_of_parts
+from glucoloop.meals.moments import moments_of_steps
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import SemilinearPatient
 from glucoloop.sensors import IdealSensor
@@ -216,12 +216,16 @@ def test_steps_end_where_glucose_is_recorded(sample_time_min):
 
 def test_moments_of_parts_are_those_of_the_quadratic():
     weights = np.array([3.0, -1.0, 0.4])
-    parts = np.asarray(moments_of_parts(jnp.asarray(weights), 4))
+    parts = np.asarray(moments_of_steps(jnp.asarray(weights)[None], 4))
     np.testing.assert_allclose(parts[:, 0].mean(), weights[0], rtol=1e-14)
     # the quadratic at the ends of the parts is continuous, and at the ends of the whole that of the whole
     values = parts @ np.array([[1.0, 1.0, 1.0], [-3.0, 0.0, 3.0], [5.0, -2.5, 5.0]])
     np.testing.assert_allclose(values[1:, 0], values[:-1, 2], rtol=1e-12)
     np.testing.assert_allclose(values[0, 0], weights @ [1.0, -3.0, 5.0], rtol=1e-12)
+    # and back again, also by steps of which neither ends with the other
+    np.testing.assert_allclose(moments_of_steps(jnp.asarray(parts), 1), weights[None], rtol=1e-12)
+    thirds = moments_of_steps(jnp.asarray(parts), 3)
+    np.testing.assert_allclose(moments_of_steps(jnp.asarray(weights)[None], 3), thirds, rtol=1e-12)
 
 
 def test_nonlinear_control_advances_its_model_by_the_derivative():

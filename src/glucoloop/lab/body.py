@@ -17,9 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.lab.part import CompiledPart, part, starting
-from glucoloop.meals.absorption import Absorption, appearance_moments, fasting
+from glucoloop.meals.absorption import fasting
+from glucoloop.meals.linear import LinearAbsorption, appearance_moments
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.protocol import Eaten, LinearMealModel
 from glucoloop.native.interpreter import interpret
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
@@ -112,7 +113,7 @@ def plants(family: str) -> dict[str, ExponentialPlant]:
     """
     found = {}
     for name, patient in patients(family).items():
-        plant, _ = INTEGRATOR.prepare(patient, fasting(meal_model_of(patient, None)), GRID)
+        plant, _ = INTEGRATOR.prepare(patient, fasting(), GRID)
         of_people = PeoplePlant(patient, _varied(family), GRID, STEPS).single.matrices
         matrices = dataclasses.replace(plant.matrices, transport=of_people.transport, probe=of_people.probe)
         found[name] = dataclasses.replace(plant, matrices=matrices)
@@ -280,8 +281,10 @@ def meal_part(family: str) -> CompiledPart:
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
-        gut: MealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
-        absorption = Absorption(model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"])))
+        gut: LinearMealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
+        absorption = LinearAbsorption(
+            model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"]))
+        )
         return carry, appearance_moments(shared, SAMPLE_TIME_MIN / steps_of(family), absorption)
 
     zero = jnp.zeros(())

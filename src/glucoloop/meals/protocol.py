@@ -1,11 +1,13 @@
-"""Protocol of a meal model: from eating to the appearance of glucose in the blood.
+"""Protocols of a meal model: from eating to the appearance of glucose in the blood.
 
-A meal model is a linear system whose input are jumps::
+A meal model is upstream of the body: it depends on what is eaten alone, and the numbers of a model are a person's own.
+There are two kinds. A linear one is a system whose input are jumps::
 
     s' = A s,    s(t_k) grows by size_k,    appearance = s_0
 
 so that its answer to a jump, at any time after it, is a column of the matrix exponential, which each model writes down
-in closed form. Meals superpose by listing all their jumps. The numbers of a model are a person's own.
+in closed form; meals superpose by listing all their jumps. The other kind is any differential equation, which may
+remember the meal: ``s' = f(s, rate of eating)``, with a jump of what it remembers at the start of each minute.
 """
 
 from __future__ import annotations
@@ -45,8 +47,8 @@ class Jumps:
 
 
 @runtime_checkable
-class MealModel(Protocol):
-    """Model of a person's gut: a pytree whose numbers are those of one person, or have a trailing axis of people.
+class LinearMealModel(Protocol):
+    """Linear model of a person's gut: a pytree whose numbers are those of one person, or trail for many people.
 
     The first state is the rate at which glucose from meals appears in the blood [mg/min]; the second, where there is
     one, is the rate at which the stomach empties into the gut [mg/min].
@@ -57,6 +59,35 @@ class MealModel(Protocol):
 
     def propagator(self, z_min: jax.Array) -> jax.Array:
         """``exp(A z)``, ``(states, states, *z.shape)``: the states z >= 0 minutes after a unit of each state."""
+
+
+@runtime_checkable
+class OdeMealModel(Protocol):
+    """Model of a person's gut by its equations: a pytree whose numbers are one person's, or trail for many people.
+
+    Time is cut into the points of the fine grid of a loop, each of about one minute. What is eaten within a point is
+    eaten evenly over it, and a meal that begins within a point begins with it. A meal takes at least one minute, also
+    one that is eaten at once.
+    """
+
+    def init(self) -> jax.Array:
+        """State ``(states, ...)`` of somebody who has eaten nothing; what it remembers of a meal is part of it."""
+
+    def at_point(self, state: jax.Array, eaten_mg: jax.Array, begins: jax.Array) -> jax.Array:
+        """State after its jump at the start of a point, in which so much is eaten, and a meal begins or not."""
+
+    def derivative(self, state: jax.Array, eating_mg_min: jax.Array) -> jax.Array:
+        """Rate of change per minute at a rate of eating; zero for what changes by jumps only."""
+
+    def appearance_mg_min(self, state: jax.Array) -> jax.Array:
+        """Rate at which glucose from meals appears in the blood."""
+
+    def emptying_mg_min(self, state: jax.Array) -> jax.Array:
+        """Rate at which the stomach empties into the gut."""
+
+
+MealModel = LinearMealModel | OdeMealModel
+"""Model of a person's gut, of either kind."""
 
 
 def matrix(*rows: tuple[jax.Array | float, ...]) -> jax.Array:

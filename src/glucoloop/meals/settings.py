@@ -50,8 +50,28 @@ class RoyParkerSettings(MealModelPart, name="roy-parker"):
     absorption_per_min: Annotated[float, About("Rate constant of the gut, per minute.", above=0.0, at_most=1.0)] = 0.022
 
 
+class DallaManGutSettings(MealModelPart, name="dalla-man"):
+    """A stomach that empties by how much of the whole meal it holds, of Dalla Man et al. (2006)."""
+
+    make: ClassVar = "glucoloop.meals:DallaManGut"
+    k_max: Annotated[
+        float, About("Largest rate of emptying, and rate of trituration, per minute.", above=0.0, at_most=1.0)
+    ] = 0.0558
+    k_min: Annotated[float, About("Smallest rate of emptying, per minute.", above=0.0, at_most=1.0)] = 0.0080
+    k_abs: Annotated[float, About("Rate of absorption from the gut, per minute.", above=0.0, at_most=1.0)] = 0.057
+    b: Annotated[
+        float, About("Share of the meal in the stomach at which emptying is slower by half.", above=0.0, at_most=0.99)
+    ] = 0.82
+    d: Annotated[
+        float, About("Share of the meal in the stomach at which emptying is faster by half.", above=0.001, at_most=0.99)
+    ] = 0.010
+    bioavailability: Annotated[
+        float, About("Share of the absorbed carbohydrate that reaches the blood.", above=0.0, at_most=1.0)
+    ] = 0.90
+
+
 MEAL_MODELS: Final = Catalogue(
     MealModelPart,
-    (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings),
+    (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings, DallaManGutSettings),
     example="hovorka, time_to_maximum_min=55",
 )

@@ -46,7 +46,7 @@ class FedModel(NonlinearModel, Protocol):
         """State one sample on, under a held infusion, while glucose from meals appears in the gut's blood.
 
         `appearance_mg_min` is ``(3,)``: the Legendre moments of the rate over the sample, as
-        `meals.absorption.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
+        `meals.linear.appearance_moments` defines them. A rate r that is held is ``(r, 0, 0)``.
         """
 
 

@@ -23,6 +23,8 @@ _FOUND: Final = 1e-9
 """Largest last change of a state at rest, as a share of the state's size."""
 _KEPT: Final = 0.1
 """Least share of a positive state that a step leaves."""
+_VANISHED: Final = 1e-6
+"""Share of the glucose near rest below which it has gone to zero: without glucose most equations rest too."""
 
 
 class OdePatient(RestingPatient[dict[str, Any]]):
@@ -153,7 +155,9 @@ def _under(kind: type[OdePatient], p: Constants, insulin_mU_min: jax.Array) -> j
     """State at rest under a rate; NaN where none was found."""
     shape = shape_of_people(p, insulin_mU_min)
     insulin = jnp.broadcast_to(insulin_mU_min, shape)
-    return _root(lambda x: _rates(kind, p, x, insulin), _spread(kind.near_rest, shape))
+    near, patient = _spread(kind.near_rest, shape), kind._with(p)
+    x = _root(lambda x: _rates(kind, p, x, insulin), near)
+    return jnp.where(patient.glucose_mg_dl(x) > _VANISHED * patient.glucose_mg_dl(near), x, jnp.nan)
 
 
 @functools.partial(jax.jit, static_argnums=0)

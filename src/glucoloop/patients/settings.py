@@ -276,6 +276,21 @@ class McGill2020Part(PatientPart, name="mcgill-2020"):
     pulse_mU_min = 12.0
 
 
+class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
+    """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
+
+    model = "glucoloop.patients.dalla_man.model:UVA_PADOVA_2008_MODEL"
+    insulin_route = SUBCUTANEOUS
+    operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 6.99 mU/min, which is 0.419 U/h"),)
+    populations: ClassVar = {
+        "lognormal": "ten constants, lognormal with a coefficient of variation of 20 %, and weight with 15 %"
+    }
+    # A unit moves glucose little, and readings with noise of variance 1.45 still give a gain that can be trusted.
+    pulse_mU_min = 6.95
+    laguerre_pole = 0.95
+    laguerre_functions = 5
+
+
 class _Patients(Catalogue[PatientPart]):
     """The patients; one that is named by its operating point is refused with the mend."""
 
@@ -291,7 +306,10 @@ class _Patients(Catalogue[PatientPart]):
 
 PATIENTS: Final = _Patients(
     PatientPart,
-    (Parker1999Part, Hovorka2004Part, Wilinska2010Part, Kanderian2009Part, RoyParker2007Part, McGill2020Part),
+    (
+        *(Parker1999Part, Hovorka2004Part, Wilinska2010Part, UvaPadova2008Part, Kanderian2009Part),
+        *(RoyParker2007Part, McGill2020Part),
+    ),
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )

@@ -1,8 +1,14 @@
-"""Reference integrator for any patient: adaptive Runge-Kutta of eighth order that stops at every meal jump."""
+"""Reference integrator for any patient: adaptive Runge-Kutta of eighth order that stops at every meal jump.
+
+A gut given by its equations is integrated together with the body, from one moment of the fine grid to the next, since
+what it remembers jumps there.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,17 +18,21 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.meals.absorption import Absorption, appearance_mg_min
+from glucoloop.meals.absorption import Absorption
+from glucoloop.meals.linear import LinearAbsorption, appearance_mg_min
+from glucoloop.meals.moments import points_of_sample
+from glucoloop.meals.ode import OdeAbsorption, eaten_of
+from glucoloop.meals.protocol import OdeMealModel
 from glucoloop.patients.protocol import Patient
-from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 
 
 @pytree
 class AdaptivePlant:
-    """A patient and its absorbed meals; implements `Plant`."""
+    """A patient and the meals that a linear gut absorbs; implements `Plant`."""
 
     patient: Patient
-    absorption: Absorption
+    absorption: LinearAbsorption
     inside_min: jax.Array
     clock_min: jax.Array | float
     """Time of day at the start, after midnight."""
@@ -54,30 +64,102 @@ class AdaptivePlant:
             meal = appearance_mg_min(t, self.absorption)
             return patient.derivative(self.clock_min + t, x, held.inputs(insulin_mU_min, meal))
 
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(rates),
-            diffrax.Dopri8(),
-            start,
-            end,
-            after_min[-1] / 50.0,
-            x,
-            saveat=diffrax.SaveAt(ts=start + after_min),
-            stepsize_controller=self._steps(start, end),
-            max_steps=None,
-        )
-        states: jax.Array | None = solution.ys
-        assert states is not None
+        states: jax.Array = _solved(rates, x, start, after_min, self._steps(start, end))
         return states
 
     def _steps(self, start: jax.Array, end: jax.Array) -> Any:
         """Adaptive steps between two times, none of them across a jump of a meal."""
-        adaptive = diffrax.PIDController(rtol=self.tolerance, atol=self.tolerance)
+        adaptive = _adaptive(self.tolerance)
         jumps = self.absorption.jumps.t_min
         if jumps.size == 0:
             return adaptive
         # outside the sample a jump is of no concern: sorted, each lies at its place or at the end
         inside = jnp.sort(jnp.where((jumps > start) & (jumps < end), jumps, end))
         return diffrax.ClipStepSizeController(adaptive, jump_ts=inside)
+
+
+@pytree
+class Fed(Exogenous):
+    """Inputs of a patient in one sample, with the gut that feeds it."""
+
+    gut: jax.Array
+    """State of the gut at the sample."""
+    eaten: jax.Array
+    """(points, 2, ...) amount eaten in each point of the fine grid, and whether a meal begins there."""
+
+
+@pytree
+class AdaptiveGutPlant:
+    """A patient with a gut given by its equations; implements `Plant`."""
+
+    patient: Patient
+    model: OdeMealModel
+    inside_min: jax.Array
+    clock_min: jax.Array | float
+    """Time of day at the start, after midnight."""
+    tolerance: float = static()
+
+    def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
+        """State after one sample, and glucose on the fine grid inside it."""
+        assert isinstance(exogenous, Fed)
+
+        def body(t: jax.Array, x: jax.Array, gut: jax.Array, held: Held) -> jax.Array:
+            inputs = held.inputs(insulin_mU_min, self.model.appearance_mg_min(gut))
+            return held.of(self.patient).derivative(self.clock_min + t, x, inputs)
+
+        (x, _), states = self._points(x, exogenous, body, exogenous.held)
+        return x, jax.vmap(self.patient.glucose_mg_dl)(states)
+
+    def digested(self, outside: Fed) -> jax.Array:
+        """State of the gut after one sample."""
+        gut: jax.Array
+        (_, gut), _ = self._points(jnp.zeros((0, *outside.gut.shape[1:])), outside, lambda t, x, gut, held: x)
+        return gut
+
+    def _points(self, x: jax.Array, outside: Fed, body: Callable[..., jax.Array], held: Held = NOTHING_HELD) -> Any:
+        """Body and gut after one sample, and the body at the points inside it."""
+        point_min = self.inside_min[0]
+
+        def point(carry: Any, entry: Any) -> Any:
+            (x, gut, start), (eaten_mg, begins, held) = carry, entry
+            gut = self.model.at_point(gut, eaten_mg, begins > 0.0)
+
+            def rates(t: Any, both: Any, _: Any) -> Any:
+                x, gut = both
+                return body(t, x, gut, held), self.model.derivative(gut, eaten_mg / point_min)
+
+            x, gut = jax.tree.map(
+                lambda states: states[-1],
+                _solved(rates, (x, gut), start, point_min[None], _adaptive(self.tolerance)),
+            )
+            return (x, gut, start + point_min), x
+
+        (x, gut, _), states = jax.lax.scan(
+            point, (x, outside.gut, outside.t_min), (outside.eaten[:, 0], outside.eaten[:, 1], held)
+        )
+        return (x, gut), states
+
+
+def _adaptive(tolerance: float) -> Any:
+    return diffrax.PIDController(rtol=tolerance, atol=tolerance)
+
+
+def _solved(rates: Any, x: Any, start: Any, after_min: jax.Array, steps: Any) -> Any:
+    """States at moments after a start, the last of which is the end."""
+    end = start + after_min[-1]
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rates),
+        diffrax.Dopri8(),
+        start,
+        end,
+        after_min[-1] / 50.0,
+        x,
+        saveat=diffrax.SaveAt(ts=start + after_min),
+        stepsize_controller=steps,
+        max_steps=None,
+    )
+    assert solution.ys is not None
+    return solution.ys
 
 
 @checked
@@ -93,19 +175,48 @@ class Adaptive:
 
     tolerance: float = 1e-9
 
-    def prepare(self, patient: Patient, absorption: Absorption, grid: SampleGrid) -> tuple[AdaptivePlant, Exogenous]:
-        """The patient and the meals that it absorbs, and the time at which each sample begins."""
-        plant = AdaptivePlant(
-            patient=patient,
-            absorption=absorption,
-            inside_min=jnp.asarray(grid.inside_min),
-            clock_min=grid.start_min,
-            tolerance=self.tolerance,
-        )
-        return plant, Exogenous(t_min=jnp.asarray(grid.t_min))
+    def prepare(
+        self, patient: Patient, absorption: Absorption, grid: SampleGrid
+    ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous]:
+        """The patient with the meals or the gut, and the time and the state of the gut at each sample."""
+        common: dict[str, Any] = {
+            "patient": patient,
+            "inside_min": jnp.asarray(grid.inside_min),
+            "clock_min": grid.start_min,
+        }
+        times = jnp.asarray(grid.t_min)
+        if isinstance(absorption, LinearAbsorption):
+            plant = AdaptivePlant(**common, absorption=absorption, tolerance=self.tolerance)
+            return plant, Exogenous(t_min=times)
+        assert isinstance(absorption, OdeAbsorption)
+        fed = AdaptiveGutPlant(**common, model=absorption.model, tolerance=self.tolerance)
+        return fed, _course(fed, absorption, grid.sample_time_min, times)
 
     def at_sample(
-        self, plant: AdaptivePlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[AdaptivePlant, Exogenous]:
-        """The plant with these meals, and the time at which the sample with a number begins."""
-        return dataclasses.replace(plant, absorption=absorption), Exogenous(t_min=index * grid.sample_time_min)
+        self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
+    ) -> tuple[AdaptivePlant | AdaptiveGutPlant, Exogenous, Any]:
+        """The plant with these meals, the time at which the sample with a number begins, and the gut after it."""
+        if isinstance(absorption, LinearAbsorption):
+            time = Exogenous(t_min=index * grid.sample_time_min)
+            return dataclasses.replace(plant, absorption=absorption), time, None
+        outside = _fed(absorption, absorption.state, index * grid.sample_time_min, grid.sample_time_min)
+        return plant, outside, plant.digested(outside)
+
+
+def _fed(absorption: Any, gut: jax.Array, t_min: jax.Array, sample_time_min: float) -> Fed:
+    points = points_of_sample(sample_time_min)
+    first = jnp.round(t_min / sample_time_min).astype(int) * points
+    eaten = eaten_of(absorption.eaten, first + jnp.arange(points), sample_time_min)
+    return Fed(t_min=t_min, gut=gut, eaten=eaten)
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _course(plant: AdaptiveGutPlant, absorption: OdeAbsorption, sample_time_min: float, t_min: jax.Array) -> Fed:
+    """Inputs of all samples of a run, from the course of the gut by itself."""
+
+    def one(gut: jax.Array, t_min: jax.Array) -> tuple[jax.Array, Fed]:
+        outside = _fed(absorption, gut, t_min, sample_time_min)
+        return plant.digested(outside), outside
+
+    outside: Fed = jax.lax.scan(one, absorption.state, t_min)[1]
+    return outside

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller
-from glucoloop.meals.absorption import MOMENTS, absorb, digest, digestion_matrices, jump_table, meal_moments
+from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
@@ -127,8 +127,8 @@ class _Counted:
 @pytree
 class _Carry:
     loop: LoopState
-    digestion: jax.Array | None
-    """State of the meal model; None where meals and guts are the same for all people."""
+    gut: jax.Array | None
+    """State of the gut; None where meals and guts are the same for all people."""
     fold: Any
 
 
@@ -206,8 +206,8 @@ class Cohort:
             "pump": varying(pump if varied_pump is None else varied_pump, pump),
         }
         varied_gut, one_gut = self._gut(varied), self._gut(nominal)
-        self._one_digestion = digestion_matrices(one_gut, self._plants.step_min)
-        self._digestion_varies = varying(digestion_matrices(varied_gut, self._plants.step_min), self._one_digestion)
+        self._one_digestion = self._digestion(one_gut)
+        self._digestion_varies = varying(self._digestion(varied_gut), self._one_digestion)
         self._individual_meals = meals is None or any(varying(varied_gut, one_gut))
         moments, announced_g = self._meals_of_all(None if self._individual_meals else meals)
         self._individual_announcements = announced and (self._individual_meals or own_announcements)
@@ -304,19 +304,16 @@ class Cohort:
         times = self._shared.get("time_of_day_min")
         state, reading_key = begin(loop, x, insulin, announced, key, None if times is None else jnp.asarray(times[0]))
         glucose = loop.plant.patient.glucose_mg_dl(x)
-        digestion = jnp.zeros(self._one_digestion.transition.shape[0]) if self._individual_meals else None
-        return _Carry(loop=state, digestion=digestion, fold=self._fold.init(glucose, insulin)), reading_key
+        gut = self._one_digestion.init() if self._individual_meals else None
+        return _Carry(loop=state, gut=gut, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
         """One sample: it outputs glucose and the delivered rate, and what is decided if it is asked for."""
-        digestion, moments = carry.digestion, shared["moments"]
-        if digestion is not None:
-            matrices, of_steps = replaced(self._one_digestion, self._digestion_varies, person.digestion), []
-            for jumps in reaching["jumps"]:
-                with jax.named_scope("meals"):
-                    digestion, of_step = digest(digestion, matrices, jumps)
-                of_steps.append(of_step)
-            moments = jnp.stack(of_steps)
+        gut, moments = carry.gut, shared["moments"]
+        if gut is not None:
+            own: Digestion = replaced(self._one_digestion, self._digestion_varies, person.digestion)
+            with jax.named_scope("meals"):
+                gut, moments = own.sample(gut, reaching["meals"])
         announced = (
             (reaching if self._individual_announcements else shared)["told"] if self._announced else jnp.zeros(())
         )
@@ -331,18 +328,18 @@ class Cohort:
         if self._records_decisions:
             reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
             outputs += reading, happened.decision.status, happened.delivery.reported_mU_min
-        return _Carry(loop=state, digestion=digestion, fold=fold), outputs
+        return _Carry(loop=state, gut=gut, fold=fold), outputs
 
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
-        digestion = chosen(self._one_digestion, self._digestion_varies)
-        person = _PersonValues(plant=self._plants.values_of_nominal(), digestion=digestion, **parts)
+        numbers = chosen(self._one_digestion, self._digestion_varies)
+        person = _PersonValues(plant=self._plants.values_of_nominal(), digestion=numbers, **parts)
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
         reaching: dict[str, Array] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
         if self._individual_meals:
-            reaching["jumps"] = np.zeros((self._substeps, self._entries))
+            reaching["meals"] = np.zeros(self._one_digestion.inputs)
         if self._individual_meals or self._individual_announcements:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
@@ -364,9 +361,7 @@ class Cohort:
 
         return _PersonValues(
             plant=self._plants.values_of(people.patient),
-            digestion=chosen(
-                digestion_matrices(self._gut(people.patient), self._plants.step_min), self._digestion_varies
-            ),
+            digestion=chosen(self._digestion(self._gut(people.patient)), self._digestion_varies),
             controller=part("controller"),
             sensor=part("sensor"),
             pump=part("pump"),
@@ -375,14 +370,12 @@ class Cohort:
     def _gut(self, patient: Patient) -> MealModel:
         return meal_model_of(patient, self._instead)
 
+    def _digestion(self, gut: MealModel) -> Digestion:
+        return digestion(gut, self._substeps, self._plants.step_min)
+
     def _in_loop(self, meals: Eaten) -> Eaten:
         """Meals with times from the beginning of the warm-up."""
         return dataclasses.replace(meals, t_min=meals.t_min + self._warm_up_min) if self._warm_up else meals
-
-    @property
-    def _entries(self) -> int:
-        """Number of values that describe the jumps of meals within a step."""
-        return MOMENTS + int(self._one_digestion.transition.shape[0])
 
     def _meals_of_all(self, meals: Eaten | None) -> tuple[Array, Array]:
         """Moments ``(samples, substeps, 3)`` and announced carbohydrate ``(samples,)`` of meals that all people eat."""
@@ -391,7 +384,7 @@ class Cohort:
             return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
         meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
-        moments = np.asarray(meal_moments(samples, self._substeps, self._plants.step_min, absorption))
+        moments = np.asarray(absorption.moments(samples, self._substeps, self._plants.step_min))
         return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples))[:, 0]
 
     def _inputs_of(self, people: People) -> Callable[[slice], tuple[Any, Array]]:
@@ -414,19 +407,16 @@ class Cohort:
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
         meals = self._in_loop(meals)
-        absorption = absorb(self._gut(people.patient), meals) if self._individual_meals else None
         counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
         told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
         told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
+        gut = self._gut(people.patient)
 
         def inputs(piece: slice) -> tuple[Any, Array]:
             samples, reaching = piece.stop - piece.start, held(piece)
-            if absorption is not None:
-                first = self._substeps * piece.start if samples < self._grid.samples else None
-                table = jump_table(
-                    absorption, steps=samples * self._substeps, step_min=self._plants.step_min, first=first
-                )
-                reaching["jumps"] = table.reshape(samples, self._substeps, self._entries, n)
+            if self._individual_meals:
+                first = piece.start if samples < self._grid.samples else None
+                reaching["meals"] = digestion_inputs(gut, meals, samples, self._substeps, self._plants.step_min, first)
             announced = _at_samples(told, self._grid, piece) if self._announced else np.zeros((samples, n))
             return {**reaching, "told": announced}, announced[0]
 

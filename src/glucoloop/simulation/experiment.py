@@ -23,7 +23,7 @@ from glucoloop.identification import (
     validate,
 )
 from glucoloop.identification.basis import usual_bases
-from glucoloop.meals import fasting, meal_model_of
+from glucoloop.meals import fasting
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.parts.routes import SUBCUTANEOUS
@@ -119,7 +119,7 @@ def excite(
         integrator = Exponential(substeps=8, near_rest=True) if fast else default_integrator(patient)
     key = random_key(key)
     grid = SampleGrid(sample_time_min=sample_time_min, samples=rates.size)
-    plant, exogenous = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)
+    plant, exogenous = integrator.prepare(patient, fasting(), grid)
     x = patient.steady_state(patient.basal_insulin_mU_min)
     glucose = _excite(plant, sensor or IdealSensor(), x, jnp.asarray(rates), exogenous, key)
     return Record(insulin_mU_min=jnp.asarray(rates), glucose_mg_dl=glucose, sample_time_min=sample_time_min)

@@ -20,7 +20,8 @@ import numpy as np
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.meals.absorption import Absorption, at_start_middle_end, meal_moments, moments_of_sample
+from glucoloop.meals.absorption import Absorption
+from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.parts import Content, compiled_by_class
@@ -138,16 +139,16 @@ class Explicit:
         """
         plant = plant_with(patient, self.steps_per_point(patient, grid), grid)
         steps = plant.steps_per_point * grid.inside_min.size
-        moments = meal_moments(grid.samples, steps, plant.step_min, absorption)
+        moments = absorption.moments(grid.samples, steps, plant.step_min)
         return plant, Exogenous(t_min=jnp.asarray(grid.t_min), moments=moments)
 
     def at_sample(
         self, plant: ExplicitPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[ExplicitPlant, Exogenous]:
-        """The same plant, and the meals' moments and the time of the sample with the given number."""
+    ) -> tuple[ExplicitPlant, Exogenous, Any]:
+        """The same plant, the meals' moments and the time of the sample with a number, and the gut after it."""
         steps = plant.steps_per_point * grid.inside_min.size
-        moments = moments_of_sample(index, steps, plant.step_min, absorption)
-        return plant, Exogenous(t_min=index * grid.sample_time_min, moments=moments)
+        moments, gut = absorption.at_sample(index, steps, plant.step_min)
+        return plant, Exogenous(t_min=index * grid.sample_time_min, moments=moments), gut
 
 
 def plant_with(patient: Patient, steps_per_point: int, grid: SampleGrid) -> ExplicitPlant:

@@ -20,7 +20,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,8 @@ import scipy.linalg
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.meals.absorption import Absorption, at_start_middle_end, meal_moments, moments_of_sample
+from glucoloop.meals.absorption import Absorption
+from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.parts import Content, compiled_by_class, refuse_two_patients
@@ -306,13 +307,13 @@ class Exponential:
             state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
             matrices = design(patient, h, dense, state)
         plant = ExponentialPlant(patient=patient, matrices=matrices)
-        moments = meal_moments(grid.samples, substeps, h, absorption)
+        moments = absorption.moments(grid.samples, substeps, h)
         return plant, Exogenous(t_min=jnp.asarray(grid.t_min), moments=moments)
 
     def at_sample(
         self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[ExponentialPlant, Exogenous]:
-        """The same plant, and the meals' moments ``(substeps, 3)`` and the time of the sample with the given number."""
+    ) -> tuple[ExponentialPlant, Exogenous, Any]:
+        """The same plant, the meals' moments and the time of the sample with a number, and the gut after it."""
         substeps = self.steps_of(grid)
-        moments = moments_of_sample(index, substeps, grid.sample_time_min / substeps, absorption)
-        return plant, Exogenous(t_min=index * grid.sample_time_min, moments=moments)
+        moments, gut = absorption.at_sample(index, substeps, grid.sample_time_min / substeps)
+        return plant, Exogenous(t_min=index * grid.sample_time_min, moments=moments), gut

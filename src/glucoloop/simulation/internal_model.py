@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
-from glucoloop.meals import fasting, meal_model_of
-from glucoloop.meals.absorption import moments_of_parts
+from glucoloop.meals import fasting
+from glucoloop.meals.moments import moments_of_steps
 from glucoloop.models.sensor_lag import linear_behind_lag
 from glucoloop.models.state_space import LinearModel, discretise, linearise
 from glucoloop.patients.capabilities import rest_at
@@ -109,7 +109,7 @@ class InternalModel:
 
     def advance_fed(self, x: jax.Array, insulin_mU_min: jax.Array, appearance_mg_min: jax.Array) -> jax.Array:
         """State after one sample, with the appearance of a meal."""
-        moments = moments_of_parts(appearance_mg_min, self.steps) if self.steps > 1 else appearance_mg_min[None]
+        moments = moments_of_steps(appearance_mg_min[None], self.steps)
         return self.plant.advance(x, insulin_mU_min, Exogenous(t_min=jnp.zeros(()), moments=moments))[0]
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
@@ -136,7 +136,7 @@ def nonlinear_model(
     """
     integrator = Exponential(substeps=1, near_rest=True) if goes_fast(patient) else Explicit()
     grid = SampleGrid(sample_time_min=sample_time_min, samples=1)
-    plant, outside = integrator.prepare(patient, fasting(meal_model_of(patient)), grid)
+    plant, outside = integrator.prepare(patient, fasting(), grid)
     assert outside.moments is not None
     insulin, state = _at_rest(patient, setpoint_mg_dl)
     return InternalModel(

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals.absorption import Absorption
+from glucoloop.meals.moments import points_of_sample
 from glucoloop.patients.capabilities import paced
 from glucoloop.patients.protocol import Inputs, Patient, inputs_of
 from glucoloop.units import MIN_PER_DAY
@@ -48,7 +49,7 @@ class SampleGrid:
     @property
     def inside_min(self) -> npt.NDArray[np.float64]:
         """Moments of the fine grid within a sample, its end included, counted from its start."""
-        parts = max(1, round(self.sample_time_min))
+        parts = points_of_sample(self.sample_time_min)
         return self.sample_time_min * np.arange(1, parts + 1, dtype=np.float64) / parts
 
     @property
@@ -128,5 +129,5 @@ class SteppingIntegrator(Integrator, Protocol):
 
     def at_sample(
         self, plant: Any, absorption: Absorption, grid: SampleGrid, index: jax.Array
-    ) -> tuple[Any, Exogenous]:
-        """The plant with other meals than it was prepared for, and its exogenous inputs of one sample; traceable."""
+    ) -> tuple[Any, Exogenous, Any]:
+        """The plant with other meals than it was made for, its inputs of one sample, and the gut after; traceable."""

@@ -89,6 +89,8 @@ class _Now:
     """(room,) meals that have begun; 0 g for free places."""
     meals: jax.Array
     """Number of meals that have begun."""
+    gut: Any
+    """State of the gut before the coming sample; None where closed forms need none."""
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -116,7 +118,7 @@ def _step(
     bolus_mU: float | None,
 ) -> tuple[_Now, Sampled]:
     loop: Loop = fixed.joined(numbers)
-    plant, outside = integrator.at_sample(loop.plant, absorption, grid, now.sample)
+    plant, outside, gut = integrator.at_sample(loop.plant, absorption.goes_on(now.gut), grid, now.sample)
     outside = dataclasses.replace(outside, held=held)
     bolus = None if bolus_mU is None else jnp.asarray(bolus_mU, float)
     asked = dataclasses.replace(
@@ -126,7 +128,7 @@ def _step(
     )
     loop = dataclasses.replace(loop, plant=plant, controller=asked)
     after, happened = sample(loop, now.loop, outside, jnp.zeros(()), now.key, now.sample)
-    return dataclasses.replace(now, loop=after, sample=now.sample + 1), happened
+    return dataclasses.replace(now, loop=after, sample=now.sample + 1, gut=gut), happened
 
 
 class Stepper:
@@ -205,7 +207,8 @@ class Stepper:
         self._takes_exercise = takes_exercise(patient)
         self._bouts = _NO_BOUTS
         refuse_held(patient, self._held(0))
-        plant, _ = self._integrator.prepare(patient, absorb(self._meal_model, _NO_MEALS), self._grid)
+        self._fasting = absorb(self._meal_model, _NO_MEALS)
+        plant, _ = self._integrator.prepare(patient, self._fasting, self._grid)
         pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
         self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
@@ -271,9 +274,10 @@ class Stepper:
             key=reading_key,
             eaten=jax.tree.map(jnp.asarray, _NO_MEALS),
             meals=jnp.asarray(0),
+            gut=self._fasting.state,
         )
         self._bouts = _NO_BOUTS
-        self._absorption = absorb(self._meal_model, self._now.eaten)
+        self._absorption = self._fasting
         self.last = None
         return self.observation()
 

@@ -27,7 +27,7 @@ from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.meals import Eaten, absorb, emptying_mg_min, meal_model_of
+from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.meals.plan import draw_meals
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
 from glucoloop.refusal import Refusal
@@ -334,7 +334,7 @@ def _day(detection: Detection, days: Days) -> pl.DataFrame:
             "reading_mg_dl": first.reading_mg_dl,
             "insulin_mU_min": first.insulin_mU_min,
             "eating": first.estimates.eating,
-            "emptying_mg_min": np.asarray(jax.vmap(lambda t: emptying_mg_min(t, meals))(t_min))[:, 0],
+            "emptying_mg_min": np.asarray(meals.emptying_mg_min(t_min.size, trial.grid.sample_time_min))[:, 0],
             "estimated_emptying_mg_min": first.estimates.emptying_mg_min,
             "carbs_g": first.estimates.carbs_g,
             "remaining_g": first.estimates.remaining_g,

@@ -1,0 +1,1 @@
+"""Published constants of the model of Dalla Man et al., one set per file."""
