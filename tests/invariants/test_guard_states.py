@@ -24,6 +24,7 @@ from glucoloop.control.protocol import gives_boluses
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.profile import Profile
 
 LEAST, MOST, CHANGE = 0.0, 66.9, 16.7
 MODEL = StepResponseModel.from_impulse_response(-0.19 * np.exp(-np.arange(1, 31) / 18.0), 5.0)
@@ -39,6 +40,10 @@ LINEAR = LinearModel(
 
 
 class LinearDesign(Designed):
+    @property
+    def profile(self):
+        return Profile(basal_mU_min=self.basal_insulin_mU_min, setpoint_mg_dl=81.1)
+
     def process_noise(self, glucose, other, glucagon):
         del other, glucagon
         return np.array([glucose, 0.1 * glucose])
