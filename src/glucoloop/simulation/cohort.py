@@ -306,9 +306,7 @@ class Cohort:
 
         seen = Seen(glucose_mg_dl=glucose, reading_mg_dl=reading, infused_mU_min=np.array(people.insulin_mU_min, float))
         key_data = np.asarray(jax.random.key_data(keys))
-        return Begun(
-            person=person, carry=carry, key_data=key_data, inputs_in=inputs_in, seen=seen, samples=samples
-        )
+        return Begun(person=person, carry=carry, key_data=key_data, inputs_in=inputs_in, seen=seen, samples=samples)
 
     def lanes(self, number: int) -> SteppedPeople:
         """Places for a number of people of a stepped cohort, each of whom is at a sample of their own."""
@@ -388,7 +386,15 @@ class Cohort:
             reaching, shared = {**shared, **reaching}, {}
         try:
             return make_engine(
-                self._step_apart if self._stepped else self._step, person, carry, reaching, shared, key, name=name, precision=precision, products=products
+                self._step_apart if self._stepped else self._step,
+                person,
+                carry,
+                reaching,
+                shared,
+                key,
+                name=name,
+                precision=precision,
+                products=products,
             )
         except NEED_VALUES as error:
             raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None

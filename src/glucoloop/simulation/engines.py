@@ -178,7 +178,8 @@ class _NativeLanes:
         self._kernel, self._shapes, self._number = kernel, lowered.shapes, number
         columns = kernel.padded(number)
         self._rows = {
-            name: np.zeros((kernel.sizes[name], columns), kernel.dtype) for name in ("person", "carry", "own", "outputs")
+            name: np.zeros((kernel.sizes[name], columns), kernel.dtype)
+            for name in ("person", "carry", "own", "outputs")
         }
         self.person = _tree(self._shapes.person, self._rows["person"][:, :number], axis=0)
         self.carry = _tree(self._shapes.carry, self._rows["carry"][:, :number], axis=0)
