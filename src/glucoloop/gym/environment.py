@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -46,8 +46,8 @@ class _Situation:
             settings["guard"] = "usual" if guard is True else guard
         if not 0.0 < lowest_mg_dl < highest_mg_dl:
             raise Refusal(
-                f"glucose from {lowest_mg_dl:g} to {highest_mg_dl:g} mg/dl is no range; give a lowest_mg_dl above 0 and "
-                "a highest_mg_dl above it"
+                f"glucose from {lowest_mg_dl:g} to {highest_mg_dl:g} mg/dl is no range; give a lowest_mg_dl above 0 "
+                "and a highest_mg_dl above it"
             )
         self._reward, self._truth = reward_of(reward), truth
         self._bounds = lowest_mg_dl, highest_mg_dl
@@ -77,7 +77,7 @@ class _Situation:
         highest = np.array([most for _, most in seen.values()], np.float32)
         self.observation_box = Box(np.zeros_like(highest), highest)
         self._latest = np.full(number, np.nan)
-        self._read_at = np.zeros(number)
+        self._read_at, self._asked_U = np.zeros(number), np.zeros(number)
 
     def observation(self) -> Floats:
         """(people, entries) observation at the coming sample, with the latest reading that was valid."""
@@ -87,15 +87,13 @@ class _Situation:
         self._latest[begins], self._read_at[begins] = people.trial.target_mg_dl, 0.0
         self._latest[valid] = people.reading_mg_dl[valid]
         self._read_at[valid] = people.sample[valid]
-        reported = people.reported_U
-        reported = np.where(np.isfinite(reported), reported, people.insulin_U)
-        if self._truth:
-            seen = [people.glucose_mg_dl]
-        else:
-            seen = [self._latest, (people.sample - self._read_at) * every]
+        # a pump that says nothing is taken to have done as it was asked
+        reported = np.where(np.isfinite(people.reported_U), people.reported_U, self._asked_U)
+        age_min = (people.sample - self._read_at) * every
+        seen = [people.glucose_mg_dl] if self._truth else [self._latest, age_min]
         rows = np.stack([*seen, reported, people.announced_g, people.time_of_day_min], axis=-1)
         box = self.observation_box
-        return np.clip(np.nan_to_num(rows, nan=0.0), box.low, box.high).astype(np.float32)
+        return np.asarray(np.clip(np.nan_to_num(rows), box.low, box.high), np.float32)
 
     def info(self) -> Observed:
         """What an agent may not see, ``(people,)`` each; glucose, reading, insulin, carbohydrate, risk and time."""
@@ -118,6 +116,7 @@ class _Situation:
         if asked.shape != wanted:
             raise Refusal(f"an action of the shape {asked.shape} is not possible; give {wanted}")
         before = people.glucose_mg_dl.copy()
+        self._asked_U = asked[:, 0] * people.trial.sample_time_min / MIN_PER_H + asked[:, 1:].sum(axis=1)
         people.step(mu_min_from_u_h(asked[:, 0]), asked[:, 1] * MU_PER_U if people.gives_bolus else None)
         after, (lowest, highest) = people.glucose_mg_dl, self._bounds
         terminated = ~((after >= lowest) & (after <= highest))
@@ -126,7 +125,7 @@ class _Situation:
         return reward, terminated, (people.sample >= people.samples) & ~terminated
 
 
-class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):  # type: ignore[misc]
+class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
     """Many people side by side, in native code where the patient allows it.
 
     Arguments are those of `GlucoseEnv`, and the number of people. A place whose episode has ended gets the next person
@@ -134,7 +133,7 @@ class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):  
     sample of its own, so that this costs nothing for the others, and agents need not ask for it.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 # as Gymnasium declares it
 
     def __init__(self, num_envs: int = 1, *, render_mode: None = None, **settings: Any) -> None:
         self.render_mode = render_mode
@@ -174,7 +173,7 @@ class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):  
         return self._of.observation(), reward, terminated, truncated, self._of.info()
 
 
-class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):  # type: ignore[misc]
+class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
     """One person whose insulin an agent doses, in the situation of a trial.
 
     Actions are the basal rate [U/h] and, where insulin is given under the skin, a bolus [U] that is given at the
@@ -205,8 +204,6 @@ class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):  # type: ignore[misc]
     Refusal
         For settings that are not possible, or that concern controllers.
     """
-
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(self, *, render_mode: None = None, **settings: Any) -> None:
         self.render_mode = render_mode

@@ -76,9 +76,9 @@ class _Block:
 class DosedPeople:
     """A number of people side by side in the situation of a trial, under doses from outside.
 
-    `settings` are the keys of a trial's file. Persons are taken in the order of their numbers, from ``first_person`` on,
-    each with meals and noise of the seed and number; after ``people`` persons, if that is given, the first one comes
-    again. People without a basal rate are left out.
+    `settings` are the keys of a trial's file. Persons are taken in the order of their numbers, from ``first_person``
+    on, each with meals and noise of the seed and number; after ``people`` persons, if that is given, the first one
+    comes again. People without a basal rate are left out.
 
     Raises
     ------
@@ -118,7 +118,8 @@ class DosedPeople:
         self._begin_again()
 
     def _begin_again(self) -> None:
-        self._next, self._block = 0, None
+        self._next = 0
+        self._block: _Block | None = None
         self.person: Numbers = np.zeros(self.number, np.int64)
         """(people,) number of each person."""
         self._meals: list[Array] = []
@@ -141,7 +142,7 @@ class DosedPeople:
     @property
     def time_of_day_min(self) -> Array:
         """(people,) minutes after midnight; a run without a ``start`` begins at midnight."""
-        return ((self.trial.start_min or 0.0) + self.sample * self.trial.sample_time_min) % MIN_PER_DAY
+        return np.asarray((self.trial.start_min or 0.0) + self.sample * self.trial.sample_time_min) % MIN_PER_DAY
 
     @property
     def glucose_mg_dl(self) -> Array:
@@ -163,7 +164,7 @@ class DosedPeople:
         """(people,) insulin in the last step as the pump reports it; NaN if it reports nothing."""
         bolus = self._lanes.reported_bolus_mU
         basal_mU = self._lanes.reported_mU_min * self.trial.sample_time_min
-        return (basal_mU if bolus is None else basal_mU + bolus) / MU_PER_U
+        return np.asarray(basal_mU if bolus is None else basal_mU + bolus) / MU_PER_U
 
     def reset(self, seed: int | None = None) -> None:
         """Let the next persons begin in all places; with a seed the first ones of that seed."""
@@ -190,10 +191,8 @@ class DosedPeople:
     def _next_block(self) -> _Block:
         trial, size = self.trial, block_size(self.engine)
         first, most = trial.first_person, trial.population.most_people
-        if "people" in trial.given:
-            available = trial.people
-        else:
-            available = (LARGEST_COUNTER + 1 if most is None else most) - first
+        possible = (LARGEST_COUNTER + 1 if most is None else most) - first
+        available = trial.people if "people" in trial.given else possible
         person = first + (self._next + np.arange(size, dtype=np.int64)) % available
         self._next += size
         with one_at_a_time:
@@ -222,12 +221,16 @@ class DosedPeople:
         """(people,) carbohydrate that is announced of the coming step."""
         if not self.trial.announce_meals:
             return np.zeros(self.number)
-        return np.where(self._meals[2] == self.sample, self._meals[3], 0.0).sum(axis=0)
+        return self._carbs_g(self._meals[2] == self.sample, self._meals[3])
 
     @property
     def eaten_g(self) -> Array:
         """(people,) carbohydrate of meals that began in the last step."""
-        return np.where(self._meals[0] == self.sample - 1, self._meals[1], 0.0).sum(axis=0)
+        return self._carbs_g(self._meals[0] == self.sample - 1, self._meals[1])
+
+    @staticmethod
+    def _carbs_g(now: npt.NDArray[np.bool_], carbs_g: Array) -> Array:
+        return np.asarray(np.where(now, carbs_g, 0.0).sum(axis=0))
 
     def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None) -> None:
         """Give everybody a rate and, where the pump can, a bolus, and go to the next sample."""

@@ -76,8 +76,8 @@ REWARDS: Final[dict[str, Reward]] = {
     Fall of the risk of Kovatchev et al. during the step, the reward of simglucose (J. Xie, 2018); there by readings,
     here by glucose.
 ``time-in-range``
-    1 in the range of 70 to 180 mg/dl of the consensus on time in range (T. Battelino et al., Diabetes Care 42(8), 2019),
-    else 0.
+    1 in the range of 70 to 180 mg/dl of the consensus on time in range, else 0. T. Battelino et al., Diabetes Care
+    42(8), 1593-1603, 2019.
 """
 
 

@@ -62,7 +62,7 @@ class Inputs:
     def at(self, sample: int) -> Array:
         """Inputs of a sample, ``(..., people)``."""
         if self._dense is not None:
-            return self._dense[sample]
+            return np.asarray(self._dense[sample])
         values = np.zeros(self._shape)
         of_sample = slice(self._edges[sample], self._edges[sample + 1])
         values.reshape(-1)[self._place[of_sample]] = self._numbers[of_sample]
@@ -109,12 +109,13 @@ class SteppedPeople:
     @property
     def reported_mU_min(self) -> Array:
         """(lanes,) rate that the pump reports."""
-        return self._lanes.carry.loop.reported_mU_min
+        return np.asarray(self._lanes.carry.loop.reported_mU_min)
 
     @property
     def reported_bolus_mU(self) -> Array | None:
         """(lanes,) bolus that the pump reports, or None where there are none."""
-        return self._lanes.carry.loop.reported_bolus_mU
+        bolus = self._lanes.carry.loop.reported_bolus_mU
+        return None if bolus is None else np.asarray(bolus)
 
     def begin(self, begun: Begun, columns: npt.NDArray[np.intp], lanes: npt.NDArray[np.intp]) -> None:
         """Put people, by their columns, in the place of those of some lanes."""
