@@ -107,7 +107,7 @@ def test_steps_with_the_doses_of_a_closed_loop_are_that_loop_to_the_bit(changed)
         # the first and the last glucose of a run are computed outside of native code
         exact = {"rtol": 0.0} if 0 < k else {"rtol": 1e-14}
         np.testing.assert_allclose(people.glucose_mg_dl, run.glucose_mg_dl[k, :8], **exact)
-        people.step(rates[k], boluses[k])
+        people.step(np.full(8, rates[k]), np.full(8, boluses[k]))
         np.testing.assert_array_equal(people._lanes.seen.infused_mU_min, run.insulin_mU_min[k, :8])
     np.testing.assert_allclose(people.glucose_mg_dl, run.glucose_mg_dl[-1, :8], rtol=1e-14)
 

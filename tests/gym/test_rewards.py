@@ -1,5 +1,7 @@
 """Rewards: what their papers say of them."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,7 +26,7 @@ def test_the_risk_of_kovatchev_is_100_at_both_ends_of_the_scale():
 
 def test_changes_of_risk_sum_to_the_change_from_first_to_last():
     course = np.array([[120.0], [250.0], [60.0], [90.0]])
-    total = sum(REWARDS["risk-change"].of_step(a, b)[0] for a, b in zip(course[:-1], course[1:], strict=True))
+    total = sum(REWARDS["risk-change"].of_step(a, b)[0] for a, b in itertools.pairwise(course))
     np.testing.assert_allclose(total, kovatchev_risk(course[0])[0] - kovatchev_risk(course[-1])[0])
 
 

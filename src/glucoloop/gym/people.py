@@ -234,7 +234,4 @@ class DosedPeople:
 
     def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None) -> None:
         """Give everybody a rate and, where the pump can, a bolus, and go to the next sample."""
-        self._lanes.controller[0][:] = insulin_mU_min
-        if bolus_mU is not None:
-            self._lanes.controller[1][:] = bolus_mU
-        self._lanes.step(threads=self._threads)
+        self._lanes.step(insulin_mU_min, bolus_mU, threads=self._threads)

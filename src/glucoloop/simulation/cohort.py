@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller
+from glucoloop.control.protocol import Controller, gives_boluses
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
@@ -155,7 +155,7 @@ class Cohort:
     precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
     names of the inputs of people that are held over minutes, see `plant.Held`. One that is `stepped` is advanced from
-    outside, by `begin` and `lanes`, and does not run by itself.
+    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside.
     """
 
     def __init__(
@@ -364,6 +364,9 @@ class Cohort:
 
     def _step_apart(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> Any:
         """One sample of a person who is stepped; it outputs what is seen at its end."""
+        # Native code takes what depends on the person alone out of the loop, and would round a dose there differently.
+        asked, own = reaching["asked"], person.controller[len(reaching["asked"]) :]
+        person = dataclasses.replace(person, controller=[*asked, *own])
         after, outputs = self._step(person, carry, reaching, shared, rng)
         with jax.named_scope("sensor"):
             glucose, reading = self._look(person, after, rng[0], rng[1] + 1)
@@ -376,14 +379,15 @@ class Cohort:
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
-        reaching: dict[str, Array] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
+        reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
         if self._individual_meals:
             reaching["meals"] = np.zeros(self._one_digestion.inputs)
         if self._individual_meals or self._individual_announcements:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
-            reaching, shared = {**shared, **reaching}, {}
+            asked = parts["controller"][: 2 if gives_boluses(self._single.controller) else 1]
+            reaching, shared = {**shared, **reaching, "asked": asked}, {}
         try:
             return make_engine(
                 self._step_apart if self._stepped else self._step,

@@ -92,8 +92,7 @@ class _Group:
 class SteppedPeople:
     """Places for a number of people of a cohort, in each of which one person goes from sample to sample.
 
-    See `Cohort.lanes`. ``controller`` are the numbers of each person's controller, ``(lanes,)`` each, which may be
-    written before a step.
+    See `Cohort.lanes`.
     """
 
     def __init__(self, lanes: Lanes, number: int) -> None:
@@ -101,7 +100,6 @@ class SteppedPeople:
         self._groups: list[_Group] = []
         self._key_data: Array | None = None
         self._reaching: dict[str, Array] = {}
-        self.controller: list[Array] = lanes.person.controller
         self.sample = np.zeros(number, np.int64)
         """(lanes,) number of the coming sample."""
         self.seen = Seen(*(np.full(number, np.nan) for _ in range(3)))
@@ -135,15 +133,16 @@ class SteppedPeople:
         for name, values in vars(self.seen).items():
             values[lanes] = getattr(begun.seen, name)[columns]
 
-    def step(self, *, threads: int = 1) -> None:
-        """Carry everybody to the next sample, under the numbers of the controllers."""
+    def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None, *, threads: int = 1) -> None:
+        """Carry everybody to the next sample, under rates and, where the pump can give them, boluses ``(lanes,)``."""
+        asked = [insulin_mU_min] if bolus_mU is None else [insulin_mU_min, bolus_mU]
         for group in self._groups:
             for name, values in group.next_inputs().items():
                 if name not in self._reaching:
                     self._reaching[name] = np.zeros((*values.shape[:-1], self.number))
                 self._reaching[name][..., group.lanes] = values
         assert self._key_data is not None
-        outputs = self._lanes.step(self._reaching, self._key_data, self.sample, threads=threads)
+        outputs = self._lanes.step({**self._reaching, "asked": asked}, self._key_data, self.sample, threads=threads)
         self.sample += 1
         for to, new in zip(vars(self.seen).values(), outputs, strict=True):
             np.copyto(to, new)
