@@ -82,9 +82,7 @@ def measured(numbers: list[int]) -> list[dict[str, Any]]:
     for patient in PATIENTS:
         for people in numbers:
             rate = people / step_s(patient, people)
-            rows.append(
-                {"environment": patient, "people": people, "steps_s": rate, "days_s": rate * 5.0 / MIN_PER_DAY}
-            )
+            rows.append({"environment": patient, "people": people, "steps_s": rate, "days_s": rate * 5.0 / MIN_PER_DAY})
     return [{**row, "times": row["steps_s"] / rows[0]["steps_s"]} for row in rows]
 
 

@@ -82,7 +82,7 @@ def compare(weights, people=500, seed=2):
     env = gymnasium.make_vec(glucoloop.gym.ENVIRONMENT, num_envs=people, **SITUATION)
     _, glucose = episode(env, np.repeat(weights[:, None], people, axis=1), seed)
     lines = [row("linear policy", glucose)]
-    cases = ["basal-bolus", "pid", "open-loop"]
+    cases = ["basal-bolus", "pid", "basal"]
     trial = configured(Trial, {**SITUATION, "controller": cases, "people": people, "seed": seed})
     for case in cases:
         found = run_people(prepare(trial), case, np.arange(people), traces=True)

@@ -34,7 +34,7 @@ from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
 from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
-from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, Inputs, Seen, SteppedPeople
+from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
@@ -298,13 +298,15 @@ class Cohort:
         number, samples = insulin.shape[0], self._grid.samples
 
         @functools.lru_cache(maxsize=1)
-        def inputs_in(piece: int) -> dict[str, Inputs]:
+        def inputs_in(piece: int) -> dict[str, StoredInputs]:
             within = slice(piece * MOST_AT_ONCE, min((piece + 1) * MOST_AT_ONCE, samples))
             of_all = {name: values[within] for name, values in self._shared.items()}
             together = {name: np.broadcast_to(v[..., None], (*v.shape, number)) for name, v in of_all.items()}
-            return {name: Inputs(values) for name, values in {**together, **reaching_in(within)[0]}.items()}
+            return {name: StoredInputs(values) for name, values in {**together, **reaching_in(within)[0]}.items()}
 
-        seen = Seen(glucose_mg_dl=glucose, reading_mg_dl=reading, infused_mU_min=np.array(people.insulin_mU_min, float))
+        seen = SeenAtSample(
+            glucose_mg_dl=glucose, reading_mg_dl=reading, infused_mU_min=np.array(people.insulin_mU_min, float)
+        )
         key_data = np.asarray(jax.random.key_data(keys))
         return Begun(person=person, carry=carry, key_data=key_data, inputs_in=inputs_in, seen=seen, samples=samples)
 

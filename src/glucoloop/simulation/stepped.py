@@ -28,15 +28,15 @@ class Begun:
     carry: Any
     key_data: Array
     """(people, ...) data of the random keys of their readings."""
-    inputs_in: Callable[[int], Mapping[str, Inputs]]
+    inputs_in: Callable[[int], Mapping[str, StoredInputs]]
     """Function of the number of a piece of `MOST_AT_ONCE` samples that gives their inputs in it."""
-    seen: Seen
+    seen: SeenAtSample
     samples: int
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What is seen of people at a sample, ``(people,)``."""
+class SeenAtSample:
+    """Glucose, reading and insulin of people at a sample, ``(people,)`` each."""
 
     glucose_mg_dl: Array
     """Glucose, free of noise."""
@@ -46,8 +46,8 @@ class Seen:
     """All insulin since the last sample, as a rate."""
 
 
-class Inputs:
-    """Inputs of people ``(samples, ..., people)``, kept in little memory."""
+class StoredInputs:
+    """StoredInputs of people ``(samples, ..., people)``, kept in little memory."""
 
     def __init__(self, values: Array) -> None:
         self._shape = values.shape[1:]
@@ -60,7 +60,7 @@ class Inputs:
             self._edges = np.searchsorted(sample, np.arange(len(values) + 1))
 
     def at(self, sample: int) -> Array:
-        """Inputs of a sample, ``(..., people)``."""
+        """StoredInputs of a sample, ``(..., people)``."""
         if self._dense is not None:
             return np.asarray(self._dense[sample])
         values = np.zeros(self._shape)
@@ -83,7 +83,7 @@ class _Group:
         return bool(self.lanes.size)
 
     def next_inputs(self) -> dict[str, Array]:
-        """Inputs of the coming sample, ``(..., lanes)``; after the last sample those of the last."""
+        """StoredInputs of the coming sample, ``(..., lanes)``; after the last sample those of the last."""
         piece, sample = divmod(min(self._sample, self._begun.samples - 1), MOST_AT_ONCE)
         self._sample += 1
         return {name: of.at(sample)[..., self._columns] for name, of in self._begun.inputs_in(piece).items()}
@@ -102,7 +102,7 @@ class SteppedPeople:
         self._reaching: dict[str, Array] = {}
         self.sample = np.zeros(number, np.int64)
         """(lanes,) number of the coming sample."""
-        self.seen = Seen(*(np.full(number, np.nan) for _ in range(3)))
+        self.seen = SeenAtSample(*(np.full(number, np.nan) for _ in range(3)))
 
     @property
     def reported_mU_min(self) -> Array:
