@@ -2,11 +2,12 @@
 
     python examples/policy_search.py [--generations 20]
 
-It sees readings, announced carbohydrate and what the pump reports, and no more. It is trained on 64 people of seed 1 and
-compared on 500 people of seed 2, whom it has never met, with basal-bolus therapy and PID from a trial of the same people.
+It sees readings, announced carbohydrate and what the pump reports, and no more. It is trained on 64 people of seed 1
+and compared on 500 people of seed 2, whom it has never met, with basal-bolus therapy, PID and the constant basal rate
+from a trial of the same people.
 
-R. Y. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", Methodology and Computing in
-Applied Probability 1, 127-190, 1999.
+R. Y. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", Methodology and Computing
+in Applied Probability 1, 127-190, 1999.
 """
 
 import argparse

@@ -4,12 +4,14 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from glucoloop.gym.rewards import REWARDS
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/guide/gym.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_example_runs():
     names = {}
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

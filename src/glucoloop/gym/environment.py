@@ -96,7 +96,7 @@ class _Situation:
         return np.asarray(np.clip(np.nan_to_num(rows), box.low, box.high), np.float32)
 
     def info(self) -> Observed:
-        """Glucose, reading, insulin, carbohydrate, risk, time and number of each person, of which an agent is not told."""
+        """Glucose, reading, insulin, carbohydrate, risk, time and number of each person, unknown to an agent."""
         people = self.people
         return {
             "glucose_mg_dl": people.glucose_mg_dl.copy(),
