@@ -3,9 +3,9 @@
     python benchmarks/environments.py [--json] [--people N ...]
 
 Days of 5-min steps with three meals, the monitor Dexcom G6 and a constant action: people of hovorka-2004 and of
-uva-padova-2008, the model of simglucose. simglucose 0.2.11 has one person at a time and 3-min steps (its environment for
-Gymnasium, adult#001); it is installed from PyPI beside the environment. What is compared are steps a second of all
-people, and simulated days a second; times are those of the clock, the best of some repeats.
+uva-padova-2008, the model of simglucose. simglucose 0.2.11 has one person at a time and 3-min steps (its environment
+for Gymnasium, adult#001); it is installed from PyPI beside ours. Steps a second of all people and simulated days a
+second are compared; times are those of the clock, the best of some repeats.
 """
 
 from __future__ import annotations
