@@ -9,6 +9,7 @@ from . import exercise as exercise
 from . import experiments as experiments
 from . import faults as faults
 from . import firmware as firmware
+from . import gym as gym
 from . import identification as identification
 from . import lab as lab
 from . import limits as limits

@@ -13,6 +13,7 @@ EXTRAS: Final = {
     "dask": "dask",
     "distributed": "dask",
     "duckdb": "query",
+    "gymnasium": "gym",
     "optuna": "search",
 }
 """Extra of ``pyproject.toml`` that installs a package."""

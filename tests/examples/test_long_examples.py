@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import runpy
 import signal
 import subprocess
@@ -18,6 +19,18 @@ import glucoloop as gl
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SAMPLES = 8
+
+
+def test_a_policy_gets_better_and_is_compared(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["example", "--generations", "3"])
+    runpy.run_path(str(EXAMPLES / ("policy_search" + ".py")), run_name="__main__")
+    told = capsys.readouterr().out
+    best = [float(found) for found in re.findall(r"best (-\d+),", told)]
+    assert len(best) == 3
+    assert best[-1] > best[0]
+    in_range = {row[0]: float(row[1]) for row in re.findall(r"^\| ([\w -]+) \| ([\d.]+) \|", told, re.MULTILINE)}
+    assert set(in_range) == {"linear policy", "basal-bolus", "pid", "basal"}
+    assert in_range["linear policy"] > in_range["basal"]
 
 
 def test_training_lowers_the_cost(capsys, monkeypatch):

@@ -152,6 +152,7 @@ class PeopleLoop:
         products: str = FUSED,
         record_decisions: bool = False,
         held: Sequence[str] = (),
+        stepped: bool = False,
     ) -> None:
         self.controllers_of, self._example = controllers_of, example.patient
         if controllers_of is not None:
@@ -180,6 +181,7 @@ class PeopleLoop:
             products=products,
             record_decisions=record_decisions,
             held=held,
+            stepped=stepped,
         )
 
     @property

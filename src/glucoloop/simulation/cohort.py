@@ -7,9 +7,10 @@ axis; shared values are part of the program. `people_plant` integrates, and `eng
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller
+from glucoloop.control.protocol import Controller, gives_boluses
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
@@ -26,19 +27,18 @@ from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
-from glucoloop.sensors import Sensor
+from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.held import refuse_held
 from glucoloop.simulation.integrators import plants_of_people
-from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
+from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
 from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
+from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
-MOST_AT_ONCE: Final = 1008
-"""Largest number of samples of a piece of a run, 3.5 days of 5 min: the inputs of its people are in memory."""
 
 
 @pytree
@@ -154,7 +154,8 @@ class Cohort:
     given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
     precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
-    names of the inputs of people that are held over minutes, see `plant.Held`.
+    names of the inputs of people that are held over minutes, see `plant.Held`. One that is `stepped` is advanced from
+    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside.
     """
 
     def __init__(
@@ -182,8 +183,9 @@ class Cohort:
         substeps: int | None = None,
         record_decisions: bool = False,
         held: Sequence[str] = (),
+        stepped: bool = False,
     ) -> None:
-        self._held = tuple(held)
+        self._held, self._stepped = tuple(held), stepped
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
         self._records_decisions = record_decisions
         self._nominal, self._announced = nominal, announced
@@ -218,6 +220,7 @@ class Cohort:
             self._shared["counted_min"] = grid.t_min - self._warm_up_min
         self._begin_people = jax.jit(jax.vmap(self._begin, in_axes=(-1, -1, 0, 0, 0), out_axes=(-1, 0)))
         self._end_people = jax.jit(jax.vmap(self._end, in_axes=-1))
+        self._look_at_people = jax.jit(jax.vmap(self._look, in_axes=(-1, -1, 0, None)))
         self._engine = self._make_engine(engine, precision, products)
 
     @property
@@ -284,6 +287,33 @@ class Cohort:
             end, lowest = map(np.asarray, self._end_people(person, carry.loop.x))
         return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.fold), end, lowest
 
+    def begin(self, people: People) -> Begun:
+        """People before their first sample, for the `lanes` of a stepped cohort."""
+        with one_at_a_time:
+            person, reaching_in = self._values_of(people), self._inputs_of(people)
+            _, first_announced = reaching_in(slice(0, 1))
+            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
+            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
+            glucose, reading = map(np.asarray, self._look_at_people(person, carry, keys, 0))
+        number, samples = insulin.shape[0], self._grid.samples
+
+        @functools.lru_cache(maxsize=1)
+        def inputs_in(piece: int) -> dict[str, StoredInputs]:
+            within = slice(piece * MOST_AT_ONCE, min((piece + 1) * MOST_AT_ONCE, samples))
+            of_all = {name: values[within] for name, values in self._shared.items()}
+            together = {name: np.broadcast_to(v[..., None], (*v.shape, number)) for name, v in of_all.items()}
+            return {name: StoredInputs(values) for name, values in {**together, **reaching_in(within)[0]}.items()}
+
+        seen = SeenAtSample(
+            glucose_mg_dl=glucose, reading_mg_dl=reading, infused_mU_min=np.array(people.insulin_mU_min, float)
+        )
+        key_data = np.asarray(jax.random.key_data(keys))
+        return Begun(person=person, carry=carry, key_data=key_data, inputs_in=inputs_in, seen=seen, samples=samples)
+
+    def lanes(self, number: int) -> SteppedPeople:
+        """Places for a number of people of a stepped cohort, each of whom is at a sample of their own."""
+        return SteppedPeople(self._engine.lanes(number), number)
+
     # one person
 
     def _loop(self, person: _PersonValues) -> Loop:
@@ -309,26 +339,40 @@ class Cohort:
 
     def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
         """One sample: it outputs glucose and the delivered rate, and what is decided if it is asked for."""
-        gut, moments = carry.gut, shared["moments"]
+        gut, inputs = carry.gut, {**shared, **reaching}
+        moments = inputs["moments"]
         if gut is not None:
             own: Digestion = replaced(self._one_digestion, self._digestion_varies, person.digestion)
             with jax.named_scope("meals"):
-                gut, moments = own.sample(gut, reaching["meals"])
-        announced = (
-            (reaching if self._individual_announcements else shared)["told"] if self._announced else jnp.zeros(())
-        )
-        (key, index), time = rng, shared.get("time_of_day_min")
-        held = Held(**{name: reaching[name] for name in self._held})
-        outside = Exogenous(t_min=shared["t_min"], moments=moments, held=held)
+                gut, moments = own.sample(gut, inputs["meals"])
+        announced = inputs["told"] if self._announced else jnp.zeros(())
+        (key, index), time = rng, inputs.get("time_of_day_min")
+        held = Held(**{name: inputs[name] for name in self._held})
+        outside = Exogenous(t_min=inputs["t_min"], moments=moments, held=held)
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
-            fold = self._fold.step(carry.fold, inside, shared["counted_min" if self._warm_up else "t_min"])
+            fold = self._fold.step(carry.fold, inside, inputs["counted_min" if self._warm_up else "t_min"])
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._records_decisions:
-            reading = jnp.where(happened.reading.valid, happened.reading.glucose_mg_dl, jnp.nan)
-            outputs += reading, happened.decision.status, happened.delivery.reported_mU_min
+            outputs += _or_nan(happened.reading), happened.decision.status, happened.delivery.reported_mU_min
         return _Carry(loop=state, gut=gut, fold=fold), outputs
+
+    def _look(self, person: _PersonValues, carry: _Carry, key: Any, index: Any) -> tuple[jax.Array, jax.Array]:
+        """Glucose, and the reading or NaN, at the coming sample."""
+        loop = self._loop(person)
+        _, reading, _ = look(loop, carry.loop, jnp.zeros(()), key, index)
+        return loop.plant.patient.glucose_mg_dl(carry.loop.x), _or_nan(reading)
+
+    def _step_apart(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> Any:
+        """One sample of a person who is stepped; it outputs what is seen at its end."""
+        # Native code takes what depends on the person alone out of the loop, and would round a dose there differently.
+        asked, own = reaching["asked"], person.controller[len(reaching["asked"]) :]
+        person = dataclasses.replace(person, controller=[*asked, *own])
+        after, outputs = self._step(person, carry, reaching, shared, rng)
+        with jax.named_scope("sensor"):
+            glucose, reading = self._look(person, after, rng[0], rng[1] + 1)
+        return after, (glucose, reading, outputs[1])
 
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
@@ -337,15 +381,26 @@ class Cohort:
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
-        reaching: dict[str, Array] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
+        reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
         if self._individual_meals:
             reaching["meals"] = np.zeros(self._one_digestion.inputs)
         if self._individual_meals or self._individual_announcements:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
+        if self._stepped:
+            asked = parts["controller"][: 2 if gives_boluses(self._single.controller) else 1]
+            reaching, shared = {**shared, **reaching, "asked": asked}, {}
         try:
             return make_engine(
-                self._step, person, carry, reaching, shared, key, name=name, precision=precision, products=products
+                self._step_apart if self._stepped else self._step,
+                person,
+                carry,
+                reaching,
+                shared,
+                key,
+                name=name,
+                precision=precision,
+                products=products,
             )
         except NEED_VALUES as error:
             raise ArgumentTypeError(needs_values(type(self._single.controller).__name__, error)) from None
@@ -427,6 +482,10 @@ def _for_people(meals: Eaten, people: int) -> Eaten:
     """Meals of all ``(meals,)`` repeated for each person ``(meals, people)``."""
     repeated: Eaten = jax.tree.map(lambda part: np.repeat(np.asarray(part, float)[:, None], people, axis=1), meals)
     return repeated
+
+
+def _or_nan(reading: Reading) -> jax.Array:
+    return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
 
 
 def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Array:

@@ -25,9 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.lower import lower
+from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.llvm.kernel import compile_kernel
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 
@@ -61,6 +61,27 @@ class Engine(Protocol):
         """Final carry ``(..., people)``, and outputs of each sample ``(samples, ..., people)``.
 
         `first` is the number of the first sample, where the loop goes on from an earlier carry.
+        """
+
+    def lanes(self, number: int) -> Lanes:
+        """Places for people who are carried from sample to sample one at a time, each at a sample of its own.
+
+        It needs a step without `shared` inputs.
+        """
+
+
+class Lanes(Protocol):
+    """People in an engine, sample by sample."""
+
+    person: Any
+    """Values ``(..., lanes)``, which may be written in place."""
+    carry: Any
+    """State ``(..., lanes)``, which may be written in place."""
+
+    def step(self, reaching: Any, key_data: Array, index: Array, *, threads: int = 1) -> Any:
+        """Outputs ``(..., lanes)`` of one sample, whose number in each lane is ``index``; the carry goes on.
+
+        Inputs are ``(..., lanes)``, and the data of random keys ``(lanes, ...)``.
         """
 
 
@@ -100,7 +121,7 @@ def make_engine(
                 ) from None
     if products == STRICT:
         raise Refusal("the engine xla has no portable arithmetic; use native code, or fused arithmetic")
-    return MappedEngine(step, lacking)
+    return MappedEngine(step, (person, carry), lacking)
 
 
 class NativeEngine:
@@ -117,7 +138,7 @@ class NativeEngine:
         self._kernel = compile_kernel(lowered, products=products)
         of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
         self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None
-        self._shapes = lowered.shapes
+        self._lowered, self._shapes = lowered, lowered.shapes
 
     def run(
         self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
@@ -145,6 +166,46 @@ class NativeEngine:
         )
         return _tree(self._shapes.carry, state[:, :n], axis=0), _tree(self._shapes.outputs, written[..., :n], axis=1)
 
+    def lanes(self, number: int) -> Lanes:
+        """Places for people in the arrays of the kernel; see `Engine.lanes`."""
+        return _NativeLanes(self._kernel, self._lowered, number)
+
+
+class _NativeLanes:
+    """Rows of the kernel, of which the trees are views, so that a sample copies no state."""
+
+    def __init__(self, kernel: Kernel, lowered: Lowered, number: int) -> None:
+        self._kernel, self._shapes, self._number = kernel, lowered.shapes, number
+        columns = kernel.padded(number)
+        self._rows = {
+            name: np.zeros((kernel.sizes[name], columns), kernel.dtype)
+            for name in ("person", "carry", "own", "outputs")
+        }
+        self.person = _tree(self._shapes.person, self._rows["person"][:, :number], axis=0)
+        self.carry = _tree(self._shapes.carry, self._rows["carry"][:, :number], axis=0)
+        of_lane = jax.vmap(
+            lambda data, index: lowered.drawing(jax.random.wrap_key_data(data), index), in_axes=(0, 0), out_axes=-1
+        )
+        self._draw = jax.jit(of_lane) if lowered.drawing.wanted else None
+        self._shared = np.zeros((1, kernel.sizes["shared"]), kernel.dtype)
+
+    def step(self, reaching: Any, key_data: Array, index: Array, *, threads: int = 1) -> Any:
+        """One sample of the compiled loop; see `Lanes.step`."""
+        rows, n, row = self._rows, self._number, 0
+        inputs = list(jax.tree.leaves(reaching))
+        if self._draw is not None:
+            with one_at_a_time:
+                inputs += [np.asarray(drawn) for drawn in self._draw(key_data, index)]
+        for leaf in inputs:
+            part = np.asarray(leaf).reshape(-1, n)
+            rows["own"][row : row + part.shape[0], :n] = part
+            row += part.shape[0]
+        for array in rows.values():
+            array[:, n:] = array[:, n - 1 : n]
+        own, written = rows["own"][None], rows["outputs"][None]
+        self._kernel.run(rows["person"], rows["carry"], own, self._shared, written, threads=threads)
+        return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
+
 
 class MappedEngine:
     """Engine with JAX mapped over people, in float64, on the default device."""
@@ -152,8 +213,9 @@ class MappedEngine:
     name: Final = "xla"
     precision: Final = "float64"
 
-    def __init__(self, step: Step, not_native: str | None = None) -> None:
+    def __init__(self, step: Step, example: tuple[Any, ...], not_native: str | None = None) -> None:
         self.not_native = not_native
+        self._one_sample, self._example = step, example[:2]
 
         def scan(person: Any, carry: Any, reaching: Any, shared: Any, keys: Any, first: Any) -> tuple[Any, Any]:
             def one(carry: Any, entry: Any) -> tuple[Any, Any]:
@@ -179,6 +241,33 @@ class MappedEngine:
         with one_at_a_time:
             carry, outputs = jax.tree.map(np.asarray, self._scan(person, carry, reaching, shared, keys, first))
         return carry, outputs
+
+    def lanes(self, number: int) -> Lanes:
+        """Places for people in arrays; see `Engine.lanes`."""
+        return _MappedLanes(self._one_sample, self._example, number)
+
+
+class _MappedLanes:
+    """Arrays of people, carried by JAX."""
+
+    def __init__(self, step: Step, example: tuple[Any, Any], number: int) -> None:
+        def of_lanes(leaf: Any) -> Array:
+            shape = jax.eval_shape(jnp.asarray, leaf)
+            return np.zeros((*shape.shape, number), shape.dtype)
+
+        def one(person: Any, carry: Any, reaching: Any, data: Any, index: Any) -> tuple[Any, Any]:
+            return step(person, carry, reaching, {}, (jax.random.wrap_key_data(data), index))
+
+        self.person, self.carry = jax.tree.map(of_lanes, example)
+        self._step = jax.jit(jax.vmap(one, in_axes=(-1, -1, -1, 0, 0), out_axes=-1))
+
+    def step(self, reaching: Any, key_data: Array, index: Array, *, threads: int = 1) -> Any:
+        """One sample of the mapped loop with JAX's own threads; see `Lanes.step`."""
+        del threads
+        with one_at_a_time:
+            carry, outputs = self._step(self.person, self.carry, reaching, key_data, index)
+            jax.tree.map(lambda to, new: np.copyto(to, np.asarray(new)), self.carry, carry)
+            return jax.tree.map(np.asarray, outputs)
 
 
 def _rows(leaves: Sequence[Any], n: int, columns: int, dtype: Any) -> Array:

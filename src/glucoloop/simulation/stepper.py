@@ -27,6 +27,7 @@ from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.rhythms.protocol import Rhythm
 from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.simulation.asked import Asked
 from glucoloop.simulation.closed_loop import (
     Trace,
     on_the_grid,
@@ -50,31 +51,6 @@ _NO_MEALS: Final = Eaten(**{name: np.zeros(_FIRST_ROOM) for name in ("t_min", "c
 
 _NO_BOUTS: Final = np.zeros((3, 0))
 """Intensity, time and duration of no bout of exercise."""
-
-
-@pytree
-class _Asked:
-    """Controller of a loop whose doses come from outside."""
-
-    insulin_mU_min: jax.Array
-    bolus_mU: jax.Array | None
-    sample_time_min: float
-
-    @property
-    def gives_boluses(self) -> bool:
-        """Whether the pump can give boluses."""
-        return self.bolus_mU is not None
-
-    def init(self, observation: Observation) -> tuple[()]:
-        """State without memory."""
-        del observation
-        return ()
-
-    def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], Decision]:
-        """Decision with the dose from outside."""
-        del observation
-        status = jnp.asarray(int(Status.OK))
-        return state, Decision(insulin_mU_min=self.insulin_mU_min, status=status, bolus_mU=self.bolus_mU)
 
 
 @pytree
@@ -213,7 +189,7 @@ class Stepper:
         self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
             plant=plant,
-            controller=_Asked(
+            controller=Asked(
                 insulin_mU_min=self.start.insulin_mU_min,
                 bolus_mU=None if self._no_bolus is None else jnp.asarray(self._no_bolus),
                 sample_time_min=sample_time_min,

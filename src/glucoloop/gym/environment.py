@@ -1,0 +1,237 @@
+"""Environments of Gymnasium: an agent doses one person, or many side by side."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._extras import needed_for
+from glucoloop.gym.people import DosedPeople
+from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
+
+with needed_for("an environment"):
+    import gymnasium
+    from gymnasium.spaces import Box
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+
+Floats = npt.NDArray[np.float32]
+Observed = dict[str, npt.NDArray[Any]]
+
+MOST_GLUCOSE_MG_DL: Final = 1000.0
+"""Largest reading or glucose in an observation; one beyond is shown as this."""
+_MOST_CARBS_G: Final = 1000.0
+
+
+class _Situation:
+    """People, their spaces and their rewards, which both environments have."""
+
+    def __init__(
+        self,
+        number: int,
+        *,
+        reward: str | RewardFunction = "magni-risk",
+        truth: bool = False,
+        guard: bool | str | None = None,
+        lowest_mg_dl: float = 10.0,
+        highest_mg_dl: float = 600.0,
+        threads: int | None = None,
+        **settings: Any,
+    ) -> None:
+        if guard:
+            settings["guard"] = "usual" if guard is True else guard
+        if not 0.0 < lowest_mg_dl < highest_mg_dl:
+            raise Refusal(
+                f"glucose from {lowest_mg_dl:g} to {highest_mg_dl:g} mg/dl is no range; give a lowest_mg_dl above 0 "
+                "and a highest_mg_dl above it"
+            )
+        self._reward, self._truth = reward_of(reward), truth
+        self._bounds = lowest_mg_dl, highest_mg_dl
+        self.people = DosedPeople(settings, number, threads)
+        trial = self.people.trial
+        low, high = ([u_h_from_mu_min(float(rate))] for rate in (trial.limits.min_mU_min, trial.limits.max_mU_min))
+        most_U = high[0] * trial.sample_time_min / MIN_PER_H
+        self.action_names: tuple[str, ...] = ("basal_U_h",)
+        if self.people.gives_bolus:
+            self.action_names += ("bolus_U",)
+            bolus_U = float(trial.bolus.max_mU) / MU_PER_U
+            low, high, most_U = [*low, 0.0], [*high, bolus_U], most_U + bolus_U
+        self.action_box = Box(np.array(low, np.float32), np.array(high, np.float32))
+        seen = {"glucose_mg_dl": ("mg/dl", MOST_GLUCOSE_MG_DL)}
+        if not truth:
+            seen = {
+                "reading_mg_dl": ("mg/dl", MOST_GLUCOSE_MG_DL),
+                "reading_age_min": ("min", trial.horizon_min),
+            }
+        seen |= {
+            "insulin_U": ("U", most_U),
+            "announced_g": ("g", _MOST_CARBS_G),
+            "time_of_day_min": ("min", MIN_PER_DAY),
+        }
+        self.observation_names = tuple(seen)
+        self.observation_units = tuple(unit for unit, _ in seen.values())
+        highest = np.array([most for _, most in seen.values()], np.float32)
+        self.observation_box = Box(np.zeros_like(highest), highest)
+        self._latest = np.full(number, np.nan)
+        self._read_at, self._asked_U = np.zeros(number), np.zeros(number)
+
+    def observation(self) -> Floats:
+        """(people, entries) observation at the coming sample, with the latest reading that was valid."""
+        people, every = self.people, self.people.trial.sample_time_min
+        begins, valid = people.sample == 0, np.isfinite(people.reading_mg_dl)
+        # before the first reading of a sensor that warms up, the person is taken to be where the controller aims
+        self._latest[begins], self._read_at[begins] = people.trial.target_mg_dl, 0.0
+        self._latest[valid] = people.reading_mg_dl[valid]
+        self._read_at[valid] = people.sample[valid]
+        # a pump that says nothing is taken to have done as it was asked
+        reported = np.where(np.isfinite(people.reported_U), people.reported_U, self._asked_U)
+        age_min = (people.sample - self._read_at) * every
+        seen = [people.glucose_mg_dl] if self._truth else [self._latest, age_min]
+        rows = np.stack([*seen, reported, people.announced_g, people.time_of_day_min], axis=-1)
+        box = self.observation_box
+        return np.asarray(np.clip(np.nan_to_num(rows), box.low, box.high), np.float32)
+
+    def info(self) -> Observed:
+        """Glucose, reading, insulin, carbohydrate, risk, time and number of each person, unknown to an agent."""
+        people = self.people
+        return {
+            "glucose_mg_dl": people.glucose_mg_dl.copy(),
+            "reading_mg_dl": people.reading_mg_dl.copy(),
+            "insulin_U": people.insulin_U,
+            "carbohydrate_g": people.eaten_g,
+            "risk": kovatchev_risk(people.glucose_mg_dl),
+            "t_min": people.sample * people.trial.sample_time_min,
+            "person": people.person.copy(),
+        }
+
+    def step(self, action: npt.ArrayLike) -> tuple[Any, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Dose everybody; reward, and who has come to bounds of glucose, and to the end."""
+        people = self.people
+        asked = np.asarray(action, np.float64)
+        wanted = people.number, len(self.action_names)
+        if asked.shape != wanted:
+            raise Refusal(f"an action of the shape {asked.shape} is not possible; give {wanted}")
+        before = people.glucose_mg_dl.copy()
+        self._asked_U = asked[:, 0] * people.trial.sample_time_min / MIN_PER_H + asked[:, 1:].sum(axis=1)
+        people.step(mu_min_from_u_h(asked[:, 0]), asked[:, 1] * MU_PER_U if people.gives_bolus else None)
+        after, (lowest, highest) = people.glucose_mg_dl, self._bounds
+        terminated = ~((after >= lowest) & (after <= highest))
+        reward = np.asarray(self._reward.of_step(before, after), np.float64)
+        reward = reward - np.where(terminated, self._reward.termination, 0.0)
+        return reward, terminated, (people.sample >= people.samples) & ~terminated
+
+
+class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
+    """Many people side by side, in native code where the patient allows it.
+
+    Arguments are those of `GlucoseEnv`, and the number of people. A place whose episode has ended gets the next person
+    at the next step, whose action is not used there (Gymnasium's ``AutoresetMode.NEXT_STEP``): each place is at a
+    sample of its own, so that this costs nothing for the others, and agents need not ask for it.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 # as Gymnasium declares it
+
+    def __init__(self, num_envs: int = 1, *, render_mode: None = None, **settings: Any) -> None:
+        self.render_mode = render_mode
+        self._of = _Situation(num_envs, **settings)
+        self.num_envs = num_envs
+        self.single_action_space, self.single_observation_space = self._of.action_box, self._of.observation_box
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_names, self.observation_names = self._of.action_names, self._of.observation_names
+        self.observation_units = self._of.observation_units
+        self._ended: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def people(self) -> DosedPeople:
+        """The people, with their trial."""
+        return self._of.people
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, Observed]:
+        """Let the next person begin in every place; with a seed the first ones of that seed."""
+        if seed is not None and not isinstance(seed, int | np.integer):
+            raise Refusal(f"seeds {seed!r} are not possible; give one whole number, of which all people are drawn")
+        super().reset(seed=None if seed is None else int(seed), options=options)
+        self._of.people.reset(seed)
+        self._ended = np.zeros(self.num_envs, bool)
+        return self._of.observation(), self._of.info()
+
+    def step(self, actions: npt.ArrayLike) -> tuple[Floats, Any, Any, Any, Observed]:
+        """Dose everybody, ``(people, 1 or 2)``, until the next sample."""
+        if self._ended is None:
+            raise Refusal("nobody is there yet; call reset first")
+        reward, terminated, truncated = self._of.step(actions)
+        begins = np.flatnonzero(self._ended)
+        if begins.size:
+            self._of.people.begin(begins)
+            reward[begins], terminated[begins], truncated[begins] = 0.0, False, False
+        self._ended = terminated | truncated
+        return self._of.observation(), reward, terminated, truncated, self._of.info()
+
+
+class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
+    """One person whose insulin an agent doses, in the situation of a trial.
+
+    Actions are the basal rate [U/h] and, where insulin is given under the skin, a bolus [U] that is given at the
+    beginning of the step, within the limits of the pump. Observations are named in ``observation_names``, with units in
+    ``observation_units``: the latest valid reading (the target before the first) and its age, the insulin of the last
+    step as the pump reports it, the announced carbohydrate of the coming step, and the time of day. The episode is
+    terminated where glucose leaves its bounds, and truncated at the end of the run.
+
+    Parameters
+    ----------
+    reward : str or callable
+        A name of `rewards.REWARDS`, or a function of glucose before and after the step, ``(people,)`` each [mg/dl].
+    truth : bool
+        Whether glucose itself is observed in place of reading and age.
+    guard : bool or str
+        Put a guard between agent and pump, like ``True`` or ``"usual, max_hour=2"``; see `control.guarded`.
+    lowest_mg_dl, highest_mg_dl : float
+        Bounds of glucose beyond which an episode is terminated.
+    threads : int, optional
+        Number of threads; by default one, or one for each core for many people. It changes no result.
+    **settings
+        Keys of a trial's file, like ``patient="hovorka-2004"``, ``sensor=["dexcom-g6"]``, ``meals=["45g@7h"]`` or
+        ``days=2``. With ``people`` the persons of that many numbers come again and again, from ``first_person`` on; by
+        default every episode has another.
+
+    Raises
+    ------
+    Refusal
+        For settings that are not possible, or that concern controllers.
+    """
+
+    def __init__(self, *, render_mode: None = None, **settings: Any) -> None:
+        self.render_mode = render_mode
+        self._of = _Situation(1, **settings)
+        self.action_space, self.observation_space = self._of.action_box, self._of.observation_box
+        self.action_names, self.observation_names = self._of.action_names, self._of.observation_names
+        self.observation_units = self._of.observation_units
+        self._goes_on = False
+
+    @property
+    def people(self) -> DosedPeople:
+        """The person, with the trial."""
+        return self._of.people
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Let the next person begin; with a seed the first one of that seed."""
+        super().reset(seed=seed, options=options)
+        self._of.people.reset(seed)
+        self._goes_on = True
+        return self._of.observation()[0], self._info()
+
+    def step(self, action: npt.ArrayLike) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Dose the person until the next sample."""
+        if not self._goes_on:
+            raise Refusal("the episode has not begun or has ended; call reset first")
+        reward, terminated, truncated = (values[0] for values in self._of.step(np.asarray(action)[None]))
+        self._goes_on = not (terminated or truncated)
+        return self._of.observation()[0], float(reward), bool(terminated), bool(truncated), self._info()
+
+    def _info(self) -> dict[str, Any]:
+        return {name: values[0].item() for name, values in self._of.info().items()}

@@ -1,0 +1,258 @@
+"""Environments for Gymnasium: its own checks, and the closed loop as truth."""
+
+import sys
+
+import gymnasium
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from glucoloop._pytree import pytree
+from glucoloop.cohorts.engine import brought, loop_of, people_of
+from glucoloop.cohorts.trial import Trial
+from glucoloop.control.protocol import Decision
+from glucoloop.gym import ENVIRONMENT
+from glucoloop.gym.people import DosedPeople, _Nothing
+from glucoloop.refusal import Refusal
+from glucoloop.situations.situation import configured
+
+DAY = {
+    "patient": "hovorka-2004",
+    "sensor": ["dexcom-g6"],
+    "announce_meals": True,
+    "meals": ["45g@30min", "60g@2h"],
+    "duration_min": 240.0,
+}
+# The recommendation of a normalised action space: ours has units, and Gymnasium's RescaleAction normalises it.
+UNITS = pytest.mark.filterwarnings("ignore:.*symmetric and normalized")
+
+
+def made(**changed):
+    return gymnasium.make(ENVIRONMENT, disable_env_checker=True, **{**DAY, **changed})
+
+
+def vector(number, **changed):
+    return gymnasium.make_vec(ENVIRONMENT, num_envs=number, **{**DAY, **changed})
+
+
+@pytree
+class Planned:
+    """Rates and boluses that were planned, one for each sample."""
+
+    rates: jnp.ndarray
+    boluses: jnp.ndarray
+    sample_time_min: float = 5.0
+
+    @property
+    def gives_boluses(self):
+        return True
+
+    def init(self, observation):
+        return jnp.zeros_like(observation.delivered_mU_min)
+
+    def step(self, state, observation):
+        now = jnp.arange(self.rates.size) == state
+        rate, bolus = (jnp.where(now, of, 0.0).sum() for of in (self.rates, self.boluses))
+        return state + 1, Decision(insulin_mU_min=rate, status=jnp.asarray(0), bolus_mU=bolus)
+
+
+@UNITS
+@pytest.mark.long
+def test_gymnasium_finds_nothing_to_object_to():
+    check_env(made().unwrapped)
+    check_env(made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True).unwrapped)
+
+
+@pytest.mark.long
+def test_stable_baselines_takes_it():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    scaled = gymnasium.wrappers.RescaleAction(made(), -1.0, 1.0)
+    checker.check_env(scaled, warn=True)
+
+
+def test_it_is_found_by_its_module():
+    found = gymnasium.make("glucoloop.gym:glucoloop/Glucose-v0", disable_env_checker=True, **DAY)
+    assert type(found.unwrapped).__name__ == "GlucoseEnv"
+    found.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {},
+        {"start": "07:00", "carb_error_pct": 30.0, "rhythm": ["dawn"]},
+        {"meal_time_spread_min": 20.0, "meal_size_spread_pct": 20.0},
+        {"faults": ["occlusion, start_min=60"], "seed": 9},
+    ],
+    ids=["same meals", "rhythm", "own meals", "fault"],
+)
+def test_steps_with_the_doses_of_a_closed_loop_are_that_loop_to_the_bit(changed):
+    settings, number = {**DAY, **changed}, np.arange(8)
+    trial = configured(Trial, settings)
+    rates = 2.0 + 1.5 * np.sin(np.arange(trial.samples))
+    boluses = np.where(np.arange(trial.samples) % 9 == 4, 800.0, 0.0)
+    loop = loop_of(
+        trial, Planned(rates=jnp.asarray(rates), boluses=jnp.asarray(boluses)), _Nothing(), record_decisions=True
+    )
+    block = np.arange(512)  # people are drawn in blocks of this size
+    run = loop.run(people_of(trial, block), **brought(trial, trial.drawn_days(block)))
+    assert loop.engine == "native"
+    people = DosedPeople(settings, number.size)
+    people.reset()
+    np.testing.assert_array_equal(people.person, number)
+    for k in range(trial.samples):
+        np.testing.assert_array_equal(people.reading_mg_dl, run.reading_mg_dl[k, :8])
+        # the first and the last glucose of a run are computed outside of native code
+        exact = {"rtol": 0.0} if 0 < k else {"rtol": 1e-14}
+        np.testing.assert_allclose(people.glucose_mg_dl, run.glucose_mg_dl[k, :8], **exact)
+        people.step(np.full(8, rates[k]), np.full(8, boluses[k]))
+        np.testing.assert_array_equal(people._lanes.seen.infused_mU_min, run.insulin_mU_min[k, :8])
+    np.testing.assert_allclose(people.glucose_mg_dl, run.glucose_mg_dl[-1, :8], rtol=1e-14)
+
+
+def test_one_person_is_the_first_of_many():
+    one, many = made(), vector(3)
+    seen, _ = one.reset(seed=5)
+    of_all, _ = many.reset(seed=5)
+    action = np.array([1.0, 0.5])
+    for _ in range(10):
+        np.testing.assert_array_equal(seen, of_all[0])
+        assert one.observation_space.contains(seen)
+        seen, reward, *_ = one.step(action)
+        of_all, rewards, *_ = many.step(np.tile(action, (3, 1)))
+        assert reward == rewards[0]
+
+
+def test_places_that_end_at_different_times_get_the_next_person_and_the_others_go_on():
+    env = vector(4, highest_mg_dl=190.0, patient="hovorka-2004", sensor=["ideal"], people=300)
+    _, info = env.reset(seed=1)
+    low = np.zeros((4, 2))
+    low[0, 1] = 6.0  # enough insulin to stay below the bound
+    came = [info["person"].copy()]
+    ended = np.zeros(4, bool)
+    seen_apart = False
+    for _ in range(100):
+        _, reward, terminated, truncated, info = env.step(low)
+        np.testing.assert_array_equal(info["t_min"][ended], 0.0)
+        np.testing.assert_array_equal(reward[ended], 0.0)
+        assert not (terminated | truncated)[ended].any()
+        np.testing.assert_array_equal(terminated, (info["glucose_mg_dl"] > 190.0) | (info["glucose_mg_dl"] < 10.0))
+        seen_apart |= np.unique(info["t_min"]).size > 2
+        ended = terminated | truncated
+        came.append(info["person"].copy())
+    assert seen_apart
+    begun = np.unique(came)
+    np.testing.assert_array_equal(begun, np.arange(begun.size))
+
+    # A person who came later runs as one who is alone from the start.
+    place = int(np.argmax(np.where(info["person"] > 3, info["t_min"], -1.0)))
+    steps = round(info["t_min"][place] / 5.0)
+    assert steps > 3
+    alone = vector(1, sensor=["ideal"], first_person=int(info["person"][place]))
+    alone.reset(seed=1)
+    for _ in range(steps):
+        _, _, _, _, of_one = alone.step(low[place : place + 1])
+    assert of_one["glucose_mg_dl"][0] == info["glucose_mg_dl"][place]
+
+
+def test_the_same_seed_gives_the_same_people_and_another_seed_others():
+    env = vector(5)
+    first, info = env.reset(seed=3)
+    env.step(np.ones((5, 2)))
+    again, told = env.reset(seed=3)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(info["person"], told["person"])
+    other, _ = env.reset(seed=4)
+    assert not np.array_equal(first, other)
+    _, later = env.reset()
+    np.testing.assert_array_equal(later["person"], np.arange(5, 10))
+
+
+def test_observations_tell_what_happened():
+    env = vector(1, start="06:00", sensor=["ideal"])
+    assert env.observation_names == (
+        "reading_mg_dl",
+        "reading_age_min",
+        "insulin_U",
+        "announced_g",
+        "time_of_day_min",
+    )
+    assert env.action_names == ("basal_U_h", "bolus_U")
+    seen, _ = env.reset()
+    told, eaten, times = [seen[0, 3]], [], [seen[0, 4]]
+    for _ in range(47):
+        seen, _, _, _, info = env.step([[1.2, 0.0]])
+        told.append(seen[0, 3])
+        times.append(seen[0, 4])
+        eaten.append(info["carbohydrate_g"][0])
+        np.testing.assert_allclose(seen[0, 2], 0.1, rtol=1e-6)  # 1.2 U/h over 5 min
+        np.testing.assert_allclose(info["insulin_U"], 0.1, rtol=1e-12)
+    assert {k: g for k, g in enumerate(told) if g} == {6: 45.0, 24: 60.0}
+    assert {k: g for k, g in enumerate(eaten) if g} == {6: 45.0, 24: 60.0}
+    np.testing.assert_array_equal(times, 360.0 + 5.0 * np.arange(48))
+    *_, terminated, truncated, _ = env.step([[1.2, 0.0]])
+    assert truncated[0]
+    assert not terminated[0]
+
+
+def test_a_guard_stands_between_agent_and_pump():
+    doses = {}
+    for guard in (False, True, "usual, max_hour=2"):
+        env = vector(1, guard=guard, sensor=["ideal"], meals=[])
+        env.reset()
+        doses[guard] = sum(env.step([[0.5, 20.0]])[4]["insulin_U"][0] for _ in range(6))
+    assert doses[False] > 100.0
+    assert doses["usual, max_hour=2"] < doses[True] < 10.0
+
+
+def test_a_dose_that_is_no_number_is_the_least_of_the_pump_and_none_exceeds_its_limits():
+    env = vector(3, sensor=["ideal"])
+    env.reset()
+    for _ in range(6):  # since a pump may change its rate by so much at once
+        _, _, _, _, info = env.step([[np.nan, np.nan], [1e9, 1e9], [-5.0, -1.0]])
+    highest = env.single_action_space.high
+    np.testing.assert_allclose(info["insulin_U"], [0.0, highest[0] / 12.0 + highest[1], 0.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"controller": ["pid"]}, "controller is no setting of an environment: the agent takes the place"),
+        ({"warm_up_min": 60.0}, "warm_up_min is no setting of an environment"),
+        ({"reward": "best"}, "unknown reward 'best'; the known ones are: magni-risk, risk-change, time-in-range"),
+        ({"lowest_mg_dl": 700.0}, "glucose from 700 to 600 mg/dl is no range"),
+        ({"patient": "nobody"}, "nobody"),
+        ({"days": 1}, "days"),
+        ({"glucose": 1}, "glucose"),
+    ],
+)
+def test_what_is_not_possible_is_refused_with_a_sentence(settings, sentence):
+    with pytest.raises(Refusal, match=sentence):
+        made(**settings)
+
+
+def test_what_is_done_out_of_turn_is_refused():
+    env = made().unwrapped
+    with pytest.raises(Refusal, match="call reset first"):
+        env.step([1.0, 0.0])
+    env.reset()
+    with pytest.raises(Refusal, match=r"an action of the shape \(1, 3\) is not possible; give \(1, 2\)"):
+        env.step([1.0, 0.0, 0.0])
+    for _ in range(48):
+        *_, truncated, _ = env.step([1.0, 0.0])
+    assert truncated
+    with pytest.raises(Refusal, match="call reset first"):
+        env.step([1.0, 0.0])
+    with pytest.raises(Refusal, match="nobody is there yet"):
+        vector(2).step(np.ones((2, 2)))
+
+
+def test_without_gymnasium_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, "glucoloop.gym")
+    with pytest.raises(
+        Refusal, match=r"an environment needs gymnasium; install it with: pip install 'glucoloop\[gym\]'"
+    ):
+        __import__("glucoloop.gym")
