@@ -29,7 +29,7 @@ from glucoloop.lab.body import (
 )
 from glucoloop.lab.controllers import (
     CONTROLLERS,
-    LONGEST_HORIZON,
+    longest_horizon,
     program_of,
     shortest_horizon,
     usual_mpc,
@@ -224,7 +224,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         bounds |= SLIDERS["under_the_skin"].get(name, {})
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
-        bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)
+        bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
         usual[point.name] = {
