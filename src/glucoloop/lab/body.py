@@ -38,7 +38,7 @@ from glucoloop.situations.situation import Situation, configured
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
-FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010", "kanderian-2009", "uva-padova-2008")
+FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009")
 """Families of patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
 GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)

@@ -55,12 +55,19 @@ def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> 
     A horizon that suits the model is that of the model which the page has.
     """
     tuning = dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
-    if tuning.get("prediction_horizon") == 0:
+    if horizon_suits_model(name, family):
         exact = [of for of in sensor if of != "white-noise"]  # the page's models are free of noise
         at_point = situation(family, operating_point, *exact)
         designed: Any = controller_of(at_point, usual_case(name, at_point))
         _, tuning["prediction_horizon"] = designed.horizons
     return tuning
+
+
+@functools.cache
+def horizon_suits_model(name: str, family: str) -> bool:
+    """Whether the usual horizon of a controller for a family is the one that suits the model."""
+    tuning = usual_case(name, situation(family, next(iter(patients(family))))).tuning
+    return dict(tuning).get("prediction_horizon") == 0
 
 
 @functools.cache

@@ -29,6 +29,7 @@ from glucoloop.lab.body import (
 )
 from glucoloop.lab.controllers import (
     CONTROLLERS,
+    horizon_suits_model,
     longest_horizon,
     program_of,
     shortest_horizon,
@@ -236,6 +237,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         "summary": entry.summary,
         "settings": _offered(entry, bounds),
         "usual": usual,
+        "horizon_suits_model": horizon_suits_model(name, of_patient.name),
     }
     if name == "mpc":
         found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
