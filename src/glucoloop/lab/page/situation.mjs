@@ -78,6 +78,7 @@
  * @property {string} summary
  * @property {Record<string, string>} points summaries of the operating points, the usual one first
  * @property {string} route of insulin
+ * @property {string} population that is usual for them, as a command takes it for any number of people
  * @property {number} step_min of the integrator
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
