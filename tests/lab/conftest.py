@@ -86,7 +86,7 @@ def corpus(data):
 
     rng, found = np.random.default_rng(17), []
     families = list(data["families"])
-    for i in range(216):
+    for i in range(360):
         family = data["families"][families[i // 8 % len(families)]]
         patients = [name for name, of in data["patients"].items() if data["families"][of["family"]] is family]
         controller = list(family["controllers"])[i % 4]

@@ -140,6 +140,21 @@ def test_people_are_drawn_around_the_usual_operating_point_alone(shown):
     assert said.startswith(f"{hint}. The picture is still that ")
 
 
+@pytest.mark.parametrize(
+    ("family", "population"),
+    [("uva-padova-2008", "lognormal"), ("kanderian-2009", "'kanderian2009, draw=with-replacement'")],
+)
+def test_families_of_equations_are_chosen_by_keys_and_name_their_people(shown, family, population):
+    chosen, title, legend, hint, command, wide = shown["used"][family]
+    assert chosen == family
+    assert title == "Insulin, U/h"
+    assert "the most the pump gives, 30.000, lies above" in legend
+    assert hint.startswith(f"The page draws nobody around {family}; copy the command for people below")
+    assert command.startswith(f"glucoloop trial --people 100 --patient {family} ")
+    assert command.endswith(f"--population {population}")
+    assert wide <= 0
+
+
 def test_results_are_loaded(shown):
     told, rows = shown["used"]["run"]
     assert "differs by 0.0000 mmol/l at most" in told

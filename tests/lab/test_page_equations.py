@@ -27,6 +27,12 @@ LINKS = [
     "#controller=mpc-se&sensor=white-noise,+variance=1.45&faults=occlusion,+start_min=100,+duration_min=60",
     "#controller=imc&meals=&sensor=dead-time,+minutes=5",
 ]
+OF_THE_PAGE = [
+    "#controller=pid&meals=60g@47min&meals=20g@2h&meals=30g@121min",
+    "#controller=mpc&sensor=dexcom-g6&seed=2",
+    "#controller=mpc-se&guard=usual&meals=90g@30min&duration_min=1440",
+]
+"""Loops of the families that are on the page: a meal within what is left of another one among them."""
 CLOSE_MG_DL = 1e-4
 """A part in 10^6, to which the page's models are those of a fit on another processor."""
 
@@ -52,11 +58,25 @@ def test_a_run_of_equations_is_that_of_the_page(page, in_node):
     for answer in in_node([f"#{patient}&{link[1:]}" for link in LINKS], folder):
         assert "refused" not in answer, answer["refused"]
         run = run_of(answer["toml"])
-        trace = close_loop(run, controller_of(run, run.case), run.scenario(), surroundings=surroundings_of(run))
+        trace = close_loop(run, controller_of(run, run.case), run.as_scenario(), surroundings=surroundings_of(run))
         found = np.array(answer["trace"]["fine_glucose_mg_dl"])
         np.testing.assert_allclose(found, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
         assert np.ptp(found) > 1.0 or not answer["situation"]["meals"]
     assert data["people"] == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("link", OF_THE_PAGE)
+@pytest.mark.parametrize("family", ["kanderian-2009", "uva-padova-2008"])
+def test_a_run_of_a_family_of_the_page_is_that_of_glucoloop(family, link, in_node):
+    [answer] = in_node([f"#patient={family}&{link[1:]}"])
+    run = run_of(answer["toml"])
+    trace = close_loop(run, controller_of(run, run.case), run.as_scenario(), surroundings=surroundings_of(run))
+    found = np.array(answer["trace"]["fine_glucose_mg_dl"])
+    np.testing.assert_allclose(found, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
+    assert np.ptp(found) > 10.0
+    assert f"--patient {family} " in answer["command"]
+    assert answer["again"]["situation"] == answer["situation"]
 
 
 @pytest.mark.long

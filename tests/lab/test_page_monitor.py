@@ -24,7 +24,7 @@ CLOSE_MG_DL = 1e-4
 def test_a_run_with_a_monitor_is_that_of_the_page(link, in_node):
     [answer] = in_node([link])
     run = run_of(answer["toml"])
-    trace = close_loop(run, controller_of(run, run.case), run.scenario(), surroundings=surroundings_of(run))
+    trace = close_loop(run, controller_of(run, run.case), run.as_scenario(), surroundings=surroundings_of(run))
     glucose, reading = (np.array(answer["trace"][name], float) for name in ("fine_glucose_mg_dl", "reading_mg_dl"))
     np.testing.assert_allclose(glucose, trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
     np.testing.assert_allclose(reading, trace.reading_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)

@@ -155,6 +155,13 @@ await page.locator("#point").selectOption("nominal-22");
 await drawn(page);
 await page.locator("#people-try").click();
 used.elsewhere = [await of(page, "#people-hint"), await of(page, "#said")];
+for (const [family, key] of [["uva-padova-2008", "u"], ["kanderian-2009", "End"]]) {
+  await page.locator("#family").press(key);
+  await drawn(page);
+  await page.locator("#form").selectOption("people");
+  const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
+  used[family] = [await page.locator("#family").inputValue(), await of(page, "#insulin-title"), await of(page, "#insulin-legend"), await of(page, "#people-hint"), await of(page, "#same"), wide];
+}
 used.seen = seen;
 await browser.close();
 console.log(JSON.stringify({ views, used }));

@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Observation
-from glucoloop.lab.body import SAMPLE_TIME_MIN, STEP_MIN, STEPS
+from glucoloop.lab.body import SAMPLE_TIME_MIN
 from glucoloop.lab.devices import _Passed, fault_parts, part_name
 from glucoloop.lab.parts import GUARDED
 from glucoloop.native.interpreter import Interpreter
@@ -49,8 +49,8 @@ def portable(part):
     """A function with portable arithmetic, by the interpreter of scalar programs."""
     interpreter = Interpreter(part.lowered)
 
-    def of(person, carry, own):
-        groups = {"person": person, "carry": carry, "own": own}
+    def of(person, carry, own, shared=None):
+        groups = {"person": person, "carry": carry, "own": own, "shared": shared}
         return interpreter(**{name: rows for name, rows in groups.items() if rows is not None and len(rows)})
 
     return of
@@ -72,12 +72,16 @@ def by_jax(part):
         leaves = [jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)]
         return jnp.concatenate(leaves) if leaves else jnp.zeros(0)
 
-    def of_one(person, carry, own):
-        given = tree(shapes.person, person), tree(shapes.carry, carry), tree(shapes.own, own), ()
+    def of_one(*groups):
+        given = map(tree, (shapes.person, shapes.carry, shapes.own, shapes.shared), groups)
         return tuple(map(flat, part.step(*given, jax.random.key(0))))
 
     compiled = jax.jit(jax.vmap(of_one, in_axes=-1, out_axes=-1))
-    return lambda *groups: tuple(map(np.asarray, compiled(*groups)))
+
+    def of(person, carry, own, shared=None):
+        return tuple(map(np.asarray, compiled(person, carry, own, own[:0] if shared is None else shared)))
+
+    return of
 
 
 def rows_of(fields, given):
@@ -102,17 +106,39 @@ def side_by_side(each):
     return np.stack(list(each), axis=-1)
 
 
-def meal_moments(part, situations, patients, samples):
-    """Moments of the meals of each situation, ``(samples, steps of the integrator, 3, situations)``."""
-    starts, moments = STEP_MIN * np.arange(samples * STEPS), Interpreter(part.lowered)
-    total = np.zeros((starts.size, 3, len(situations)))
+def meal_moments(part, situations, patients, step_min, steps):
+    """Moments of the meals of each situation, which superpose, ``(steps of the integrator, 3, situations)``."""
+    starts, moments = step_min * np.arange(steps), Interpreter(part.lowered)
+    total = np.zeros((steps, 3, len(situations)))
     for i, (situation, patient) in enumerate(zip(situations, patients, strict=True)):
         gut = {f"gut.{place}": number for place, number in enumerate(patient["gut"])}
         for meal in situation["meals"]:
-            person = rows_of(part.names["person"], {**gut, **{f"meal.{name}": value for name, value in meal.items()}})
-            people = np.repeat(person[:, None], starts.size, axis=1)
-            total[:, :, i] += moments(person=people, shared=starts[None])[1].T
-    return total.reshape(samples, STEPS, 3, len(situations))
+            total[:, :, i] += moments(person=meal_at(part, meal, steps, gut), shared=starts[None])[1].T
+    return total
+
+
+def meal_at(part, meal, times, gut=()):
+    """Numbers of a function of one meal, for many times beside one another."""
+    person = rows_of(part.names["person"], {**dict(gut), **{f"meal.{name}": value for name, value in meal.items()}})
+    return np.repeat(person[:, None], times, axis=1)
+
+
+def digested(eaten, gut, situations, patients, steps):
+    """The same from a gut that is carried by its equations, from what is eaten in each point of the fine grid."""
+    in_point = sum(gut.names["outputs"].values()) // 3
+    points, of_meal, carried = steps // in_point, Interpreter(eaten.lowered), portable(gut)
+    table = np.zeros((2, points, len(situations)))
+    for i, situation in enumerate(situations):
+        for meal in situation["meals"]:
+            mg, begins = of_meal(person=meal_at(eaten, meal, points), shared=np.arange(float(points))[None])[1]
+            table[0, :, i] += mg
+            table[1, :, i] = np.maximum(table[1, :, i], begins)
+    people = side_by_side(np.array(of["gut"]) for of in patients)
+    state, moments = np.zeros((sum(gut.names["carry"].values()), len(situations))), []
+    for point in range(points):
+        state, of_point = carried(people, state, table[:, point])
+        moments.append(of_point.reshape(in_point, 3, -1))
+    return np.concatenate(moments)
 
 
 def drawn_of(part, key):
@@ -156,7 +182,16 @@ class Loops:
         self.of_controller = side_by_side(rows_of(takes, of) for of in numbers)
         self.of_plant = side_by_side(numbers_of([*of["matrices"], *of["numbers"]]) for of in patients)
         self.sensors = list(self.sensors_of([answer["sensors"] for answer in answers]))
-        self.moments = meal_moments(parts[f"{self.family}_meal"], situations, patients, self.samples)
+        self.step_min, self.inside = (data["families"][family][name] for name in ("step_min", "inside"))
+        self.steps = round(SAMPLE_TIME_MIN / self.step_min)
+        steps, gut = self.samples * self.steps, parts.get(f"{self.family}_gut")
+        moments = (
+            meal_moments(parts[f"{self.family}_meal"], situations, patients, self.step_min, steps)
+            if gut is None
+            else digested(parts[f"{self.family}_eaten"], gut, situations, patients, steps)
+        )
+        self.moments = moments.reshape(self.samples, self.steps, 3, -1)
+        self.timed = len(parts[f"{self.family}_plant"].names["shared"])
         sensors = [of.sensor for of in around]
         self.faults = []
         for fault in reversed([fault for fault in faults if fault.part == "sensor"]):
@@ -255,11 +290,12 @@ class Loops:
             in_pump, (insulin, reported, status) = pump(self.of_pump, in_pump, np.array([*decision, *pulses[k]]))
             happened = [glucose, reading, decision[0], insulin, status]
             inside = []
-            for moments in self.moments[k]:
-                x, outputs = yield x, np.concatenate([insulin[None], moments])
-                inside.append(outputs[1:])
+            for step, moments in enumerate(self.moments[k]):
+                t_min = np.full((self.timed, insulin.size), (k * self.steps + step) * self.step_min)
+                x, outputs = yield x, np.concatenate([insulin[None], moments]), t_min
+                inside += [outputs[1 + place] for at, place in self.inside if at == step]
             glucose = outputs[0]
-            for name, value in zip(trace, [*happened, np.concatenate(inside)], strict=True):
+            for name, value in zip(trace, [*happened, np.array(inside)], strict=True):
                 trace[name].append(value)
         return {name: np.array(values) for name, values in trace.items()}
 

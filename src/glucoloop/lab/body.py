@@ -20,11 +20,13 @@ from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.meals.absorption import fasting
 from glucoloop.meals.linear import LinearAbsorption, appearance_moments
 from glucoloop.meals.models import meal_model_of
-from glucoloop.meals.protocol import Eaten, LinearMealModel
+from glucoloop.meals.ode import OdeDigestion, eaten_of
+from glucoloop.meals.protocol import Eaten, LinearMealModel, OdeMealModel
 from glucoloop.native.interpreter import interpret
 from glucoloop.patients import Population, SemilinearPatient, population, virtual_people
 from glucoloop.patients.population import of_people
 from glucoloop.patients.settings import PATIENTS
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import exponential
 from glucoloop.simulation.explicit import ExplicitPeople
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant, Matrices
@@ -36,10 +38,12 @@ from glucoloop.situations.situation import Situation, configured
 
 Places = Sequence[np.ndarray[Any, np.dtype[np.int64]] | None]
 
-FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010")
+FAMILIES: Final = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009")
 """Families of patients of the page, the usual one first."""
 SAMPLE_TIME_MIN: Final = 5.0
 GRID: Final = SampleGrid(sample_time_min=SAMPLE_TIME_MIN, samples=1)
+POINT_MIN: Final = float(GRID.inside_min[0])
+"""Time from a point of the fine grid to the next."""
 INTEGRATOR: Final = Exponential()
 STEPS: Final = INTEGRATOR.steps_of(GRID)
 """Steps of the integrator in a sample."""
@@ -275,18 +279,56 @@ def gut_numbers(patient: SemilinearPatient, family: str) -> list[jax.Array]:
     return chosen(meal_model_of(patient, None), gut_varies(family))
 
 
-def meal_part(family: str) -> CompiledPart:
-    """Moments of one meal over a step, as the plant takes them; meals are added up."""
-    nominal = next(iter(patients(family).values()))
+def meal_parts(family: str) -> dict[str, CompiledPart]:
+    """Functions of the meals of a family by their names, from what is eaten to the moments that the plant takes.
 
+    Where meals superpose, it is one function: the moments of one meal over a step, which the page adds up. A gut that
+    is given by its equations has two, for a point of the fine grid: what of one meal is eaten in it, which the page
+    adds up, and the gut, carried over the point by all that is eaten, with the moments of the steps in it.
+    """
+    nominal = meal_model_of(next(iter(patients(family).values())), None)
+    if isinstance(nominal, OdeMealModel):
+        return {"eaten": _eaten_part(), "gut": _gut_part(family, nominal)}
+    return {"meal": _superposed_part(family, nominal)}
+
+
+def _one_meal() -> Eaten:
+    zero = jnp.zeros(())
+    return Eaten(t_min=zero, carbs_g=zero, eating_min=zero)
+
+
+def _as_meals(meal: Eaten) -> Eaten:
+    meals: Eaten = jax.tree.map(lambda number: number[None], meal)
+    return meals
+
+
+def _superposed_part(family: str, nominal: LinearMealModel) -> CompiledPart:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
-        gut: LinearMealModel = replaced(meal_model_of(nominal, None), gut_varies(family), person["gut"])
-        absorption = LinearAbsorption(
-            model=gut, jumps=gut.jumps(jax.tree.map(lambda number: number[None], person["meal"]))
-        )
+        gut: LinearMealModel = replaced(nominal, gut_varies(family), person["gut"])
+        absorption = LinearAbsorption(model=gut, jumps=gut.jumps(_as_meals(person["meal"])))
         return carry, appearance_moments(shared, SAMPLE_TIME_MIN / steps_of(family), absorption)
 
-    zero = jnp.zeros(())
-    eaten = Eaten(t_min=zero, carbs_g=zero, eating_min=zero)
-    return part(step, {"meal": eaten, "gut": gut_numbers(nominal, family)}, (), (), zero)
+    numbers = chosen(nominal, gut_varies(family))
+    return part(step, {"meal": _one_meal(), "gut": numbers}, (), (), jnp.zeros(()))
+
+
+def _eaten_part() -> CompiledPart:
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del own, rng
+        return carry, eaten_of(_as_meals(person["meal"]), shared[None], POINT_MIN)[0]
+
+    return part(step, {"meal": _one_meal()}, (), (), jnp.zeros(()))
+
+
+def _gut_part(family: str, nominal: OdeMealModel) -> CompiledPart:
+    steps, left = divmod(steps_of(family), GRID.inside_min.size)
+    if left or np.any(nominal.init()):
+        raise Refusal(f"the page cannot carry the gut of {family}: it starts at zero, with whole steps in each point")
+
+    def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared, rng
+        gut: OdeMealModel = replaced(nominal, gut_varies(family), person)
+        return OdeDigestion(model=gut, substeps=steps, sample_time_min=POINT_MIN).sample(carry, own[None])
+
+    return part(step, chosen(nominal, gut_varies(family)), nominal.init(), jnp.zeros(2))

@@ -1,15 +1,16 @@
 """Controllers of the page as functions whose numbers are inputs, and the models on which the page designs them.
 
 What of a controller is part of its program is usual for the patient and cannot be changed on the page: the dead time of
-IMC, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard. Patients with insulin
-by one route have the same of each but the states, so that there is one program of each controller for each route, and
-of MPC/SE for each number of states.
+IMC, the longest horizon, the states of MPC/SE, what linear MPC keeps of a long response, and two limits of the guard.
+There is one program of PID and of IMC for each route of insulin, and of the predictive controllers for each size of
+what they keep of the patient.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -26,6 +27,7 @@ from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, patients, situation
+from glucoloop.lab.devices import MONITORS
 from glucoloop.lab.part import CompiledPart, part, starting
 from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
 from glucoloop.parts.setting import Value
@@ -36,9 +38,12 @@ from glucoloop.situations.case import usual_case
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
-"""Samples that a predictive controller of the page can look ahead, by the route of insulin; shorter horizons are padded
-without weight.
+"""Samples that a predictive controller of the page can look ahead, by the route of insulin, or more where a patient
+needs it: see `longest_horizon`. Shorter horizons are padded without weight.
 """
+HORIZON_STEP: Final = 24
+"""Longest horizons are multiples of it."""
+PREDICTIVE: Final = ("mpc", "mpc-se")
 FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
 """Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
 FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
@@ -50,12 +55,33 @@ def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> 
     A horizon that suits the model is that of the model which the page has.
     """
     tuning = dict(usual_case(name, situation(family, operating_point, *sensor)).tuning)
-    if tuning.get("prediction_horizon") == 0:
+    if horizon_suits_model(name, family):
         exact = [of for of in sensor if of != "white-noise"]  # the page's models are free of noise
         at_point = situation(family, operating_point, *exact)
         designed: Any = controller_of(at_point, usual_case(name, at_point))
         _, tuning["prediction_horizon"] = designed.horizons
     return tuning
+
+
+@functools.cache
+def horizon_suits_model(name: str, family: str) -> bool:
+    """Whether the usual horizon of a controller for a family is the one that suits the model."""
+    tuning = usual_case(name, situation(family, next(iter(patients(family))))).tuning
+    return dict(tuning).get("prediction_horizon") == 0
+
+
+@functools.cache
+def longest_horizon(family: str) -> int:
+    """Samples that a predictive controller of the page can look ahead for a family, not less than is usual for it."""
+    usual = [
+        int(usual_tuning(name, family, point, *sensor)["prediction_horizon"])
+        for name in PREDICTIVE
+        for point in patients(family)
+        for sensor in ((), MONITORS[:1])
+    ]
+    return max(
+        LONGEST_HORIZON[PATIENTS.find(family).insulin_route], HORIZON_STEP * math.ceil(max(usual) / HORIZON_STEP)
+    )
 
 
 @functools.cache
@@ -81,7 +107,7 @@ def shortest_horizon(name: str, family: str, *sensor: str) -> int:
         else:
             at_point = situation(family, operating_point, *sensor)
             response = identified_response(nominal_model(at_point, usual_case(name, at_point)).model)
-        return least_horizon(*response) or LONGEST_HORIZON[PATIENTS.find(family).insulin_route]
+        return least_horizon(*response) or longest_horizon(family)
 
     return max(map(of_patient, patients(family)))
 
@@ -90,7 +116,7 @@ def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> An
     at_point = situation(family, operating_point, *sensor)
     controller: Any = controller_of(at_point, usual_case(name, at_point))
     moves, _ = controller.horizons
-    return controller.padded(moves, LONGEST_HORIZON[PATIENTS.find(family).insulin_route])
+    return controller.padded(moves, longest_horizon(family))
 
 
 def example_controller(name: str, family: str) -> Controller:
@@ -107,11 +133,12 @@ def example_controller(name: str, family: str) -> Controller:
 def program_of(name: str, family: str) -> str:
     """Name of the functions of a controller, which patients with insulin by one route share.
 
-    MPC/SE has one for each number of states of its model.
+    Linear MPC has one for each number of coefficients that it keeps, MPC/SE for each horizon and number of states.
     """
-    states = usual_mpc_se(family, next(iter(patients(family)))).C.size if name == "mpc-se" else None
-    parts = (PATIENTS.find(family).insulin_route, name.replace("-", "_"), states)
-    return "_".join(str(part) for part in parts if part is not None)
+    example: Any = example_controller(name, family)
+    sizes = {"mpc": "step_response", "mpc-se": "free_state"}
+    size = getattr(example, sizes[name]).shape if name in sizes else ()
+    return "_".join([PATIENTS.find(family).insulin_route, name.replace("-", "_"), *map(str, size)])
 
 
 class _FreeLimits:

@@ -23,13 +23,15 @@ from glucoloop.lab.body import (
     inside,
     patient_id,
     patients,
+    people_of,
     plant_numbers,
     portable_glucose_mg_dl,
     steps_of,
 )
 from glucoloop.lab.controllers import (
     CONTROLLERS,
-    LONGEST_HORIZON,
+    horizon_suits_model,
+    longest_horizon,
     program_of,
     shortest_horizon,
     usual_mpc,
@@ -46,6 +48,7 @@ from glucoloop.parts.setting import Value
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.patients.table import REPLACED
 from glucoloop.pumps.settings import PumpPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import SENSORS, DisplaySettings, MonitorPart
@@ -97,6 +100,7 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "summary": entry.summary,
         "points": {point.name: point.summary for point in entry.operating_points},
         "route": entry.insulin_route,
+        "population": _population(entry.name),
         "step_min": SAMPLE_TIME_MIN / steps_of(entry.name),
         "inside": [list(place) for place in inside(entry.name)],
         "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
@@ -104,6 +108,12 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
         "configuration": _configuration(entry),
     }
+
+
+def _population(family: str) -> str:
+    """The usual population of a family, as a command takes it for any number of people."""
+    people = people_of(family)
+    return people.name if people.most_people is None else f"{people.name}, draw={REPLACED}"
 
 
 def _configuration(entry: type[PatientPart]) -> dict[str, Any]:
@@ -224,7 +234,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         bounds |= SLIDERS["under_the_skin"].get(name, {})
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
-        bounds["prediction_horizon"] = (least, LONGEST_HORIZON[of_patient.insulin_route], 1)
+        bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
     usual: dict[str, Any] = {}
     for point in of_patient.operating_points:
         usual[point.name] = {
@@ -236,6 +246,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         "summary": entry.summary,
         "settings": _offered(entry, bounds),
         "usual": usual,
+        "horizon_suits_model": horizon_suits_model(name, of_patient.name),
     }
     if name == "mpc":
         found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])

@@ -16,7 +16,7 @@ from typing import Final
 import jax
 import numpy as np
 
-from glucoloop.lab.body import FAMILIES, by_equations, meal_part, plant_part
+from glucoloop.lab.body import FAMILIES, by_equations, meal_parts, plant_part
 from glucoloop.lab.controllers import CONTROLLERS, Adjustable, adjustable, controller_parts, program_of
 from glucoloop.lab.devices import pump_parts, sensor_parts
 from glucoloop.lab.part import CompiledPart
@@ -31,7 +31,8 @@ def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
     found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
     for family in families:
         name = re.sub(r"\W", "_", family)
-        found |= {f"{name}_plant": plant_part(family), f"{name}_meal": meal_part(family)}
+        found[f"{name}_plant"] = plant_part(family)
+        found |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
         if not by_equations(family):
             found[f"{name}_person"] = person_part(family)
     shapes: dict[str, tuple[object, ...]] = {}

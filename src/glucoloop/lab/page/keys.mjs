@@ -182,6 +182,8 @@ export function situationOf(told, data) {
     pump_limits: taken("pump.", partOf(pump ?? {}), configuration.pump, Object.keys(pump_limits), unlike),
   };
   const standard = { known_dead_time: false, ...tuningOf(situation, data) };
+  // A horizon of 0 is the one that suits the model; where it is usual, the page knows it.
+  if (controllers[name].horizon_suits_model && settings.prediction_horizon === 0) delete settings.prediction_horizon;
   situation.tuning = taken("controller.", settings, standard, Object.keys(controllers[name].settings), unlike);
   const guarding = partOf(own_guard ?? guard ?? "none");
   if (guarding.name !== "none") {

@@ -127,6 +127,10 @@ export class Lab {
     const guts = people.map(({ gut }) => gut);
     const alike = guts.every((gut) => gut === guts[0] || gut.length === 0);
     const wide = alike ? 1 : guts.length;
+    if (functionOf(family, "gut") in this.data.functions) {
+      const compute = () => this.digested(family, meals, steps, guts, wide);
+      return alike ? this.remembered([family, guts[0], meals, steps], compute) : compute();
+    }
     const sum = new Float64Array(steps * MOMENTS * wide);
     for (const { t_min, carbs_g } of meals) {
       const compute = () => this.momentsOfMeal(name, { t_min, carbs_g }, { steps, step_min }, guts, wide);
@@ -134,6 +138,56 @@ export class Lab {
       for (let i = 0; i < sum.length; i++) sum[i] += of[i];
     }
     return sum;
+  }
+
+  /**
+   * Moments of meals in a gut that is given by its equations, which is carried from one point of the fine grid to the next.
+   * @param {string} family
+   * @param {{t_min: number, carbs_g: number}[]} meals
+   * @param {number} steps
+   * @param {number[][]} guts of the people, one for each lane
+   * @param {number} wide lanes that are wanted
+   */
+  digested(family, meals, steps, guts, wide) {
+    const { lanes } = this.kernels;
+    const gut = this.stage(functionOf(family, "gut"));
+    const each = gut.outputs.length / lanes;
+    const points = (steps * MOMENTS) / each;
+    const { mg, begins } = this.eatenInPoints(family, meals, points);
+    guts.forEach((numbers, lane) => gut.set(numbers, lane));
+    gut.prepared.hold();
+    gut.carry.fill(0);
+    const found = new Float64Array(points * each * wide);
+    for (let point = 0; point < points; point++) {
+      gut.own.fill(mg[point], 0, lanes);
+      gut.own.fill(begins[point], lanes);
+      gut.step();
+      for (let i = 0; i < each; i++) for (let lane = 0; lane < wide; lane++) found[(point * each + i) * wide + lane] = gut.outputs[i * lanes + lane];
+    }
+    return found;
+  }
+
+  /**
+   * What is eaten in each point of the fine grid, and whether a meal begins there (1) or not (0).
+   * @param {string} family
+   * @param {{t_min: number, carbs_g: number}[]} meals
+   * @param {number} points
+   */
+  eatenInPoints(family, meals, points) {
+    const eaten = this.stage(functionOf(family, "eaten"));
+    const [point_min] = this.data.inside_min;
+    const [mg, begins] = [new Float64Array(points), new Float64Array(points)];
+    for (const { t_min, carbs_g } of meals) {
+      eaten.give({ "meal.t_min": t_min, "meal.carbs_g": carbs_g });
+      for (let point = Math.floor(t_min / point_min); point < points; point++) {
+        eaten.shared[0] = point;
+        eaten.step();
+        mg[point] += eaten.outputs[0];
+        begins[point] = Math.max(begins[point], eaten.outputs[eaten.lanes]);
+        if (eaten.outputs[0] === 0 && point * point_min > t_min) break;
+      }
+    }
+    return { mg, begins };
   }
 
   /**

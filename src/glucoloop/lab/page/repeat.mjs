@@ -30,8 +30,9 @@ export function commandLine(situation, data) {
  * @param {number} people
  */
 export function commandForPeople(situation, data, people) {
-  const { seed } = data.people[data.patients[situation.patient].family] ?? situation;
-  return command("trial", { people, ...keys(situation, data), seed });
+  const { family } = data.patients[situation.patient];
+  if (family in data.people) return command("trial", { people, ...keys(situation, data), seed: data.people[family].seed });
+  return command("trial", { people, ...keys(situation, data), population: data.families[family].population });
 }
 
 /** @param {"run" | "trial"} name @param {ReturnType<typeof keys>} given */

@@ -54,6 +54,17 @@ export function guardActs(trace, every) {
   return found;
 }
 
+/**
+ * Where the axis of insulin ends: at the pump's limit, or at a half, a quarter and so on of it that no rate exceeds.
+ * @param {number} most largest rate
+ * @param {number} limit
+ */
+function topOf(most, limit) {
+  let top = limit;
+  while (most > 0 && most <= top / 2) top /= 2;
+  return top;
+}
+
 /** @param {Session} session @returns {Scene} */
 export function scene(session) {
   const { data, runs, units } = session;
@@ -99,6 +110,8 @@ export function scene(session) {
   });
   const rates = (/** @type {import("./lab.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
     ({ x: trace.t_min, y: scaled(values, units.insulin.factor), until: trace.t_min.length * every });
+  const dosed = runs.flatMap(({ trace }) => [trace.insulin_mU_min, ...(trace === runs[0].trace ? [trace.command_mU_min] : [])]);
+  const top = topOf(Math.max(...dosed.map((rates) => Math.max(...rates))), max_mU_min);
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colourOf(0), width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
   const { people } = session;
@@ -166,14 +179,14 @@ export function scene(session) {
     insulin: {
       title: texts.insulinTitle(units.insulin.name),
       legend: legend([
-        [true, texts.mostOf(shown(max_mU_min, units.insulin))],
+        [true, (top === max_mU_min ? texts.mostOf : texts.mostAbove)(shown(max_mU_min, units.insulin))],
         [differs, texts.dashes],
         [acts.length > 0, texts.marks],
         [faulty("pump").length > 0, texts.shaded],
       ]),
-      range: [0, insulin(max_mU_min * 1.05)],
+      range: [0, insulin(top * 1.05)],
       band: null,
-      rules: [{ value: insulin(max_mU_min), dash: [2, 4] }],
+      rules: top === max_mU_min ? [{ value: insulin(max_mU_min), dash: [2, 4] }] : [],
       lines: [
         ...runs.map(({ trace }, i) => ({ ...line(i), ...rates(trace, trace.insulin_mU_min) })),
         ...(differs ? [commanded] : []),

@@ -78,12 +78,14 @@
  * @property {string} summary
  * @property {Record<string, string>} points summaries of the operating points, the usual one first
  * @property {string} route of insulin
+ * @property {string} population that is usual for them, as a command takes it for any number of people
  * @property {number} step_min of the integrator
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
  * @property {Record<string, {program: string, summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
+ *   horizon_suits_model: boolean,
  *   usual: Record<string, Record<"noise_free" | "noisy" | "behind_lag", Record<string, any>>>}>} controllers with the usual
- *   values by operating point
+ *   values by operating point, and whether the usual horizon is the one that suits the model
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
  * @property {Record<string, any>} configuration what a run without options uses, with a guard

@@ -19,7 +19,7 @@
 /** Legendre moments of a meal, as a step of the plant takes them. */
 export const MOMENTS = 3;
 
-/** Name of a function of a family's patients. @param {string} family @param {"plant" | "meal" | "person"} what */
+/** Name of a function of a family's patients. @param {string} family @param {"plant" | "meal" | "eaten" | "gut" | "person"} what */
 export function functionOf(family, what) {
   return `${family.replace(/\W/g, "_")}_${what}`;
 }

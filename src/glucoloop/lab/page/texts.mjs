@@ -222,6 +222,7 @@ export const texts = {
   inBand: (/** @type {string} */ low, /** @type {string} */ high) => `green band: ${low} to ${high}`,
   dots: "dots: readings",
   mostOf: (/** @type {string} */ most) => `dotted: the most the pump gives, ${most}`,
+  mostAbove: (/** @type {string} */ value) => `the most the pump gives, ${value}, lies above`,
   dashes: "fine dashes: commanded, not delivered",
   marks: "orange marks: the guard acted",
   shaded: "shaded: a fault",
@@ -235,8 +236,8 @@ export const texts = {
     `The controller as it is now, on people around ${patient.replace("/", " at ")} as the population ${population} draws them. The challenge: find the tuning with the most points.`,
   peopleElsewhere: (/** @type {string} */ patient) =>
     `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that operating point to try a tuning on them, or copy the command below that tries it on people around the present one`,
-  peopleNone: (/** @type {string} */ family) =>
-    `The page draws nobody around ${family}; copy the command below that tries the controller on people of this family`,
+  peopleNone: (/** @type {string} */ family, /** @type {string} */ population) =>
+    `The page draws nobody around ${family}; copy the command for people below, which tries the controller on people of the population ${population}`,
   peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
     (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
     `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,

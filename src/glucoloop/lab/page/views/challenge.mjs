@@ -33,7 +33,7 @@ export function crowdView(session, many) {
     const around = peopleAround(patient, session.data);
     if (around !== null) return texts.peopleHere(patient, around.population);
     const { family } = patients[patient];
-    return family in people ? texts.peopleElsewhere(people[family].patient) : texts.peopleNone(family);
+    return family in people ? texts.peopleElsewhere(people[family].patient) : texts.peopleNone(family, session.data.families[family].population.split(",")[0]);
   }
 
   /** @param {number} count */
