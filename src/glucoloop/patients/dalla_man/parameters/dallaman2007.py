@@ -20,7 +20,7 @@ BIOMODELS: Final = f"BioModels BIOMD0000000379, after {DALLA_MAN_2007}"
 # fmt: off
 # ruff: noqa: E501 (a table reads best with one value on each line)
 CONSTANTS: Final = (
-    Constant("BW", 78.0, "kg", "body weight", BIOMODELS),
+    Constant("weight_kg", 78.0, "kg", "body weight", BIOMODELS),
     Constant("V_G", 1.88, "dl/kg", "volume of glucose", DALLA_MAN_2007),
     Constant("k_1", 0.065, "1/min", "transfer of glucose from plasma to slow tissues", DALLA_MAN_2007),
     Constant("k_2", 0.079, "1/min", "transfer of glucose from slow tissues to plasma", DALLA_MAN_2007),
