@@ -57,7 +57,8 @@ def test_a_monitor_is_told_in_every_form(in_node):
         ("#sensor=dexcom-g6,+wear_min=1440", "it has sensor.wear_min = 1440, which this page cannot simulate"),
         (
             "#controller=mpc,+prediction_horizon=3&sensor=dexcom-g6",
-            "prediction horizon behind the lag of a monitor is 3; give a whole number from 4 to 24",
+            "a prediction horizon of 3 samples sees less than 5 % of the gain of insulin; a controller that sees so "
+            "little gives far too much or too little, so give a prediction horizon of 4 or more",
         ),
     ],
 )

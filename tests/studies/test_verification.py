@@ -14,6 +14,7 @@ from glucoloop.episodes import Episode
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.faults import FAULTS
+from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite
 from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
@@ -22,7 +23,7 @@ from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
 from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.simulation.loop import LoopState
-from glucoloop.studies.verification import Verification, campaign, promises, study
+from glucoloop.studies.verification import Verification, campaign, study
 from glucoloop.studies.verification.campaign import (
     KINDS,
     PUMP_KINDS,

@@ -15,7 +15,15 @@ from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.guard_settings import GuardSettings
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
+from glucoloop.control.protocol import (
+    Controller,
+    Decision,
+    Observation,
+    Status,
+    computed_settings,
+    draws,
+    gives_boluses,
+)
 from glucoloop.control.tuning import check_rate
 from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -67,6 +75,11 @@ class Guard:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def draws(self) -> bool:
+        """Whether the inner controller draws random numbers."""
+        return draws(self.inner)
 
     def settled(self) -> dict[str, Any]:
         """Settings of the inner controller that were settled when it was designed."""
@@ -261,6 +274,7 @@ def _clean(
         announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0),
         delivered_bolus_mU=bolus_mU,
         time_of_day_min=None if time is None else jnp.where((time >= 0.0) & (time < MIN_PER_DAY), time, 0.0),
+        key=observation.key,
     )
 
 

@@ -11,7 +11,15 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.control.decision import is_known
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, computed_settings, gives_boluses
+from glucoloop.control.protocol import (
+    Controller,
+    Decision,
+    Observation,
+    Status,
+    computed_settings,
+    draws,
+    gives_boluses,
+)
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.refusal import Refusal
 
@@ -51,6 +59,11 @@ class Paced:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def draws(self) -> bool:
+        """Whether the inner controller draws random numbers."""
+        return draws(self.inner)
 
     @property
     def needs_time_of_day(self) -> bool:

@@ -36,6 +36,8 @@ class Observation:
     """Number of the reading in a loop that runs in real time, or None in a simulation. See `timing`."""
     read_t_min: jax.Array | None = None
     """Time of the reading in a loop that runs in real time, or None in a simulation."""
+    key: jax.Array | None = None
+    """Random key of this sample in a simulation, for a controller that draws random numbers, else None; see `draws`."""
 
 
 class Status(enum.IntEnum):
@@ -124,6 +126,15 @@ def gives_boluses(controller: object) -> bool:
     bolus.
     """
     return bool(getattr(controller, "gives_boluses", False))
+
+
+def draws(controller: object) -> bool:
+    """Whether a controller draws random numbers, as one that stands for a person who miscounts.
+
+    A controller declares it by an attribute ``draws``, which a wrapper passes on. Each observation of a simulation then
+    has a key of its own, from which the same numbers follow for the same person and sample.
+    """
+    return bool(getattr(controller, "draws", False))
 
 
 def computed_settings(controller: object) -> dict[str, float]:

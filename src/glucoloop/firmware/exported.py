@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
@@ -54,6 +54,8 @@ def export(
     """
     if precision not in PRECISIONS:
         raise Refusal(f"the precision is {precision!r}; give {' or '.join(PRECISIONS)}")
+    if draws(controller):
+        raise Refusal(f"{type(controller).__name__} draws random numbers, which C has not; export one that draws none")
     real = np.dtype(precision)
 
     def cast(leaf: Any) -> Any:

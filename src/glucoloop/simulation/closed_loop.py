@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
-from glucoloop.control.protocol import Controller, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
 from glucoloop.patients.protocol import Patient
@@ -380,4 +380,5 @@ def _first_observation(start: Start, controller: Controller, scenario: Scenario)
         announced_carbs_g=zero,
         delivered_bolus_mU=zero if gives_boluses(controller) else None,
         time_of_day_min=None if scenario.start_min is None else jnp.asarray(scenario.start_min, float),
+        key=jax.random.key(0) if draws(controller) else None,
     )

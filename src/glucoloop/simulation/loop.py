@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.control.protocol import Controller, Decision, Observation, Status, gives_boluses
+from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
 from glucoloop.pumps.protocol import deliver
@@ -22,8 +22,9 @@ from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.plant import Exogenous, Plant
 
-# Far from the numbers of samples, by which readings get their keys, so that the pump's draws are not the sensor's.
+# Far from the numbers of samples, by which readings get their keys, so that nobody's draws are another's.
 _PUMP: Final = 0x50554D50
+_CONTROLLER: Final = 0x434F4E54
 
 
 @pytree
@@ -115,6 +116,13 @@ def _for_pump(reading_key: jax.Array) -> jax.Array:
     return key
 
 
+def _with_key(loop: Loop, observation: Observation, reading_key: jax.Array, index: Any) -> Observation:
+    """Observation with the key of a sample, where the controller draws random numbers."""
+    if not draws(loop.controller):
+        return observation
+    return dataclasses.replace(observation, key=jax.random.fold_in(jax.random.fold_in(reading_key, _CONTROLLER), index))
+
+
 def begin(
     loop: Loop,
     x: jax.Array,
@@ -135,7 +143,7 @@ def begin(
         x=x,
         reported_mU_min=insulin_mU_min,
         in_sensor=in_sensor,
-        in_controller=loop.controller.init(observation),
+        in_controller=loop.controller.init(_with_key(loop, observation, reading_key, 0)),
         in_pump=loop.pump.init(insulin_mU_min, _for_pump(reading_key)),
         reported_bolus_mU=no_bolus,
     )
@@ -166,6 +174,7 @@ def sample(
     with jax.named_scope("sensor"):
         looked = look(loop, state, announced_g, reading_key, index, time_of_day_min)
     in_sensor, reading, observation = apart(looked)
+    observation = _with_key(loop, observation, reading_key, index)
     with jax.named_scope("controller"):
         decided = loop.controller.step(state.in_controller, observation)
     in_controller, decision = apart(decided)
