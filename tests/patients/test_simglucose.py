@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 
 from glucoloop._extras import MissingExtraError
+from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Eaten, absorb
 from glucoloop.patients import population, virtual_people
 from glucoloop.patients.dalla_man import DallaManPatient
 from glucoloop.simulation import Adaptive, Explicit
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.situations.situation import configured
 from other_programs import answer_of, installed
 
 FAMILY = "uva-padova-2008"
@@ -169,6 +172,17 @@ def test_people_of_a_trial_rest_at_its_target_and_have_the_profile_of_the_table(
     for name in people.table.profile:
         np.testing.assert_array_equal(getattr(found.profile, name), profile(people, name))
     np.testing.assert_array_equal(found.profile.weight_kg, people.table.values["weight_kg"])
+
+
+@pytest.mark.long
+def test_by_their_own_basal_rates_people_of_a_trial_come_to_rest_where_the_table_says(people):
+    keys = {"patient": FAMILY, "population": people, "controller": ["basal-bolus"]}
+    trial = configured(Trial, {**keys, "meals": ["1g@4319min"], "duration_min": 4320.0})
+    prepared = prepare(trial)
+    assert prepared.cases["basal-bolus"].loop.engine == "native"
+    found = run_people(prepared, "basal-bolus", np.arange(30), traces=True)
+    np.testing.assert_allclose(found.glucose_mg_dl[-1], profile(people, "setpoint_mg_dl"), rtol=0.0, atol=0.05)
+    assert trial.tree()["population"]["name"] == "simglucose"  # what has no simglucose any more can be read again
 
 
 def test_one_person_is_chosen_by_name(people):
