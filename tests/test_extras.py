@@ -17,12 +17,12 @@ PROJECT = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text(encodin
 def test_each_package_is_of_its_extra_and_not_always_installed():
     extras = PROJECT["optional-dependencies"]
     for package, extra in EXTRAS.items():
-        assert any(requirement.startswith(f"{package}>=") for requirement in extras[extra])
+        assert any(requirement.startswith((f"{package}>=", f"{package}==")) for requirement in extras[extra])
         assert not any(requirement.startswith(package) for requirement in PROJECT["dependencies"])
 
 
-def test_every_extra_but_that_of_the_benchmarks_is_asked_for_by_name():
-    assert set(EXTRAS.values()) == set(PROJECT["optional-dependencies"]) - {"bench"}
+def test_every_extra_is_asked_for_by_name():
+    assert set(EXTRAS.values()) == set(PROJECT["optional-dependencies"])
 
 
 @pytest.mark.parametrize("package", EXTRAS)

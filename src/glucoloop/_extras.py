@@ -15,6 +15,7 @@ EXTRAS: Final = {
     "duckdb": "query",
     "gymnasium": "gym",
     "optuna": "search",
+    "simglucose": "uva",
 }
 """Extra of ``pyproject.toml`` that installs a package."""
 
@@ -35,6 +36,9 @@ def needed_for(what: str) -> Iterator[None]:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
-        extra = EXTRAS[package]
-        message = f"{what} needs {package}; install it with: pip install 'glucoloop[{extra}]'"
-        raise MissingExtraError(message) from None
+        raise missing(what, package) from None
+
+
+def missing(what: str, package: str) -> MissingExtraError:
+    """Error that says which extra installs the optional package that something needs."""
+    return MissingExtraError(f"{what} needs {package}; install it with: pip install 'glucoloop[{EXTRAS[package]}]'")

@@ -19,7 +19,7 @@ C = DallaManPatient.nominal
 
 def insulin_at_rest(rate_mU_min):
     """Plasma insulin in pmol/l at rest, by the algebra of the linear balances."""
-    u = 6.0 * rate_mU_min / C["BW"]
+    u = 6.0 * rate_mU_min / C["weight_kg"]
     m_30 = C["HE_b"] * C["m_1"] / (1.0 - C["HE_b"])
     return u / (C["m_2"] + C["m_4"] - C["m_1"] * C["m_2"] / (C["m_1"] + m_30)) / C["V_I"]
 
@@ -54,12 +54,12 @@ def test_what_is_not_made_or_taken_up_is_conserved(state, meal, insulin):
     x = jnp.asarray(state)
     rates = dict(zip(STATE_NAMES, np.asarray(_rates(x, jnp.asarray(insulin), jnp.asarray(meal))), strict=True))
     s = dict(zip(STATE_NAMES, state, strict=True))
-    made = max(C["k_p1"] - C["k_p2"] * s["G_p"] - C["k_p3"] * s["I_d"], 0.0) + meal / C["BW"]
+    made = max(C["k_p1"] - C["k_p2"] * s["G_p"] - C["k_p3"] * s["I_d"], 0.0) + meal / C["weight_kg"]
     brain = C["F_cns"] * min(s["G_p"] / (5.0 * C["V_G"]), 1.0)
     kidney = C["k_e1"] * max(s["G_p"] - C["k_e2"], 0.0)
     tissues = (C["V_m0"] + C["V_mx"] * s["X"]) * s["G_t"] / (C["K_m0"] + s["G_t"])
     assert rates["G_p"] + rates["G_t"] == pytest.approx(made - brain - kidney - tissues, abs=1e-9)
-    given_insulin = 6.0 * insulin / C["BW"]
+    given_insulin = 6.0 * insulin / C["weight_kg"]
     lost = C["m_4"] * s["I_p"] + C["HE_b"] * C["m_1"] / (1.0 - C["HE_b"]) * s["I_l"]
     inside = sum(rates[name] for name in ("I_p", "I_l", "I_sc1", "I_sc2"))
     assert inside == pytest.approx(given_insulin - lost, abs=1e-9)

@@ -27,6 +27,7 @@ from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 
 BOUTS = (gl.Exercise(45.0, 420.0, 40.0), gl.Exercise(70.0, 1000.5, 60.0))
+WITH_RHYTHMS = ("hovorka-2004", "wilinska-2010", "kanderian-2009", "uva-padova-2008")
 RHYTHMS = (Visentin2015("lhl"), Dawn())
 
 
@@ -83,7 +84,7 @@ def by(patient, scenario, integrator=None):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("patient", "exercise"),
-    [(Kanderian.resting_at(120.0), BOUTS), (gl.patient("hovorka-2004"), ()), (gl.patient("wilinska-2010"), ())],
+    [(Kanderian.resting_at(120.0), BOUTS), *((gl.patient(name), ()) for name in WITH_RHYTHMS)],
 )
 def test_the_fast_integrator_is_the_adaptive_one(patient, exercise):
     fast, truth = (by(patient, day(exercise=exercise), of) for of in (None, Adaptive(1e-11)))
@@ -120,12 +121,38 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     np.testing.assert_allclose(np.asarray(ours.fine_glucose_mg_dl)[1:], np.asarray(inside).ravel(), rtol=1e-12)
 
 
-def test_production_that_is_added_is_a_mass_of_glucose():
-    person = gl.patient("hovorka-2004")
-    x, inputs = person.steady_state(0.0), Inputs(insulin_mU_min=jnp.asarray(0.0), meal_mg_min=jnp.asarray(0.0))
-    more = paced(person, production_mg_kg_min=2.0).derivative(0.0, x, inputs) - person.derivative(0.0, x, inputs)
-    assert float(more[0]) * 180.16 == pytest.approx(2.0 * 75.0)
+def more(person, insulin_mU_min, **changes):
+    """What changes add to the derivative at rest under a rate."""
+    inputs = Inputs(insulin_mU_min=jnp.asarray(insulin_mU_min), meal_mg_min=jnp.asarray(0.0))
+    x = person.steady_state(insulin_mU_min)
+    return np.asarray(paced(person, **changes).derivative(0.0, x, inputs) - person.derivative(0.0, x, inputs)), x
+
+
+@pytest.mark.parametrize(
+    ("name", "glucose", "mg_per_kg"),
+    [
+        ("hovorka-2004", 0, 180.16 / 75.0),  # from mmol
+        ("kanderian-2009", 3, 253.0 / 89.0),  # from mg/dl
+        ("uva-padova-2008", 0, 1.0),  # from mg/kg
+    ],
+)
+def test_production_that_is_added_is_a_mass_of_glucose(name, glucose, mg_per_kg):
+    person = gl.patient(name)
+    added, _ = more(person, 0.0, production_mg_kg_min=2.0)
+    assert added[glucose] * mg_per_kg == pytest.approx(2.0)
+    assert np.count_nonzero(added) == 1
     assert paced(person) is person
+
+
+def test_basal_insulin_of_a_low_sensitivity_suppresses_production_less():
+    """Uptake too falls with the insulin that exceeds I_b, while what k_p1 has of the person at rest stays."""
+    person = gl.patient("uva-padova-2008")
+    c = {name: float(value) for name, value in person.parameters.items()}
+    added, x = more(person, float(person.basal_insulin_mU_min), sensitivity=0.4)
+    uptake = c["V_mx"] * (float(x[3]) / c["V_I"] - c["I_b"]) * float(x[1] / (c["K_m0"] + x[1]))
+    assert added[0] == pytest.approx(0.6 * c["k_p3"] * float(x[3]) / c["V_I"])
+    assert added[1] == pytest.approx(0.6 * uptake)
+    assert np.count_nonzero(added) == 2
 
 
 def cohort(engine, precision="float64"):

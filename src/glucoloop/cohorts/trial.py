@@ -198,13 +198,12 @@ class Trial(FedSituation):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, with the table of a population from a file."""
-        from glucoloop.patients.population import Population, populations_of
+        from glucoloop.patients.population import Population, is_preset
         from glucoloop.situations.population import population_keys
 
         found = super().tree(whole=whole)
-        known = populations_of(self.patient.called)
         if "population" in found and isinstance(self.population, Population):
-            preset = known.get(self.population.name) == self.population
+            preset = is_preset(self.population)
             found["population"] = self.population.name if preset else population_keys(self.population)
         if whole and self.days is None and self.duration_min is None:
             found["days"] = 1
@@ -307,7 +306,7 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
 
 def population_of(given: object, patient: str) -> Population:
     """Population of a patient: the usual one, one by its name or from a file, or a table."""
-    from glucoloop.patients.population import Population, populations_of
+    from glucoloop.patients.population import Population, population_names
     from glucoloop.situations.population import named_population, read_population
 
     if isinstance(given, Population):
@@ -318,7 +317,7 @@ def population_of(given: object, patient: str) -> Population:
         return read_population(given, patient)
     if isinstance(given, str):
         return named_population(given, patient)
-    raise Refusal(f"population is {given!r}; give {', '.join(populations_of(patient))}, or a file like people.toml")
+    raise Refusal(f"population is {given!r}; give {', '.join(population_names(patient))}, or a file like people.toml")
 
 
 def profile_columns(trial: Trial) -> tuple[str, ...]:

@@ -45,6 +45,8 @@ class PatientModel:
     """All parameters that can vary, with the nominal patient's value."""
     populations: Callable[[], Mapping[str, Any]] = dict
     """The populations by name, besides the nominal one."""
+    read_populations: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
+    """Function that reads a population which comes with another package, by name; called once it is asked for."""
     refuse: Callable[[Mapping[str, Distribution]], None] = _anything
     """Function that raises ValueError for distributions that can make an impossible person."""
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._extras import MissingExtraError
 from glucoloop.arguments import checked, on_host
 from glucoloop.meals.protocol import Eaten
 from glucoloop.patients.capabilities import rest_at
@@ -167,10 +168,15 @@ class Population:
 
 
 def populations_of(patient: str) -> dict[str, Population]:
-    """Populations by name around a patient: the nominal one first."""
+    """Populations by name around a patient that need no other package: the nominal one first."""
     nominal = Population(NOMINAL, (), "the nominal patient, whoever is drawn", patient=patient)
     others = patient_model(patient).populations()
     return {NOMINAL: nominal, **{name: replace(other, patient=patient) for name, other in others.items()}}
+
+
+def population_names(patient: str) -> tuple[str, ...]:
+    """Names of all populations around a patient, also of those that are read from another package."""
+    return (*populations_of(patient), *patient_model(patient).read_populations)
 
 
 @checked
@@ -180,12 +186,23 @@ def population(name: str, *, patient: str = "parker-1999") -> Population:
     Raises
     ------
     ValueError
-        For an unknown name, or a population of another patient.
+        For an unknown name, a population of another patient, or one that is read from a package that is not installed.
     """
-    known = populations_of(patient)
-    if name not in known:
-        raise Refusal(f"unknown population {name!r} of {patient}; the known ones are: {', '.join(known)}")
-    return known[name]
+    names = population_names(patient)
+    if name not in names:
+        raise Refusal(f"unknown population {name!r} of {patient}; the known ones are: {', '.join(names)}")
+    read = patient_model(patient).read_populations
+    return replace(read[name](), patient=patient) if name in read else populations_of(patient)[name]
+
+
+def is_preset(people: Population) -> bool:
+    """Whether a population is the one that its patient has by the same name."""
+    if people.name not in population_names(people.patient):
+        return False
+    try:
+        return population(people.name, patient=people.patient) == people
+    except MissingExtraError:
+        return False
 
 
 @dataclass(frozen=True)

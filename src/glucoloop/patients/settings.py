@@ -283,7 +283,8 @@ class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
     insulin_route = SUBCUTANEOUS
     operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 6.99 mU/min, which is 0.419 U/h"),)
     populations: ClassVar = {
-        "lognormal": "ten constants, lognormal with a coefficient of variation of 20 %, and weight with 15 %"
+        "lognormal": "ten constants, lognormal with a coefficient of variation of 20 %, and weight with 15 %",
+        "simglucose": "the thirty people of the simulator, read from an installed simglucose",
     }
     # A unit moves glucose little, and readings with noise of variance 1.45 still give a gain that can be trusted.
     pulse_mU_min = 6.95

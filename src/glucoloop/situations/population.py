@@ -19,7 +19,7 @@ from glucoloop.parts.grammar import NAME, part_tree, plain
 from glucoloop.parts.setting import known_names
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient_model
-from glucoloop.patients.population import Population, populations_of
+from glucoloop.patients.population import Population, population, population_names
 from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
@@ -203,13 +203,13 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
 def _found_population(text: str, patient: str) -> Population:
     path = Path(text)
     if path.suffix not in _SUFFIXES:
-        known = populations_of(patient)
+        known = population_names(patient)
         if text not in known:
             whose = "" if patient == USUAL_PATIENT.name else f" of {patient}"
             raise Refusal(
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
-        return known[text]
+        return population(text, patient=patient)
     of_csv = path.suffix == ".csv"
     keys = {PERSON_KEY: _csv_rows(text_of_file(text, "CSV"), text)} if of_csv else read_file(text).keys
     try:
@@ -262,10 +262,10 @@ def _cell(column: str, text: str) -> Any:
 
 def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[str]]:
     """A population of a patient as plain values, and in lines: who its people are, or how they are drawn."""
-    population = populations_of(patient)[name]
-    table, drawn = population.table, population.distributions()
-    found: dict[str, Any] = {"kind": "population", "patient": patient, **population_keys(population)}
-    lines = [f"population {name}: {population.summary}"]
+    people = population(name, patient=patient)
+    table, drawn = people.table, people.distributions()
+    found: dict[str, Any] = {"kind": "population", "patient": patient, **population_keys(people)}
+    lines = [f"population {name}: {people.summary}"]
     if table is not None:
         own = [*table.profile, *([MEALS_COLUMN] if table.meals else [])]
         lines += [
@@ -290,8 +290,8 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")
-    population = _found_population(where.strip() or patient_entry(patient).usual_population, patient)
+    people = _found_population(where.strip() or patient_entry(patient).usual_population, patient)
     try:
-        return population.alone(name.strip(), seed)
+        return people.alone(name.strip(), seed)
     except Refusal as error:
         raise Refusal(f"person {text!r} of {patient}: {error}") from None

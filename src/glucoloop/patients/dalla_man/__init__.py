@@ -2,6 +2,5 @@
 
 from glucoloop.patients.dalla_man.equations import STATE_NAMES
 from glucoloop.patients.dalla_man.patient import DallaManPatient
-from glucoloop.patients.dalla_man.simglucose import NamedPeople, people_of_simglucose
 
-__all__ = ["STATE_NAMES", "DallaManPatient", "NamedPeople", "people_of_simglucose"]
+__all__ = ["STATE_NAMES", "DallaManPatient"]

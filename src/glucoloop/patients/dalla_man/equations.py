@@ -1,7 +1,8 @@
 """Balances of glucose and insulin of the simulator of 2008 (UVA/Padova), after Dalla Man et al. (2007).
 
 With glucose in plasma and slow tissues G_p, G_t and in the interstitium G_s [mg/kg], insulin in plasma and liver
-I_p, I_l and under the skin I_sc1, I_sc2 [pmol/kg], insulin I = I_p / V_I [pmol/l] and its effects X, I_1, I_d:
+I_p, I_l and under the skin I_sc1, I_sc2 [pmol/kg], insulin I = I_p / V_I [pmol/l] and its effects X, I_1, I_d, in a
+body of the weight BW [kg]:
 
     G_p'   = EGP + Ra / BW - U_ii - E - k_1 G_p + k_2 G_t       EGP = max(k_p1 - k_p2 G_p - k_p3 I_d, 0)
     G_t'   = -U_id + k_1 G_p - k_2 G_t                          U_id = (V_m0 + V_mx X) G_t / (K_m0 + G_t)
@@ -45,7 +46,7 @@ def balances(c: Mapping[str, Any], x: jax.Array, insulin_mU_min: jax.Array, meal
     """Rate of change of the state ``(10, ...)`` per minute, in the order of `STATE_NAMES`."""
     G_p, G_t, G_s, I_p, I_l, I_sc1, I_sc2, X, I_1, I_d = x
     # what is divided by is a person's own, so that a reciprocal is found once
-    per_kg, uptake_falls_below = 1.0 / c["BW"], UPTAKE_FALLS_BELOW_MG_DL * c["V_G"]
+    per_kg, uptake_falls_below = 1.0 / c["weight_kg"], UPTAKE_FALLS_BELOW_MG_DL * c["V_G"]
     u = insulin_mU_min / MU_MIN_PER_PMOL_MIN * per_kg
     insulin = I_p * (1.0 / c["V_I"])
     EGP = jnp.maximum(c["k_p1"] - c["k_p2"] * G_p - c["k_p3"] * I_d, 0.0)

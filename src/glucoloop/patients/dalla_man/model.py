@@ -6,6 +6,7 @@ The spreads of the population are our own: no distribution of these constants is
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -15,6 +16,8 @@ import jax.numpy as jnp
 from glucoloop.patients.dalla_man.equations import STATE_NAMES
 from glucoloop.patients.dalla_man.parameters.dallaman2007 import CONSTANTS
 from glucoloop.patients.dalla_man.patient import DallaManPatient
+from glucoloop.patients.dalla_man.simglucose import NAME as SIMGLUCOSE
+from glucoloop.patients.dalla_man.simglucose import people_of_simglucose
 from glucoloop.patients.model import PatientModel
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import PATIENTS
@@ -33,7 +36,7 @@ _EFFECT: Final = STATE_NAMES.index("X")
 def _populations() -> dict[str, Any]:
     """Populations around the average person by name."""
     lognormal = [Variation(parameter=name, distribution="lognormal", spread_pct=SPREAD_CV_PCT) for name in VARIED]
-    weight = Variation(parameter="BW", distribution="lognormal", spread_pct=WEIGHT_CV_PCT)
+    weight = Variation(parameter="weight_kg", distribution="lognormal", spread_pct=WEIGHT_CV_PCT)
     summaries = PATIENTS[NAME].populations
     return {"lognormal": Population("lognormal", (*lognormal, weight), summaries["lognormal"], patient=NAME)}
 
@@ -65,6 +68,7 @@ def _sound(x: jax.Array, lowest_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]
 
 UVA_PADOVA_2008_MODEL: Final[PatientModel] = dataclasses.replace(
     DallaManPatient.model({"fasting-120": 120.0}, _populations),
+    read_populations={SIMGLUCOSE: functools.partial(people_of_simglucose, NAME)},
     refuse=_refuse_impossible,
     meanings={constant.name: constant.meaning.partition(",")[0] for constant in CONSTANTS},
     sound=_sound,

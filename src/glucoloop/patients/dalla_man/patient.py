@@ -26,6 +26,15 @@ class DallaManPatient(OdePatient):
     insulin_route: ClassVar[str] = SUBCUTANEOUS
     sites: ClassVar[tuple[str, ...]] = ("plasma", INTERSTITIAL)
     """Sites at which glucose can be measured."""
+    insulin_sensitivity: ClassVar[tuple[str, ...]] = ("k_p3", "V_mx")
+    """Constants that Visentin et al. (2015) multiply, by which insulin acts on the liver and on tissue.
+
+    k_p1 stays as it is, although it is EGP_b + k_p2 G_pb + k_p3 I_b of the person at rest: production is then less
+    suppressed by basal insulin too while sensitivity is low, as in the other families, and glucose rises. If k_p1
+    followed, all that is lost would be the effect of insulin above basal, as it is on uptake, whose V_mx multiplies the
+    excess over I_b.
+    """
+    glucose_production: ClassVar[Mapping[str, float]] = {"k_p1": 1.0}
     lowest_valid_glucose_mg_dl: ClassVar[float] = UPTAKE_FALLS_BELOW_MG_DL
     """Lower end of the valid range, below which the uptake by the brain is not the published one.
 

@@ -21,6 +21,7 @@ closed-loop glucose control in individuals with type 1 diabetes", J. Diabetes Sc
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import jax
@@ -55,6 +56,12 @@ class KanderianPatient(OdePatient):
     def meal_model(self) -> HovorkaGut:
         """The gut: two compartments with the person's own time to peak, from which all carbohydrate is absorbed."""
         return HovorkaGut(time_to_maximum_min=self.parameters["tau_m"], bioavailability=1.0)
+
+    @property
+    def glucose_production(self) -> Mapping[str, jax.Array]:
+        """Increase of EGP by 1 mg/kg/min of production."""
+        c = self.parameters
+        return {"EGP": c["weight_kg"] / c["V_G"]}
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side of the equations."""

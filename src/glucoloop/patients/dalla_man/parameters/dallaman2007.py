@@ -1,10 +1,15 @@
 """Constants of the average normal subject of Dalla Man et al. (2007), as a person of 78 kg who makes no insulin.
 
-The paper's Table I lists a normal and a type 2 diabetic subject. Here the normal subject has lost secretion: the states
-and constants of the pancreas are left out, and with them the effect of portal insulin on the liver (k_p4), as in the
-simulator of 2008. Insulin enters under the skin by the kinetics of the same group's simulation software, and glucose is
-read in the interstitium with its delay. Body weight and basal insulin of that subject are not in the table; they are
-those of the curated encoding of the paper at BioModels.
+- Table I of the paper lists a normal and a type 2 diabetic subject. Constants are those of the normal one; b and d are
+  those of meals in that table (0.82 and 0.010), not those of the group's paper of 2006 on glucose alone.
+- Body weight and basal insulin of that subject are not in the table; 78 kg and 25 pmol/l are those of the curated
+  encoding of the paper at BioModels, whose other constants are those of the table.
+- The paper has no insulin under the skin. Its kinetics are those of the group's simulation software GIM, with the
+  values that the open simulator LoopInsighT1 takes from there. The delay of interstitial glucose, 10 min, is that of
+  LoopInsighT1 too.
+- It is our own choice to make of the normal subject a person with type 1 diabetes: the pancreas is left out, and with
+  it the effect of portal insulin on the liver (k_p4), as in the simulator of 2008. No such person is published, and
+  this one needs less insulin (I_b is 25 pmol/l) than the simulator's thirty people.
 """
 
 from __future__ import annotations
@@ -14,13 +19,14 @@ from typing import Final
 from glucoloop.patients.provenance import Constant
 
 DALLA_MAN_2007: Final = "Dalla Man et al. 2007, IEEE Trans. Biomed. Eng. 54(10), Table I, normal subject"
-GIM: Final = "Dalla Man et al. 2007 (GIM), J. Diabetes Sci. Technol. 1(3)"
+GIM: Final = "Dalla Man et al. 2007 (GIM), J. Diabetes Sci. Technol. 1(3), as LoopInsighT1 has it"
+LOOPINSIGHT: Final = "LoopInsighT1 (hpeuscher/loopinsight1), UVA/Padova model"
 BIOMODELS: Final = f"BioModels BIOMD0000000379, after {DALLA_MAN_2007}"
 
 # fmt: off
 # ruff: noqa: E501 (a table reads best with one value on each line)
 CONSTANTS: Final = (
-    Constant("BW", 78.0, "kg", "body weight", BIOMODELS),
+    Constant("weight_kg", 78.0, "kg", "body weight", BIOMODELS),
     Constant("V_G", 1.88, "dl/kg", "volume of glucose", DALLA_MAN_2007),
     Constant("k_1", 0.065, "1/min", "transfer of glucose from plasma to slow tissues", DALLA_MAN_2007),
     Constant("k_2", 0.079, "1/min", "transfer of glucose from slow tissues to plasma", DALLA_MAN_2007),
@@ -44,7 +50,7 @@ CONSTANTS: Final = (
     Constant("k_a1", 0.0018, "1/min", "absorption of insulin that is not yet monomeric", GIM),
     Constant("k_a2", 0.0182, "1/min", "absorption of monomeric insulin", GIM),
     Constant("k_d", 0.0164, "1/min", "dissociation of insulin under the skin", GIM),
-    Constant("k_sc", 0.1, "1/min", "rate at which interstitial glucose follows plasma glucose, of a delay of 10 min", GIM),
+    Constant("k_sc", 0.1, "1/min", "rate at which interstitial glucose follows plasma glucose, of a delay of 10 min", LOOPINSIGHT),
     Constant("k_max", 0.0558, "1/min", "largest rate of emptying of the stomach, and rate of trituration", DALLA_MAN_2007),
     Constant("k_min", 0.0080, "1/min", "smallest rate of emptying of the stomach", DALLA_MAN_2007),
     Constant("k_abs", 0.057, "1/min", "rate of absorption from the gut", DALLA_MAN_2007),

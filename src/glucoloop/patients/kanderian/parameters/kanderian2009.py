@@ -25,7 +25,8 @@ from glucoloop.units import MIN_PER_H
 
 SOURCE: Final = "Kanderian et al. 2009, J. Diabetes Sci. Technol. 3(5), table of the ten people"
 _TIMES_H: Final = {"breakfast": 7.0, "lunch": 12.0, "dinner": 18.0, "supper": 22.0}
-_CONSTANTS: Final = ("C_I", "tau_1", "tau_2", "V_G", "p_2", "EGP", "GEZI", "S_I")
+_DAILY_DOSE: Final = "total_daily_dose_U"
+_NAMES: Final = ("weight_kg", _DAILY_DOSE, "C_I", "tau_1", "tau_2", "V_G", "p_2", "EGP", "GEZI", "S_I")
 # fmt: off
 _PEOPLE: Final = {
     # kg, U/day,     C_I,   tau_1, tau_2, V_G,   p_2,     EGP,   GEZI,      S_I
@@ -41,6 +42,7 @@ _PEOPLE: Final = {
     "10": (64.0, 34.0, 1309.0, 53.0, 53.0, 204.0, 0.0102, 0.611, 0.00104, 0.000603),
 }
 """Body weight, total daily insulin, and the constants of each person."""
+_COLUMNS: Final = dict(zip(_NAMES, zip(*_PEOPLE.values(), strict=True), strict=True))
 _MEALS: Final = {
     # carbohydrate [g], time to peak [min]: breakfast, lunch, dinner, supper; then the second breakfast and the extras
     "1": ((72, 47), (131, 52), (51, 24), (70, 60), (72, 39), (36, 21)),
@@ -72,15 +74,16 @@ def _day(name: str) -> tuple[Meal, ...]:
 PEOPLE: Final = PeopleTable(
     names=tuple(_PEOPLE),
     values={
-        **dict(zip(_CONSTANTS, tuple(zip(*_PEOPLE.values(), strict=True))[2:], strict=True)),
+        **{name: _COLUMNS[name] for name in _COLUMNS if name != _DAILY_DOSE},
         "tau_m": tuple(map(_time_to_peak, _PEOPLE)),
     },
-    profile=dict(zip(("weight_kg", "total_daily_dose_U"), tuple(zip(*_PEOPLE.values(), strict=True))[:2], strict=True)),
+    profile={_DAILY_DOSE: _COLUMNS[_DAILY_DOSE]},
     meals=tuple(map(_day, _PEOPLE)),
 )
 NOMINAL: Final = "1"
 """Person who is the nominal patient."""
 _UNITS: Final = {
+    "weight_kg": ("kg", "body weight"),
     "C_I": ("ml/min", "clearance of insulin"),
     "tau_1": ("min", "time constant of insulin under the skin"),
     "tau_2": ("min", "time constant of insulin in plasma"),
