@@ -1,5 +1,7 @@
 """What many tests need: the patient written out by hand, scripted controllers, and the identified model."""
 
+import contextlib
+import ctypes
 import gc
 import os
 import tempfile
@@ -34,6 +36,7 @@ def pytest_configure(config):
     gc.set_threshold(50_000, 20, 50)  # what JAX traces is many small objects, few of them garbage
 
 
+_LARGEST_BYTES = 4 * 2**30
 LONG = {
     "cli": ("test_adversary", "test_bound", "test_stress", "test_tune"),
     "bounds": ("test_hedging",),
@@ -67,11 +70,20 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True, scope="module")
 def room_for_programs():
-    """Each program that JAX holds takes places in the process's memory map, of which Linux allows 65 530."""
+    """Each program that JAX holds takes memory, of which three workers have some gigabytes each on a small machine.
+
+    It also takes places in the process's memory map, of which Linux allows 65 530.
+    """
     yield
-    maps = Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
+    maps, pages = Path("/proc/self/maps"), Path("/proc/self/statm")
+    if not maps.exists():
+        return
+    resident = int(pages.read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+    if resident > _LARGEST_BYTES or len(maps.read_bytes().splitlines()) > 40_000:
         jax.clear_caches()
+        gc.collect()
+        with contextlib.suppress(AttributeError, OSError):  # another C library than GNU's
+            ctypes.CDLL(None).malloc_trim(0)  # which otherwise keeps most of what compilers freed
 
 
 settings.register_profile("glucoloop", deadline=None, derandomize=True)
