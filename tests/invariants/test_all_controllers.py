@@ -27,6 +27,7 @@ from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps import LimitedPump
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import linear_model, simulate
+from glucoloop.simulation.plant import Exogenous
 
 SCENARIO = Scenario([Meal(40.0, 32.0)], 200.0)
 SAMPLES, PEOPLE = 40, 3
@@ -79,12 +80,12 @@ def advance_by_minutes(rates, x):
 
 @pytree
 class MinutePlant:
-    """The patient and his meal, whose appearance is held over a sample."""
+    """The patient and his meal, whose appearance is held over a sample and stands where the moments would."""
 
     patient: Minimal
 
     def advance(self, x, insulin_mU_min, exogenous):
-        inputs = Observed(insulin_mU_min=insulin_mU_min, meal_mg_min=exogenous)
+        inputs = Observed(insulin_mU_min=insulin_mU_min, meal_mg_min=exogenous.moments)
         states = advance_by_minutes(lambda x: self.patient.derivative(0.0, x, inputs), x)
         return states[-1], states[:, 0]
 
@@ -98,7 +99,7 @@ class Observed:
 class Minutes:
     def prepare(self, patient, absorption, grid):
         rates = jax.vmap(lambda t: appearance_mg_min(t, absorption))(jnp.asarray(grid.t_min))
-        return MinutePlant(patient=patient), rates
+        return MinutePlant(patient=patient), Exogenous(t_min=jnp.asarray(grid.t_min), moments=rates)
 
 
 @pytree
@@ -166,6 +167,7 @@ def designed(variant):
         identified=IDENTIFIED,
         first=FirstOrderModel(gain=-2.0, tau_min=60.0, delay_min=10.0, residual_rms_mg_dl=0.0),
         basal_insulin_mU_min=25.0,
+        setpoint_mg_dl=float(PATIENT.setpoint_mg_dl),
         dead_time_samples=dead_time_samples,
     )
     return ENTRIES[name](**{**SETTINGS.get(name, {}), **own}).designed(design)
@@ -237,7 +239,7 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
         delivered = delivery.reported_mU_min
         np.testing.assert_allclose(delivered, trace.insulin_mU_min[k], rtol=1e-12, atol=1e-12)
         assert int(decision.status) == int(trace.status[k])
-        x, _ = advance(x, delivered, appearance_mg_min(5.0 * k, meal))
+        x, _ = advance(x, delivered, Exogenous(t_min=jnp.asarray(5.0 * k), moments=appearance_mg_min(5.0 * k, meal)))
 
 
 @pytest.mark.long

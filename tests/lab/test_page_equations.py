@@ -20,7 +20,7 @@ from glucoloop.simulation.plant import Exogenous
 from page_loops import run_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FAMILY = ("kanderian:Person1",)
+FAMILY = ("bergman:Minimal",)
 LINKS = [
     "#controller=pid&meals=60g@47min",
     "#controller=mpc&guard=usual&sensor=dexcom-g6&seed=2",
@@ -83,7 +83,7 @@ def test_a_run_of_a_family_of_the_page_is_that_of_glucoloop(family, link, in_nod
 def test_the_functions_of_equations_are_steps_of_the_explicit_integrator(page):
     _, of_page, data = page
     person = gl.patient(FAMILY[0])
-    plant = of_page["kanderian_Person1_plant"]
+    plant = of_page["bergman_Minimal_plant"]
     [family], steps = data["families"].values(), round(GRID.sample_time_min / data["families"][FAMILY[0]]["step_min"])
     x, step = np.asarray(person.steady_state(person.basal_insulin_mU_min))[:, None], Interpreter(plant.lowered)
     inside = []
@@ -92,7 +92,7 @@ def test_the_functions_of_equations_are_steps_of_the_explicit_integrator(page):
             person=np.zeros((0, 1)), carry=x, own=np.array([[40.0], [0.0], [0.0], [0.0]]), shared=np.zeros((1, 1))
         )
         inside += [outputs[1 + place, 0] for at, place in family["inside"] if at == number]
-    alone, _ = gl.Explicit().prepare(person, gl.meals.fasting(person.meal_model), GRID)
+    alone, _ = gl.Explicit().prepare(person, gl.meals.fasting(), GRID)
     there = Exogenous(t_min=np.zeros(()), moments=np.zeros((steps, 3)))
     end, expected = alone.advance(person.steady_state(person.basal_insulin_mU_min), np.asarray(40.0), there)
     np.testing.assert_allclose(x[:, 0], end, rtol=1e-12)

@@ -5,6 +5,7 @@ from typing import Any
 
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 
 
@@ -16,12 +17,17 @@ class Designed:
     identified: StepResponseModel
     first: FirstOrderModel
     basal_insulin_mU_min: float
+    setpoint_mg_dl: float = 81.3
     imagined: Any = None
     dead_time_samples: int = 0
     noise_variance: float = 1.45
     sample_time_min: float = 5.0
     limits: DoseLimits = PARKER_1999_LIMITS
     bolus: BolusLimits = USUAL_BOLUS_LIMITS
+
+    @property
+    def profile(self):
+        return Profile(basal_mU_min=self.basal_insulin_mU_min, setpoint_mg_dl=self.setpoint_mg_dl)
 
     def behind_lag(self, lag_min):
         assert not lag_min
