@@ -13,6 +13,7 @@ from glucoloop.control.settings import (
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
+    Oref0Settings,
     PIDSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
@@ -27,6 +28,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         IMCSettings,
         PIDSettings,
         BasalBolusSettings,
+        Oref0Settings,
         BasalSettings,
     ),
     example="mpc-se, move_horizon=2",

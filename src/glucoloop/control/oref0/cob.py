@@ -1,0 +1,124 @@
+"""Carbohydrate on board, by what glucose did beside insulin (``determine-basal/cob.js``, ``meal/total.js``).
+
+The deviation of a reading is its change less the change that insulin on board explains. Since a meal, each deviation
+is carbohydrate that was absorbed, of which at least ``min_5m_carbimpact`` is taken for granted.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree
+from glucoloop.control.oref0.records import DosingProfile, MealData
+from glucoloop.control.oref0.rounding import fixed, numbered, rounded, whole
+
+MEALS: Final = 72
+"""Samples of six hours, the time for which a meal counts."""
+DEVIATIONS: Final = MEALS - 2
+"""Deviations of that time. The original looks at none of the first two samples of a meal."""
+_SLOPES: Final = 7
+"""Mean deviations of half an hour, between which a slope is looked for."""
+_AVERAGED: Final = 3
+"""Samples of a mean change."""
+_LONGEST_GAP: Final = 48
+"""Samples between two readings across which glucose is interpolated, four hours."""
+_LEAST_CARBS_G: Final = 1.0
+
+
+@pytree
+class CarbAbsorption:
+    """Result of ``detectCarbAbsorption``."""
+
+    absorbed_g: jax.Array
+    """Carbohydrate that was absorbed since each sample ``(meals,)``."""
+    slope_from_max_deviation: jax.Array
+    slope_from_min_deviation: jax.Array
+
+
+def bucketed(glucose_mg_dl: jax.Array, new_mg_dl: jax.Array, gap: jax.Array) -> jax.Array:
+    """Glucose every 5 min with a new reading at its head, and a line across the samples without one before it.
+
+    `gap` is the number of samples since the reading before; between, `glucose_mg_dl` holds that reading.
+    """
+    row = jnp.concatenate([new_mg_dl[None], glucose_mg_dl[:-1]])
+    old = glucose_mg_dl[0]
+
+    def point(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        glucose, left = carry
+        glucose = glucose + 5.0 / jnp.maximum(left, 5.0) * (old - glucose)
+        return (glucose, left - 5.0), whole(glucose)
+
+    left = 5.0 * jnp.minimum(gap, float(_LONGEST_GAP))
+    _, line = jax.lax.scan(point, (new_mg_dl, left), None, length=_LONGEST_GAP - 1)
+    between = jnp.where(numbered(_LONGEST_GAP - 1, new_mg_dl, 1) < gap, line, row[1:_LONGEST_GAP])
+    return jnp.concatenate([row[:1], between, row[_LONGEST_GAP:]])
+
+
+def detect_carb_absorption(
+    glucose_mg_dl: jax.Array, activity_U_min: jax.Array, profile: DosingProfile
+) -> CarbAbsorption:
+    """Absorption since each sample, from glucose ``(deviations + 1,)`` and activity ``(deviations,)``, newest first."""
+    sens = jnp.asarray(profile.sens_mg_dl_U)
+    bgi = rounded(-activity_U_min * sens * 5.0, 2)
+    deviation = fixed(glucose_mg_dl[:-1] - glucose_mg_dl[1:] - bgi)
+    mean = fixed((glucose_mg_dl[:_SLOPES] - glucose_mg_dl[_AVERAGED : _SLOPES + _AVERAGED]) / 3.0)
+    mean_deviation = rounded(mean - bgi[:_SLOPES], 3)
+    current = mean_deviation[0]
+    impact = jnp.maximum(jnp.maximum(deviation, current / 2.0), profile.min_5m_carbimpact)
+    absorbed = impact * profile.carb_ratio_g_U / sens
+    largest, least = jnp.zeros_like(current), jnp.full_like(current, 999.0)
+    from_max, from_min = jnp.zeros_like(current), jnp.full_like(current, 999.0)
+    for i in range(1, _SLOPES):
+        then = mean_deviation[i]
+        slope = (then - current) / (-300_000.0 * i) * 1000.0 * 60.0 * 5.0
+        from_max = jnp.where(then > largest, jnp.minimum(0.0, slope), from_max)
+        from_min = jnp.where(then < least, jnp.maximum(0.0, slope), from_min)
+        largest, least = jnp.maximum(largest, then), jnp.minimum(least, then)
+    return CarbAbsorption(
+        absorbed_g=_sums(jnp.concatenate([jnp.zeros_like(absorbed[:2]), absorbed])),
+        slope_from_max_deviation=from_max,
+        slope_from_min_deviation=from_min,
+    )
+
+
+def _sums(values: jax.Array) -> jax.Array:
+    """Sums of all values up to each, added one after another."""
+
+    def add(total: jax.Array, value: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return total + value, total + value
+
+    return jax.lax.scan(add, jnp.zeros_like(values[0]), values)[1]
+
+
+def recent_carbs(
+    carbs_g: jax.Array, glucose_mg_dl: jax.Array, activity_U_min: jax.Array, profile: DosingProfile
+) -> MealData:
+    """``recentCarbs``: meals of the last six hours, from carbohydrate announced at each sample ``(meals,)``.
+
+    A meal that raises carbohydrate on board, with all that was eaten after it, counts; older ones do not.
+    """
+    found = detect_carb_absorption(glucose_mg_dl, activity_U_min, profile)
+    zero = jnp.zeros_like(carbs_g[0])
+
+    def meal(carry: tuple[jax.Array, ...], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
+        carbs, on_board, removed = carry
+        eaten, absorbed = row
+        counts = eaten >= _LEAST_CARBS_G
+        carbs = carbs + jnp.where(counts, eaten, 0.0)
+        own = jnp.maximum(0.0, carbs - absorbed)
+        on_board = jnp.where(counts, jnp.maximum(on_board, own), on_board)
+        removed = jnp.where(counts, jnp.where(own < on_board, removed + eaten, 0.0), removed)
+        return (carbs, on_board, removed), None
+
+    (carbs, on_board, removed), _ = jax.lax.scan(meal, (zero, zero, zero), (carbs_g, found.absorbed_g))
+    age = 5.0 * numbered(MEALS, zero)
+    return MealData(
+        carbs_g=rounded(carbs - removed, 3),
+        meal_cob_g=whole(jnp.minimum(profile.max_cob_g, on_board)),
+        slope_from_max_deviation=rounded(found.slope_from_max_deviation, 3),
+        slope_from_min_deviation=rounded(found.slope_from_min_deviation, 3),
+        last_carb_age_min=jnp.min(jnp.where(carbs_g >= _LEAST_CARBS_G, age, 5.0 * MEALS), axis=0),
+    )
