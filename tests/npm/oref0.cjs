@@ -1,4 +1,4 @@
-// Answers calls of the npm package oref0, one JSON line each: ["dose" | "iob" | "meal" | "glucose", arguments].
+// Answers calls of the npm package oref0, one JSON line each: [a name of `answers`, arguments].
 const readline = require("readline");
 const path = require("path");
 
@@ -10,14 +10,26 @@ const total = oref0("iob/total");
 const calculate = oref0("iob/calculate");
 const history = oref0("iob");
 const meal = oref0("meal/total");
+const detectCarbAbsorption = oref0("determine-basal/cob");
 const glucoseGetLast = oref0("glucose-get-last");
 
-const now = Date.UTC(2026, 0, 15, 12, 0, 0);
+const now = Date.UTC(2020, 0, 15, 12, 0, 0);
 const at = (minutesAgo) => new Date(now - minutesAgo * 60000);
 const tell = (text) => process.stdout.write(text);
 // The package talks on both streams; only answers belong here.
 process.stderr.write = () => true;
 console.log = console.error = () => {};
+
+const seen = (readings, profile) => {
+  const basalprofile = [{ i: 0, minutes: 0, rate: profile.current_basal }];
+  const isfProfile = { sensitivities: [{ offset: 0, sensitivity: profile.sens, endOffset: 1440 }] };
+  const glucose = readings.map(([ago, value]) => ({
+    date: at(ago).getTime(),
+    dateString: at(ago).toISOString(),
+    glucose: value,
+  }));
+  return { glucose, basalprofile, whose: { ...profile, isfProfile, basalprofile } };
+};
 
 const answers = {
   dose({ glucose, temp, iob, profile, meal: food, allowed }) {
@@ -52,14 +64,19 @@ const answers = {
   },
   // Readings [[minutes ago, mg/dl], ...], the newest first.
   glucose: ({ readings }) => glucoseGetLast(readings.map(([ago, glucose]) => ({ date: at(ago).getTime(), glucose }))),
-  meal({ readings, treatments, carbs, profile }) {
-    const glucose = readings.map(([ago, value]) => ({ dateString: at(ago).toISOString(), glucose: value }));
-    const boluses = treatments.map(([ago, amount]) => ({ _type: "Bolus", amount, timestamp: at(ago).toISOString() }));
+  // Meals [[minutes ago, g], ...].
+  meal({ readings, carbs, profile }) {
     const food = carbs.map(([ago, g]) => ({ carbs: g, nsCarbs: g, timestamp: at(ago).toISOString() }));
-    const basalprofile = [{ i: 0, minutes: 0, rate: profile.current_basal }];
-    const isfProfile = { sensitivities: [{ offset: 0, sensitivity: profile.sens, endOffset: 1440 }] };
-    const whose = { ...profile, isfProfile, basalprofile };
-    return meal({ treatments: food, profile: whose, pumphistory: boluses, glucose, basalprofile }, at(0));
+    const { glucose, basalprofile, whose } = seen(readings, profile);
+    return meal({ treatments: food, profile: whose, pumphistory: [], glucose, basalprofile }, at(0));
+  },
+  // Carbohydrate that was absorbed since a meal, and how deviations change if that is asked for.
+  absorption({ readings, treatments, profile, since, now: changes }) {
+    const { glucose, basalprofile, whose } = seen(readings, profile);
+    const boluses = treatments.map(([ago, amount]) => ({ _type: "Bolus", amount, timestamp: at(ago).toISOString() }));
+    const iobInputs = { profile: whose, history: boluses };
+    const inputs = { glucose_data: glucose, iob_inputs: iobInputs, basalprofile, mealTime: at(since).getTime() };
+    return detectCarbAbsorption(changes ? { ...inputs, ciTime: now } : inputs);
   },
 };
 

@@ -2,6 +2,10 @@
 
 The deviation of a reading is its change less the change that insulin on board explains. Since a meal, each deviation
 is carbohydrate that was absorbed, of which at least ``min_5m_carbimpact`` is taken for granted.
+
+In two things this is not the original. Across a gap between readings it leaves out the older one of the two, so that
+all that is older moves by 5 min; here all stays in place. And where it looks at a second meal, or at the slopes, it
+forgets insulin that is newer than the oldest reading of the meal before; here none is forgotten.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ _AVERAGED: Final = 3
 """Samples of a mean change."""
 _LONGEST_GAP: Final = 48
 """Samples between two readings across which glucose is interpolated, four hours."""
+_SAMPLES_PER_H: Final = 12
 _LEAST_CARBS_G: Final = 1.0
 
 
@@ -33,7 +38,7 @@ class CarbAbsorption:
     """Result of ``detectCarbAbsorption``."""
 
     absorbed_g: jax.Array
-    """Carbohydrate that was absorbed since each sample ``(meals,)``."""
+    """Carbohydrate that was absorbed from one sample to the next ``(meals,)``, and none at the newest two."""
     slope_from_max_deviation: jax.Array
     slope_from_min_deviation: jax.Array
 
@@ -44,23 +49,16 @@ def bucketed(glucose_mg_dl: jax.Array, new_mg_dl: jax.Array, gap: jax.Array) -> 
     `gap` is the number of samples since the reading before; between, `glucose_mg_dl` holds that reading.
     """
     row = jnp.concatenate([new_mg_dl[None], glucose_mg_dl[:-1]])
-    old = glucose_mg_dl[0]
-
-    def point(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
-        glucose, left = carry
-        glucose = glucose + 5.0 / jnp.maximum(left, 5.0) * (old - glucose)
-        return (glucose, left - 5.0), whole(glucose)
-
-    left = 5.0 * jnp.minimum(gap, float(_LONGEST_GAP))
-    _, line = jax.lax.scan(point, (new_mg_dl, left), None, length=_LONGEST_GAP - 1)
-    between = jnp.where(numbered(_LONGEST_GAP - 1, new_mg_dl, 1) < gap, line, row[1:_LONGEST_GAP])
-    return jnp.concatenate([row[:1], between, row[_LONGEST_GAP:]])
+    number = numbered(_LONGEST_GAP, new_mg_dl)
+    line = whole(new_mg_dl + (glucose_mg_dl[0] - new_mg_dl) * (number / gap))
+    between = (number > 0.0) & (number < gap)
+    return jnp.concatenate([jnp.where(between, line, row[:_LONGEST_GAP]), row[_LONGEST_GAP:]])
 
 
 def detect_carb_absorption(
     glucose_mg_dl: jax.Array, activity_U_min: jax.Array, profile: DosingProfile
 ) -> CarbAbsorption:
-    """Absorption since each sample, from glucose ``(deviations + 1,)`` and activity ``(deviations,)``, newest first."""
+    """Absorption at each sample, from glucose ``(deviations + 1,)`` and activity ``(deviations,)``, newest first."""
     sens = jnp.asarray(profile.sens_mg_dl_U)
     bgi = rounded(-activity_U_min * sens * 5.0, 2)
     deviation = fixed(glucose_mg_dl[:-1] - glucose_mg_dl[1:] - bgi)
@@ -78,19 +76,10 @@ def detect_carb_absorption(
         from_min = jnp.where(then < least, jnp.maximum(0.0, slope), from_min)
         largest, least = jnp.maximum(largest, then), jnp.minimum(least, then)
     return CarbAbsorption(
-        absorbed_g=_sums(jnp.concatenate([jnp.zeros_like(absorbed[:2]), absorbed])),
+        absorbed_g=jnp.concatenate([jnp.zeros_like(absorbed[:2]), absorbed]),
         slope_from_max_deviation=from_max,
         slope_from_min_deviation=from_min,
     )
-
-
-def _sums(values: jax.Array) -> jax.Array:
-    """Sums of all values up to each, added one after another."""
-
-    def add(total: jax.Array, value: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return total + value, total + value
-
-    return jax.lax.scan(add, jnp.zeros_like(values[0]), values)[1]
 
 
 def recent_carbs(
@@ -103,17 +92,22 @@ def recent_carbs(
     found = detect_carb_absorption(glucose_mg_dl, activity_U_min, profile)
     zero = jnp.zeros_like(carbs_g[0])
 
-    def meal(carry: tuple[jax.Array, ...], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
-        carbs, on_board, removed = carry
-        eaten, absorbed = row
+    def sample(carry: tuple[jax.Array, ...], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
+        carbs, on_board, removed, absorbed = carry
+        eaten, absorbed = row[0], absorbed + row[1]
         counts = eaten >= _LEAST_CARBS_G
         carbs = carbs + jnp.where(counts, eaten, 0.0)
         own = jnp.maximum(0.0, carbs - absorbed)
         on_board = jnp.where(counts, jnp.maximum(on_board, own), on_board)
         removed = jnp.where(counts, jnp.where(own < on_board, removed + eaten, 0.0), removed)
-        return (carbs, on_board, removed), None
+        return (carbs, on_board, removed, absorbed), None
 
-    (carbs, on_board, removed), _ = jax.lax.scan(meal, (zero, zero, zero), (carbs_g, found.absorbed_g))
+    def hour(carry: tuple[jax.Array, ...], rows: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
+        return jax.lax.scan(sample, carry, rows)
+
+    # Hour by hour, since native code takes no loop of over 64 rounds.
+    by_hour = jax.tree.map(lambda row: row.reshape(-1, _SAMPLES_PER_H, *zero.shape), (carbs_g, found.absorbed_g))
+    (carbs, on_board, removed, _), _ = jax.lax.scan(hour, (zero,) * 4, by_hour)
     age = 5.0 * numbered(MEALS, zero)
     return MealData(
         carbs_g=rounded(carbs - removed, 3),
