@@ -31,6 +31,8 @@ _LONGEST_GAP: Final = 48
 """Samples between two readings across which glucose is interpolated, four hours."""
 _SAMPLES_PER_H: Final = 12
 _LEAST_CARBS_G: Final = 1.0
+_Fold = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+"""Carbohydrate so far, the largest that is on board, what is older and not, and what was absorbed [g]."""
 
 
 @pytree
@@ -92,7 +94,7 @@ def recent_carbs(
     found = detect_carb_absorption(glucose_mg_dl, activity_U_min, profile)
     zero = jnp.zeros_like(carbs_g[0])
 
-    def sample(carry: tuple[jax.Array, ...], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
+    def sample(carry: _Fold, row: tuple[jax.Array, jax.Array]) -> tuple[_Fold, None]:
         carbs, on_board, removed, absorbed = carry
         eaten, absorbed = row[0], absorbed + row[1]
         counts = eaten >= _LEAST_CARBS_G
@@ -102,12 +104,12 @@ def recent_carbs(
         removed = jnp.where(counts, jnp.where(own < on_board, removed + eaten, 0.0), removed)
         return (carbs, on_board, removed, absorbed), None
 
-    def hour(carry: tuple[jax.Array, ...], rows: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, ...], None]:
+    def hour(carry: _Fold, rows: tuple[jax.Array, jax.Array]) -> tuple[_Fold, None]:
         return jax.lax.scan(sample, carry, rows)
 
     # Hour by hour, since native code takes no loop of over 64 rounds.
     by_hour = jax.tree.map(lambda row: row.reshape(-1, _SAMPLES_PER_H, *zero.shape), (carbs_g, found.absorbed_g))
-    (carbs, on_board, removed, _), _ = jax.lax.scan(hour, (zero,) * 4, by_hour)
+    (carbs, on_board, removed, _), _ = jax.lax.scan(hour, (zero, zero, zero, zero), by_hour)
     age = 5.0 * numbered(MEALS, zero)
     return MealData(
         carbs_g=rounded(carbs - removed, 3),

@@ -212,7 +212,7 @@ def _dosing(profile: Profile, settings: Oref0Settings, limits: DoseLimits) -> Do
         most = jnp.minimum(most, settings.max_basal_mU_min)
     preferences = {
         field.name: getattr(settings, field.name)
-        for field in dataclasses.fields(DosingProfile)  # type: ignore[arg-type]
+        for field in dataclasses.fields(DosingProfile)
         if field.default is not dataclasses.MISSING and field.name != "max_iob_U"
     }
     return DosingProfile(

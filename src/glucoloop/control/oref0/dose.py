@@ -28,7 +28,7 @@ from glucoloop.control.oref0.set_temp import asked, max_safe_basal, round_basal,
 
 @pytree
 class _Situation:
-    """What all parts of the decision look at."""
+    """Arguments of the decision and what follows from them."""
 
     glucose: GlucoseStatus
     temp: TempBasal
@@ -42,7 +42,7 @@ class _Situation:
     ahead: Forecast
 
     def set(self, rate: jax.Array | float, duration: jax.Array | float = 30.0) -> Suggestion:
-        """``setTempBasal``."""
+        """Ask for a rate by ``setTempBasal``."""
         return set_temp_basal(rate, duration, self.profile, self.temp)
 
     def neutral(self) -> Suggestion:
@@ -151,7 +151,7 @@ def _without_reading(seen: _Situation) -> Suggestion:
 
 
 def _suspend(seen: _Situation) -> Suggestion:
-    """No insulin for 30 to 120 min, since glucose is low or will be."""
+    """Rate of 0 for 30 to 120 min, since glucose is low or will be."""
     minutes = whole(seen.minutes_without(seen.target_bg - seen.ahead.min_guard_bg) / 30.0) * 30.0
     return seen.set(0.0, jnp.clip(minutes, 30.0, 120.0))
 

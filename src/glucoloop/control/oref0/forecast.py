@@ -51,7 +51,7 @@ class Effects:
 
 @pytree
 class Forecast:
-    """What dosing takes from the four lines."""
+    """Numbers that dosing takes from the four lines."""
 
     eventual_bg: jax.Array
     min_pred_bg: jax.Array

@@ -40,7 +40,7 @@ class InsulinOnBoard:
 
     iob_U: jax.Array
     activity_U_min: jax.Array
-    """Activity now."""
+    """Insulin activity of this moment."""
     ahead_U_min: jax.Array
     """Activity of each tick, of which the first is now."""
     zero_temp_ahead_U_min: jax.Array
