@@ -143,6 +143,7 @@ def test_a_day_of_doses_is_that_of_the_package(announced):
 # ------------------------------------------------------------------------------------------- person and pump
 
 
+@pytest.mark.long
 def test_a_person_gives_the_bolus_of_a_meal_by_the_ratio_or_a_part_of_it_or_none():
     for share, expected in ((1.0, 5000.0), (0.5, 2500.0), (0.0, 0.0)):
         controller = design_oref0(PERSON, Oref0Settings(meal_bolus=share), WIDE)
@@ -176,6 +177,7 @@ def test_settings_that_are_given_stand_above_the_profile_of_a_person():
     assert [float(settled[name]) for name in ("carb_ratio_g_U", "correction_mg_dl_U", "max_iob_U")] == [7.0, 30.0, 3.0]
 
 
+@pytest.mark.long
 def test_high_glucose_brings_microboluses_and_low_glucose_stops_insulin():
     controller = design_oref0(PERSON, Oref0Settings(), WIDE)
     rising = followed(controller, 140.0 + 3.0 * np.arange(8.0), np.zeros(8))[0]

@@ -27,8 +27,6 @@ _SLOPES: Final = 7
 """Mean deviations of half an hour, between which a slope is looked for."""
 _AVERAGED: Final = 3
 """Samples of a mean change."""
-_LONGEST_GAP: Final = 48
-"""Samples between two readings across which glucose is interpolated, four hours."""
 _SAMPLES_PER_H: Final = 12
 _LEAST_CARBS_G: Final = 1.0
 _Fold = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
@@ -51,10 +49,9 @@ def bucketed(glucose_mg_dl: jax.Array, new_mg_dl: jax.Array, gap: jax.Array) -> 
     `gap` is the number of samples since the reading before; between, `glucose_mg_dl` holds that reading.
     """
     row = jnp.concatenate([new_mg_dl[None], glucose_mg_dl[:-1]])
-    number = numbered(_LONGEST_GAP, new_mg_dl)
+    number = numbered(len(row), new_mg_dl)
     line = whole(new_mg_dl + (glucose_mg_dl[0] - new_mg_dl) * (number / gap))
-    between = (number > 0.0) & (number < gap)
-    return jnp.concatenate([jnp.where(between, line, row[:_LONGEST_GAP]), row[_LONGEST_GAP:]])
+    return jnp.where((number > 0.0) & (number < gap), line, row)
 
 
 def detect_carb_absorption(

@@ -168,7 +168,7 @@ class Oref0:
             activity_U_min=activity,
             insulin_U=insulin,
             carbs_g=eaten,
-            gap=jnp.where(known, zero + 1.0, jnp.minimum(state.gap + 1.0, float(DEVIATIONS))),
+            gap=jnp.where(known, zero + 1.0, jnp.minimum(state.gap + 1.0, DEVIATIONS + 1.0)),
             temp=temp,
             since_bolus_min=jnp.where(bolus > 0.0, 0.0, waited),
             asked_mU_min=decision.insulin_mU_min,

@@ -83,6 +83,22 @@ def effects_now(glucose: GlucoseStatus, iob: InsulinOnBoard, profile: DosingProf
     )
 
 
+@pytree
+class Lines:
+    """Predicted glucose ``(ticks + 1,)`` of each line, the reading first."""
+
+    iob: jax.Array
+    cob: jax.Array
+    uam: jax.Array
+    zt: jax.Array
+    fed: jax.Array
+    """Whether carbohydrate on board appears in the line of COB."""
+    rises: jax.Array
+    """Whether glucose rises now beyond what insulin explains, or will by carbohydrate."""
+    last_iob: jax.Array
+    """Last point of the line of IOB."""
+
+
 def forecast(
     glucose: GlucoseStatus,
     iob: InsulinOnBoard,
@@ -94,81 +110,80 @@ def forecast(
     threshold: jax.Array,
 ) -> Forecast:
     """Predict glucose, and reduce the four lines to the numbers by which insulin is dosed."""
-    bg, ticks = glucose.glucose_mg_dl, iob.ahead_U_min.shape[0]
-    uam = jnp.asarray(profile.enable_uam)
-    uci = rounded(now.min_delta - now.bgi, 1)
-    ci = jnp.minimum(uci, rounded(_MAX_ABSORPTION_G_H * now.csf * 5.0 / 60.0, 1))
-    hours, peak, duration = _remaining_carbs(ci, meal, profile, now.csf)
-    slope = jnp.minimum(rounded(meal.slope_from_max_deviation, 2), -rounded(meal.slope_from_min_deviation, 2) / 3.0)
-
-    n = numbered(ticks, bg, 1)
-    bgi = rounded(-iob.ahead_U_min * now.sens * 5.0, 2)
-    zt_bgi = rounded(-iob.zero_temp_ahead_U_min * now.sens * 5.0, 2)
-    dev = ci * (1.0 - jnp.minimum(1.0, n / 12.0))
-    pred_ci = jnp.maximum(0.0, jnp.maximum(0.0, ci) * (1.0 - n / jnp.maximum(duration * 2.0, 1.0)))
-    intervals = jnp.minimum(n, hours * 12.0 - n)
-    remaining_ci = jnp.maximum(0.0, intervals / (hours / 2.0 * 12.0) * peak)
-    pred_uci = jnp.minimum(jnp.maximum(0.0, uci + n * slope), jnp.maximum(0.0, uci * (1.0 - n / 36.0)))
-    falls = jnp.minimum(0.0, dev)
-
-    iob_bg = _line(bg, (bgi, dev))
-    zt_bg = _line(bg, (zt_bgi,))
-    cob_bg = _line(bg, (bgi, falls, pred_ci, remaining_ci))
-    uam_bg = _line(bg, (bgi, falls, pred_uci))
-
-    fed = (duration != 0.0) | (peak > 0.0)
-    min_iob = jnp.maximum(_LOWEST, _least(iob_bg, _INSULIN_PEAK))
-    min_cob = jnp.maximum(_LOWEST, jnp.where(fed, _least(cob_bg, _INSULIN_PEAK), _NONE))
-    min_uam = jnp.maximum(_LOWEST, jnp.where(uam, _least(uam_bg, _UAM_WAIT), _NONE))
-    guard_zt, guard_cob, guard_uam = _least(zt_bg), _least(cob_bg), _least(uam_bg)
-
-    rises = (ci > 0.0) | (peak > 0.0)
-    with_carbs = (meal.meal_cob_g > 0.0) & rises
-    eventual = now.eventual_bg
-    eventual = jnp.where(with_carbs, jnp.maximum(eventual, _shown(cob_bg)[-1]), eventual)
-    eventual = jnp.where(rises & uam, jnp.maximum(eventual, _shown(uam_bg)[-1]), eventual)
-
-    last_iob = iob_bg[-1] if ticks else now.eventual_bg
+    bg, uam = glucose.glucose_mg_dl, jnp.asarray(profile.enable_uam)
+    lines = predicted(bg, iob, meal, profile, now)
     left = meal.meal_cob_g / jnp.where(meal.carbs_g > 0.0, meal.carbs_g, 1.0)  # fractionCarbsLeft
-    has_cob, has_uam = min_cob < _NONE, min_uam < _NONE
-    avg = jnp.where(
-        has_cob,
-        jnp.where(has_uam, (1.0 - left) * uam_bg[-1] + left * cob_bg[-1], (last_iob + cob_bg[-1]) / 2.0),
-        jnp.where(has_uam, (last_iob + uam_bg[-1]) / 2.0, last_iob),
+    guard_zt, guard_cob, guard_uam = _least(lines.zt), _least(lines.cob), _least(lines.uam)
+    min_guard = jnp.where(
+        lines.fed,
+        jnp.where(uam, left * guard_cob + (1.0 - left) * guard_uam, guard_cob),
+        jnp.where(uam, guard_uam, _least(lines.iob)),
     )
-    avg = jnp.maximum(whole(avg), guard_zt)
-    blended_guard = left * guard_cob + (1.0 - left) * guard_uam
-    min_guard = whole(
-        jnp.where(
-            fed,
-            jnp.where(uam, blended_guard, guard_cob),
-            jnp.where(uam, guard_uam, _least(iob_bg)),
-        )
-    )
+    min_iob = jnp.maximum(_LOWEST, _least(lines.iob, _INSULIN_PEAK))
+    min_cob = jnp.maximum(_LOWEST, jnp.where(lines.fed, _least(lines.cob, _INSULIN_PEAK), _NONE))
+    min_uam = jnp.maximum(_LOWEST, jnp.where(uam, _least(lines.uam, _UAM_WAIT), _NONE))
     min_zt_uam = _between_uam_and_zt(min_uam, guard_zt, target_bg, threshold)
-    most = jnp.maximum(min_iob, min_cob)
-    blended = left * min_cob + (1.0 - left) * min_zt_uam
+    has_cob, has_uam = min_cob < _NONE, min_uam < _NONE
+    least = jnp.maximum(min_iob, min_cob)
+    blended = left * min_cob + (1.0 - left) * min_zt_uam  # blendedMinPredBG
     min_pred = jnp.where(
         meal.carbs_g > 0.0,
         jnp.where(
             has_cob,
-            whole(jnp.where(uam, jnp.maximum(most, blended), most)),
-            jnp.where(uam, min_zt_uam, min_guard),
+            whole(jnp.where(uam, jnp.maximum(least, blended), least)),
+            jnp.where(uam, min_zt_uam, whole(min_guard)),
         ),
-        jnp.where(uam, whole(jnp.maximum(min_iob, min_zt_uam)), whole(min_iob)),
+        jnp.where(uam, jnp.maximum(min_iob, min_zt_uam), min_iob),
     )
-    min_pred = jnp.minimum(min_pred, avg)
-    max_cob = jnp.where(fed, _last_above(cob_bg, iob_bg), bg)
+    average = jnp.where(
+        has_cob,
+        jnp.where(has_uam, (1.0 - left) * lines.uam[-1] + left * lines.cob[-1], (lines.last_iob + lines.cob[-1]) / 2.0),
+        jnp.where(has_uam, (lines.last_iob + lines.uam[-1]) / 2.0, lines.last_iob),
+    )
+    min_pred = jnp.minimum(min_pred, jnp.maximum(whole(average), guard_zt))
+    max_cob = jnp.where(lines.fed, _last_above(lines.cob, lines.iob), bg)
     min_pred = jnp.where(max_cob > bg, jnp.minimum(min_pred, max_cob), min_pred)
 
-    shown = jnp.where(with_carbs, _shown(cob_bg), _shown(iob_bg))
-    minutes = 5.0 * numbered(shown.shape[0], bg)
+    with_carbs = (meal.meal_cob_g > 0.0) & lines.rises
+    eventual = now.eventual_bg
+    for holds, line in ((with_carbs, lines.cob), (lines.rises & uam, lines.uam)):
+        eventual = jnp.where(holds, jnp.maximum(eventual, _shown(line)[-1]), eventual)
+    shown = jnp.where(with_carbs, _shown(lines.cob), _shown(lines.iob))
+    minutes = 5.0 * numbered(len(shown), bg)
     return Forecast(
         eventual_bg=eventual,
         min_pred_bg=min_pred,
         min_iob_pred_bg=min_iob,
-        min_guard_bg=min_guard,
+        min_guard_bg=whole(min_guard),
         minutes_above_threshold=jnp.min(jnp.where(shown < threshold, minutes, 240.0), axis=0),
+    )
+
+
+def predicted(bg: jax.Array, iob: InsulinOnBoard, meal: MealData, profile: DosingProfile, now: Effects) -> Lines:
+    """``predBGs``: the four lines, before they are rounded and cut to the range of a sensor."""
+    ticks = len(iob.ahead_U_min)
+    n = numbered(ticks, bg, 1)
+    uci = rounded(now.min_delta - now.bgi, 1)
+    ci = jnp.minimum(uci, rounded(_MAX_ABSORPTION_G_H * now.csf * 5.0 / 60.0, 1))
+    hours, peak, duration = _remaining_carbs(ci, meal, profile, now.csf)
+    bgi = rounded(-iob.ahead_U_min * now.sens * 5.0, 2)
+    zt_bgi = rounded(-iob.zero_temp_ahead_U_min * now.sens * 5.0, 2)
+    dev = ci * (1.0 - jnp.minimum(1.0, n / 12.0))
+    falls = jnp.minimum(0.0, dev)
+    pred_ci = jnp.maximum(0.0, jnp.maximum(0.0, ci) * (1.0 - n / jnp.maximum(duration * 2.0, 1.0)))
+    intervals = jnp.minimum(n, hours * 12.0 - n)
+    remaining_ci = jnp.maximum(0.0, intervals / (hours / 2.0 * 12.0) * peak)
+    slope = jnp.minimum(rounded(meal.slope_from_max_deviation, 2), -rounded(meal.slope_from_min_deviation, 2) / 3.0)
+    pred_uci = jnp.minimum(jnp.maximum(0.0, uci + n * slope), jnp.maximum(0.0, uci * (1.0 - n / 36.0)))
+    iob_line = _line(bg, (bgi, dev))
+    return Lines(
+        iob=iob_line,
+        cob=_line(bg, (bgi, falls, pred_ci, remaining_ci)),
+        uam=_line(bg, (bgi, falls, pred_uci)),
+        zt=_line(bg, (zt_bgi,)),
+        fed=(duration != 0.0) | (peak > 0.0),
+        rises=(ci > 0.0) | (peak > 0.0),
+        last_iob=iob_line[-1] if ticks else now.eventual_bg,
     )
 
 
