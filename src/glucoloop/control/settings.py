@@ -429,17 +429,19 @@ class Oref0Settings(ControllerPart, name="oref0"):
     ] = 4.0
     enable_uam: Annotated[bool, About("Whether meals that nobody announced are forecast.")] = True
     enable_smb_always: Annotated[bool, About("Whether microboluses are given at any time.")] = True
-    enable_smb_with_cob: Annotated[bool, About("Whether they are given with carbohydrate on board.")] = False
-    enable_smb_after_carbs: Annotated[bool, About("Whether they are given for six hours after a meal.")] = False
-    enable_smb_high_bg: Annotated[bool, About("Whether they are given while glucose is high.")] = False
+    enable_smb_with_cob: Annotated[bool, About("Whether microboluses are given with carbohydrate on board.")] = False
+    enable_smb_after_carbs: Annotated[bool, About("Whether microboluses are given for six hours after a meal.")] = False
+    enable_smb_high_bg: Annotated[bool, About("Whether microboluses are given while glucose is high.")] = False
     enable_smb_high_bg_target_mg_dl: Annotated[
-        float, About("Glucose from which that counts as high.", above=0.0, quantity=GLUCOSE_BOUND)
+        float, About("Glucose from which enable_smb_high_bg takes it for high.", above=0.0, quantity=GLUCOSE_BOUND)
     ] = 110.0
-    max_smb_basal_min: Annotated[
-        float, About("Largest microbolus for carbohydrate on board, in minutes of the basal rate.", above=0.0)
-    ] = 30.0
+    max_smb_basal_min: Annotated[float, About("Largest microbolus, in minutes of the basal rate.", above=0.0)] = 30.0
     max_uam_smb_basal_min: Annotated[
-        float, About("Largest microbolus beyond that, in minutes of the basal rate.", above=0.0)
+        float,
+        About(
+            "Largest microbolus where insulin on board covers the carbohydrate, in minutes of the basal rate.",
+            above=0.0,
+        ),
     ] = 30.0
     smb_interval_min: Annotated[
         float, About("Least time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
