@@ -23,6 +23,8 @@ from .pid import PID as PID
 from .pid import PIDTuning as PIDTuning
 from .pid import design_pid as design_pid
 from .pid import internal_model_tuning as internal_model_tuning
+from .pid_ifb import PIDIFB as PIDIFB
+from .pid_ifb import design_pid_ifb as design_pid_ifb
 from .protocol import Controller as Controller
 from .protocol import Decision as Decision
 from .protocol import Observation as Observation

@@ -13,6 +13,7 @@ from glucoloop.control.settings import (
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
+    PIDIFBSettings,
     PIDSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
@@ -26,6 +27,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         MealMPCSettings,
         IMCSettings,
         PIDSettings,
+        PIDIFBSettings,
         BasalBolusSettings,
         BasalSettings,
     ),

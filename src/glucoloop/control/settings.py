@@ -330,6 +330,44 @@ class PIDSettings(ControllerPart, name="pid"):
     step_mU_min: FittedStep = 0.0
 
 
+CarbRatio = Annotated[
+    float,
+    About(
+        "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
+        at_least=0.0,
+        quantity=CARB_RATIO,
+    ),
+]
+CorrectionFactor = Annotated[
+    float,
+    About(
+        "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
+        at_least=0.0,
+        quantity=CORRECTION,
+    ),
+]
+
+
+class PIDIFBSettings(ControllerPart, name="pid-ifb"):
+    """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
+
+    design: ClassVar = "glucoloop.control.pid_ifb:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    gives_boluses: ClassVar = True
+
+    gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes.", above=0.0)] = 450.0
+    derivative_time_min: Annotated[float, About("Derivative time T_D, in minutes.", above=0.0)] = 90.0
+    feedback: Annotated[
+        float, About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0)
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    meal_share: Annotated[
+        float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+    ] = 1.0
+
+
 class BasalBolusSettings(ControllerPart, name="basal-bolus"):
     """Basal rate, and boluses for announced meals and against high glucose, by the usual formula."""
 
@@ -338,22 +376,8 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
     individual: ClassVar = "glucoloop.experiments.individual:by_profile"
     gives_boluses: ClassVar = True
 
-    carb_ratio_g_U: Annotated[
-        float,
-        About(
-            "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
-            at_least=0.0,
-            quantity=CARB_RATIO,
-        ),
-    ] = 0.0
-    correction_mg_dl_U: Annotated[
-        float,
-        About(
-            "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
-            at_least=0.0,
-            quantity=CORRECTION,
-        ),
-    ] = 0.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
     insulin_on_board_min: Annotated[
         float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0, quantity=ACTION_TIME)
     ] = 300.0
