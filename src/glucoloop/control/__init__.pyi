@@ -8,6 +8,8 @@ from .imc import IMC as IMC
 from .imc import design_imc as design_imc
 from .linear_mpc import LinearMPC as LinearMPC
 from .linear_mpc import design_linear_mpc as design_linear_mpc
+from .loop_like import LoopLike as LoopLike
+from .loop_like import design_loop_like as design_loop_like
 from .meal_mpc import MealMPC as MealMPC
 from .meal_mpc import design_meal_mpc as design_meal_mpc
 from .mpc_se import MPCSE as MPCSE
