@@ -23,10 +23,10 @@ from glucoloop.arguments import checked, is_traced
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
-from glucoloop.control.insulin_action import INSULINS, insulin_left
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import LoopLikeSettings
 from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.insulin_action import INSULINS, insulin_left
 from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
@@ -311,12 +311,10 @@ class LoopLike:
 
     def _slope(self, state: LoopLikeState) -> jax.Array:
         """Slope of the valid readings in a row, by least squares [mg/dl/min]."""
-        times = -self.sample_time_min * np.arange(float(self._slope_readings))
-        counts = _column(np.arange(float(self._slope_readings)), state.in_a_row) < state.in_a_row
-        weight = jnp.where(counts, 1.0, 0.0)
-        number = jnp.maximum(jnp.sum(weight, axis=0), 1.0)
-        t = _column(times, state.in_a_row)
-        t = weight * (t - jnp.sum(weight * t, axis=0) / number)
+        order = np.arange(float(self._slope_readings))
+        weight = jnp.where(_column(order, state.in_a_row) < state.in_a_row, 1.0, 0.0)
+        t = _column(-self.sample_time_min * order, state.in_a_row)
+        t = weight * (t - jnp.sum(weight * t, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
         slope = jnp.sum(t * state.readings_mg_dl, axis=0) / jnp.maximum(jnp.sum(t * t, axis=0), 1e-9)
         return jnp.minimum(slope, MOST_RISE_MG_DL_MIN)
 
@@ -391,7 +389,7 @@ def design_loop_like(
     dosing : str
         ``"automatic-bolus"`` or ``"temporary-basal"``.
     insulin : str
-        Kind of insulin whose course of action is assumed, of `control.insulin_action.INSULINS`.
+        Kind of insulin whose course of action is assumed, of `insulin_action.INSULINS`.
     carb_ratio_g_U, correction_mg_dl_U : float, optional
         In place of those of the profile.
     range_mg_dl : float

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.faults import Least, Step
 from glucoloop.parts.catalogue import Catalogue
@@ -122,9 +122,32 @@ class InfusionSetSettings(PumpPart, name="infusion-set"):
                 )
 
 
+class PenSettings(PumpPart, name="pen"):
+    """Pens: the basal rate is injected as long-acting insulin, and boluses in steps of half a unit."""
+
+    make: ClassVar = "glucoloop.pumps:pen"
+    limits: ClassVar = {"bolus_step_U": 0.5, "min_bolus_U": 0.5}
+    insulin: Annotated[Literal["glargine", "glargine-u300", "detemir", "degludec"], About("Long-acting insulin.")] = (
+        "glargine"
+    )
+    injections: Annotated[int, About("Injections of it a day, at even distances.", at_least=1, at_most=4)] = 1
+    at_min: Annotated[
+        float,
+        About("Time of one of the daily injections, from the start; 22h.", at_least=0.0, below=MIN_PER_DAY),
+    ] = 1320.0
+    dose_step_U: Annotated[
+        float,
+        About("Step to which a long-acting dose is rounded.", above=0.0, at_most=10.0, quantity=BOLUS_STEP),
+    ] = 0.5
+    dose_U_kg: Annotated[
+        float,
+        About("Daily dose in U for each kg, from which the duration of the action follows.", above=0.0, at_most=3.0),
+    ] = 0.25
+
+
 PUMPS: Final = Catalogue(
     PumpPart,
-    (LimitedSettings, ResolutionPumpSettings, ExpiringSettings, InfusionSetSettings),
+    (LimitedSettings, ResolutionPumpSettings, ExpiringSettings, InfusionSetSettings, PenSettings),
     example="expiring, samples=3",
     unnamed=True,
 )
