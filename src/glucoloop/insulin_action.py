@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 
-class Insulin(NamedTuple):
+class RapidInsulin(NamedTuple):
     """Times of a kind of insulin, in minutes."""
 
     action_min: float
@@ -25,10 +25,10 @@ class Insulin(NamedTuple):
 
 
 INSULINS: Final = {
-    "rapid-adult": Insulin(360.0, 75.0, 10.0),
-    "rapid-child": Insulin(360.0, 65.0, 10.0),
-    "fiasp": Insulin(360.0, 55.0, 10.0),
-    "lyumjev": Insulin(360.0, 55.0, 10.0),
+    "rapid-adult": RapidInsulin(360.0, 75.0, 10.0),
+    "rapid-child": RapidInsulin(360.0, 65.0, 10.0),
+    "fiasp": RapidInsulin(360.0, 55.0, 10.0),
+    "lyumjev": RapidInsulin(360.0, 55.0, 10.0),
 }
 """Insulins under the skin by name, of LoopKit's `ExponentialInsulinModelPreset`."""
 

@@ -100,7 +100,7 @@ class Meals:
         )
 
     def progress(self, longest_min: jax.Array | float) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Where each meal is on its course, the length of the course [min], and whether its absorption is seen.
+        """Place of each meal on its course, the length of the course [min], and whether its absorption is seen.
 
         A meal goes on from where it was seen, as fast as the model does. One that is seen less than the slowest
         absorption has at least that.
@@ -116,7 +116,7 @@ class Meals:
 
 @pytree
 class LoopLikeState:
-    """What is known of readings, insulin and meals."""
+    """State of the controller: readings, insulin that is still to act, and meals."""
 
     readings_mg_dl: jax.Array
     """(readings, ...) readings from which the slope is taken, the newest first; forecast where they are missing."""
@@ -304,8 +304,8 @@ class LoopLike:
         effects = insulin + carbs + _column(fades, velocity) * velocity
         points = math.floor(MOMENTUM_MIN / T + 1e-9)
         if points >= _READINGS - 1:
-            split = np.clip((points - np.arange(1.0, n + 1.0)) / (points - 1), 0.0, 1.0)
-            split = _column(split, velocity) * (state.in_a_row >= _READINGS)
+            share = np.clip((points - np.arange(1.0, n + 1.0)) / (points - 1), 0.0, 1.0)
+            split = _column(share, velocity) * (state.in_a_row >= _READINGS)
             effects = (1.0 - split) * effects + split * T * self._slope(state)
         return jnp.concatenate([glucose[None], glucose + jnp.cumsum(effects, axis=0)])
 
@@ -313,8 +313,8 @@ class LoopLike:
         """Slope of the valid readings in a row, by least squares [mg/dl/min]."""
         order = np.arange(float(self._slope_readings))
         weight = jnp.where(_column(order, state.in_a_row) < state.in_a_row, 1.0, 0.0)
-        t = _column(-self.sample_time_min * order, state.in_a_row)
-        t = weight * (t - jnp.sum(weight * t, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
+        times = _column(-self.sample_time_min * order, state.in_a_row)
+        t = weight * (times - jnp.sum(weight * times, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
         slope = jnp.sum(t * state.readings_mg_dl, axis=0) / jnp.maximum(jnp.sum(t * t, axis=0), 1e-9)
         return jnp.minimum(slope, MOST_RISE_MG_DL_MIN)
 
@@ -391,7 +391,7 @@ def design_loop_like(
     insulin : str
         Kind of insulin whose course of action is assumed, of `insulin_action.INSULINS`.
     carb_ratio_g_U, correction_mg_dl_U : float, optional
-        In place of those of the profile.
+        Ratio and factor in place of those of the profile.
     range_mg_dl : float
         Width of the correction range around the setpoint, a choice here.
     suspend_mg_dl : float

@@ -19,11 +19,11 @@ from glucoloop.arguments import checked
 from glucoloop.insulin_action import insulin_left
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
-from glucoloop.pumps.settings import PenSettings
+from glucoloop.pumps.settings import LongActing, PenSettings
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U
 
-LONG_ACTING: Final = {
+LONG_ACTING: Final[dict[LongActing, tuple[float, float, float]]] = {
     "glargine": (22.0, 12.0, 2.5),
     "glargine-u300": (24.0, 14.0, 2.5),
     "detemir": (14.0, 24.0, 3.0),
@@ -108,7 +108,7 @@ class Pen:
 
 @checked
 def pen(
-    insulin: str = "glargine",
+    insulin: LongActing = "glargine",
     injections: int = 1,
     at_min: float = 1320.0,
     dose_step_U: float = 0.5,
@@ -122,7 +122,7 @@ def pen(
     Parameters
     ----------
     insulin : str
-        Long-acting insulin, of `LONG_ACTING`.
+        Long-acting insulin: glargine, glargine-u300, detemir or degludec.
     injections : int
         Injections of it a day, at even distances.
     at_min : float

@@ -18,6 +18,8 @@ from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
 
+LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]
+
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 _bolus: Final = functools.partial(About, at_most=1000.0)
@@ -127,9 +129,7 @@ class PenSettings(PumpPart, name="pen"):
 
     make: ClassVar = "glucoloop.pumps:pen"
     limits: ClassVar = {"bolus_step_U": 0.5, "min_bolus_U": 0.5}
-    insulin: Annotated[Literal["glargine", "glargine-u300", "detemir", "degludec"], About("Long-acting insulin.")] = (
-        "glargine"
-    )
+    insulin: Annotated[LongActing, About("Long-acting insulin.")] = "glargine"
     injections: Annotated[int, About("Injections of it a day, at even distances.", at_least=1, at_most=4)] = 1
     at_min: Annotated[
         float,
