@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 import glucoloop as gl
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.meals import Ingestion, rescue_carbs
+from glucoloop.pumps import LimitedPump
 from glucoloop.refusal import Refusal
+from glucoloop.sensors import IdealSensor
+from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
@@ -112,6 +115,12 @@ def test_both_engines_let_people_eat_alike(patient, population):
 def test_an_integrator_that_knows_all_meals_before_is_refused():
     with pytest.raises(ArgumentTypeError, match="rescue carbohydrate depends on the run"):
         gl.simulate(PATIENT, TOO_MUCH, scenario=fasting(rescue_carbs()), integrator=gl.Adaptive())
+
+
+def test_a_stepped_patient_is_refused_it():
+    stepped = {"sample_time_min": 5.0, "key": 0}
+    with pytest.raises(Refusal, match="leave the rescue out of the scenario"):
+        scenario_stepper(PATIENT, IdealSensor(), LimitedPump(), fasting(rescue_carbs()), **stepped)
 
 
 @pytest.mark.parametrize("wrong", [{"below_mg_dl": 0.0}, {"carbs_g": -1.0}, {"again_min": 0.0}, {"by": "feeling"}])
