@@ -300,6 +300,43 @@ def test_doses_are_those_of_the_rules():
     assert len(kinds) >= 4
 
 
+LOOPKIT = design_loop_like(
+    Profile(basal_mU_min=BASAL, setpoint_mg_dl=105.0, carb_ratio_g_U=10.0, correction_mg_dl_U=55.0),
+    WIDE,
+    dosing="temporary-basal",
+    suspend_mg_dl=65.0,
+    max_basal=8.0,
+    max_bolus_U=6.0,
+)
+"""The settings of LoopAlgorithm's own tests, `AlgorithmInputFixture.mock`."""
+
+
+def test_the_rate_after_a_suspension_is_that_of_loopkit():
+    """4.94 U/h, from `testEnactingRecommendation` of LoopAlgorithm: no insulin from 2 h to 5 min ago, and readings of
+    105 to 120 mg/dl in the last 15 min alone.
+    """
+    state = LOOPKIT.init(observe(105.0, setpoint=105.0))
+    for delivered in [BASAL, *[0.0] * 21]:
+        state = observed(LOOPKIT, state, observe(math.nan, delivered=delivered, valid=False, setpoint=105.0))
+    state = dataclasses.replace(
+        state,
+        readings_mg_dl=jnp.full(4, 105.0),
+        in_a_row=jnp.asarray(1.0),
+        stale_min=jnp.asarray(0.0),
+        unexplained_mg_dl=jnp.zeros(7),
+    )
+    for reading, delivered in ((110.0, 0.0), (115.0, 0.0), (120.0, BASAL)):
+        state, decision = step(LOOPKIT, state, observe(reading, delivered=delivered, setpoint=105.0))
+    assert float(decision.insulin_mU_min) * 60.0 / 1000.0 == pytest.approx(4.94, abs=0.01)
+
+
+def test_the_absorption_that_is_seen_is_that_of_loopkit():
+    """36 % of 20 g, from `testObservedProgressForCarbStatus` of LoopAlgorithm, whose readings rise by 40 mg/dl."""
+    readings = [105.0, 105.0, 105.0, 115.0, 120.0, 145.0]
+    state = state_after(LOOPKIT, readings, np.ones(5), np.zeros(5), carbs={0: 20.0}.items())
+    assert float(state.meals.observed_g[0]) / 20.0 == pytest.approx(0.36, abs=0.01)
+
+
 def test_a_meal_gets_the_bolus_that_corrects_its_forecast():
     state = state_after(AUTOMATIC, *rest(12))
     for controller in (AUTOMATIC, TEMPORARY):
