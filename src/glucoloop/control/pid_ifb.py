@@ -3,8 +3,9 @@
 G. M. Steil et al., "The effect of insulin feedback on closed loop glucose control", J. Clin. Endocrinol. Metab. 96(5),
 2011, 1402-1408. J. L. Ruiz et al., "Effect of insulin feedback on closed-loop glucose control: a crossover study",
 J. Diabetes Sci. Technol. 6(5), 2012, 1123-1130 (the model of insulin and the feedback gains). The derivative gain from
-the daily dose by the rule of 1500, and the derivative time of 90 min, are those of A. Revert et al., "Safety auxiliary
-feedback element for the artificial pancreas in type 1 diabetes", IEEE Trans. Biomed. Eng. 60(8), 2013, 2113-2122.
+the daily dose by the rule of 1500, and the derivative time of 90 min, are those of the proportional-derivative
+controller in implementations of A. Revert et al., "Safety auxiliary feedback element for the artificial pancreas in
+type 1 diabetes", IEEE Trans. Biomed. Eng. 60(8), 2013, 2113-2122.
 
 The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of a hybrid closed loop gives it.
 """
@@ -24,6 +25,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.pid import ROUNDING
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import PIDIFBSettings
 from glucoloop.control.tuning import check_rate, check_sample_time
@@ -52,10 +54,6 @@ def insulin_lags(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.N
     A = np.diag(-rates) + np.diag(rates[1:], -1)
     Phi = expm(A * sample_time_min)
     return Phi, 1.0 - Phi.sum(axis=1)  # a lasting rate is met by states that equal it
-
-
-_ROUNDING: Final = 0.02
-"""Part of the highest rate by which a delivered rate may differ from the wanted one and is not limited."""
 
 
 @pytree
@@ -157,7 +155,7 @@ class PIDIFB:
         wanted = jnp.where(known, wanted, state.asked_mU_min)
         finite, least, most = jnp.isfinite(wanted), self.limits.min_mU_min, self.limits.max_mU_min
         asked = jnp.clip(jnp.where(finite, wanted, state.asked_mU_min), least, most)
-        cut, rounding = state.asked_mU_min - delivered, _ROUNDING * most
+        cut, rounding = state.asked_mU_min - delivered, ROUNDING * most
         waits = (error > 0.0) & ((wanted >= most) | (cut > rounding))
         waits = waits | ((error < 0.0) & ((wanted <= least) | (cut < -rounding)))
         grown = jnp.where(known & finite & ~waits, jnp.clip(grown, least, most), state.integral_mU_min)

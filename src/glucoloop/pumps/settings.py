@@ -128,7 +128,9 @@ class PenSettings(PumpPart, name="pen"):
     """Pens: the basal rate is injected as long-acting insulin, and boluses in steps of half a unit."""
 
     make: ClassVar = "glucoloop.pumps:pen"
-    limits: ClassVar = {"bolus_step_U": 0.5, "min_bolus_U": 0.5}
+
+    min_bolus_U: float = 0.5
+    bolus_step_U: float = 0.5
     insulin: Annotated[LongActing, About("Long-acting insulin.")] = "glargine"
     injections: Annotated[int, About("Injections of it a day, at even distances.", at_least=1, at_most=4)] = 1
     at_min: Annotated[
