@@ -24,6 +24,7 @@ NAMES = {
     "loop-like": "Loop-like",
     "basal-bolus": "Basal and bolus",
     "basal": "Basal rate",
+    "oref0": "oref0",
 }
 
 
