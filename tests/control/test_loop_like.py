@@ -343,7 +343,7 @@ def test_a_meal_gets_the_bolus_that_corrects_its_forecast():
         _, decision = step(controller, state, observe(carbs=40.0))
         assert float(decision.bolus_mU) == pytest.approx(4000.0, rel=0.01)
         assert float(decision.insulin_mU_min) <= BASAL + 1e-9
-    _, decision = step(design_loop_like(PROFILE, WIDE, meal_share=0.0), state, observe(carbs=40.0))
+    _, decision = step(design_loop_like(PROFILE, WIDE, meal_bolus=0.0), state, observe(carbs=40.0))
     assert float(decision.bolus_mU) == 0.0
 
 

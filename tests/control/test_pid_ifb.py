@@ -83,7 +83,7 @@ def test_insulin_of_a_meal_bolus_lowers_the_rate_after_it_by_what_is_still_to_ac
     rates, boluses = follow(CONTROLLER, readings, carbs={2: 50.0})
     assert np.flatnonzero(boluses).tolist() == [2]
     assert boluses[2] == pytest.approx(5000.0)
-    without, none = follow(design_pid_ifb(PROFILE, WIDE, meal_share=0.0), readings, carbs={2: 50.0})
+    without, none = follow(design_pid_ifb(PROFILE, WIDE, meal_bolus=0.0), readings, carbs={2: 50.0})
     assert not none.any()
     np.testing.assert_array_equal(rates[:3], without[:3])
     assert np.all(rates[3:30] < without[3:30])
@@ -118,7 +118,7 @@ def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, va
     ("given", "told"),
     [({"gain": 0.0}, "gain of 0 is"), ({"integral_time_min": math.inf}, "integral time of inf min"),
      ({"derivative_time_min": -1.0}, "derivative time of -1 min"), ({"carb_ratio_g_U": 0.0}, "carb ratio of 0 g/U"),
-     ({"feedback": -1.0}, "feedback of -1"), ({"meal_share": math.nan}, "share of the meal bolus of nan")],
+     ({"feedback": -1.0}, "feedback of -1"), ({"meal_bolus": math.nan}, "share of the meal bolus of nan")],
 )  # fmt: skip
 def test_impossible_settings_are_refused_with_a_sentence(given, told):
     with pytest.raises(ValueError, match=told):

@@ -147,7 +147,7 @@ class LoopLike:
     absorption_min: jax.Array | float
     max_basal: jax.Array | float
     max_bolus_U: jax.Array | float
-    meal_share: jax.Array | float
+    meal_bolus: jax.Array | float
     limits: DoseLimits
     bolus: BolusLimits
     insulin: str = static()
@@ -232,7 +232,7 @@ class LoopLike:
         recent = state.stale_min < RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
         for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), told / self.carb_ratio_g_U)
-        for_meal = jnp.where(told > 0.0, self.meal_share * for_forecast, 0.0)
+        for_meal = jnp.where(told > 0.0, self.meal_bolus * for_forecast, 0.0)
         per_U = MU_PER_U / TEMPORARY_BASAL_MIN
         most = basal
         automatic = jnp.zeros_like(for_meal)
@@ -357,7 +357,7 @@ def design_loop_like(
     absorption_min: float = 180.0,
     max_basal: float = 4.0,
     max_bolus_U: float = 10.0,
-    meal_share: float = 1.0,
+    meal_bolus: float = 1.0,
     bolus: BolusLimits = USUAL_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> LoopLike:
@@ -402,7 +402,7 @@ def design_loop_like(
         Largest rate, in basal rates, a choice here.
     max_bolus_U : float
         Largest bolus, a choice here.
-    meal_share : float
+    meal_bolus : float
         Share of the bolus of a meal that is given; 0 for a loop without announced boluses.
     bolus : BolusLimits
         Limits of the pump.
@@ -437,7 +437,7 @@ def design_loop_like(
     for name, value, least in (
         ("correction range", range_mg_dl, 0.0),
         ("largest rate in basal rates", max_basal, 1.0),
-        ("share of the meal bolus", meal_share, 0.0),
+        ("share of the meal bolus", meal_bolus, 0.0),
     ):
         if not is_traced(value) and not least <= value < math.inf:
             raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of {least:g} or more")
@@ -456,7 +456,7 @@ def design_loop_like(
         absorption_min=absorption_min,
         max_basal=max_basal,
         max_bolus_U=max_bolus_U,
-        meal_share=meal_share,
+        meal_bolus=meal_bolus,
         limits=limits,
         bolus=bolus,
         insulin=insulin,
@@ -481,7 +481,7 @@ def design(case: DesignCase, settings: LoopLikeSettings) -> LoopLike:
         absorption_min=settings.absorption_min,
         max_basal=settings.max_basal,
         max_bolus_U=settings.max_bolus_U,
-        meal_share=settings.meal_share,
+        meal_bolus=settings.meal_bolus,
         bolus=case.bolus,
         sample_time_min=case.sample_time_min,
     )

@@ -85,7 +85,7 @@ class PIDIFB:
     derivative_time_min: jax.Array | float
     feedback: jax.Array | npt.NDArray[np.float64]
     """(3,) gains of the feedback."""
-    meal_share: jax.Array | float
+    meal_bolus: jax.Array | float
     own_ratio: bool = static()
     """Whether the carbohydrate ratio is that of a profile, and follows it."""
     limits: DoseLimits
@@ -159,7 +159,7 @@ class PIDIFB:
         waits = (error > 0.0) & ((wanted >= most) | (cut > rounding))
         waits = waits | ((error < 0.0) & ((wanted <= least) | (cut < -rounding)))
         grown = jnp.where(known & finite & ~waits, jnp.clip(grown, least, most), state.integral_mU_min)
-        for_meal = self.meal_share * carbs_told(observation) * (MU_PER_U / self.carb_ratio_g_U)
+        for_meal = self.meal_bolus * carbs_told(observation) * (MU_PER_U / self.carb_ratio_g_U)
         bolus = jnp.clip(for_meal, 0.0, self.bolus.max_mU)
         decision = decide(wanted, delivered, self.limits, known)
         after = PIDIFBState(
@@ -183,7 +183,7 @@ def design_pid_ifb(
     derivative_time_min: float = 90.0,
     feedback: float = 1.0,
     carb_ratio_g_U: float | None = None,
-    meal_share: float = 1.0,
+    meal_bolus: float = 1.0,
     bolus: BolusLimits = USUAL_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> PIDIFB:
@@ -226,7 +226,7 @@ def design_pid_ifb(
         Factor on the gains of the feedback; 0 for a PID controller.
     carb_ratio_g_U : float, optional
         Carbohydrate that 1 U covers; by default that of the profile.
-    meal_share : float
+    meal_bolus : float
         Share of the meal bolus that is given; 0 for a loop without boluses.
     bolus : BolusLimits
         Limits of the pump; no larger bolus is asked for.
@@ -252,7 +252,7 @@ def design_pid_ifb(
     ):
         if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
             raise Refusal(f"a {name} of {value:g}{unit} is not possible; give a finite value above 0")
-    for name, value in (("feedback", feedback), ("share of the meal bolus", meal_share)):
+    for name, value in (("feedback", feedback), ("share of the meal bolus", meal_bolus)):
         if not is_traced(value) and not 0.0 <= value < math.inf:
             raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of 0 or more")
     return PIDIFB(
@@ -263,7 +263,7 @@ def design_pid_ifb(
         integral_time_min=integral_time_min,
         derivative_time_min=derivative_time_min,
         feedback=feedback * np.asarray(FEEDBACK),
-        meal_share=meal_share,
+        meal_bolus=meal_bolus,
         own_ratio=carb_ratio_g_U is None,
         limits=limits,
         bolus=bolus,
@@ -281,7 +281,7 @@ def design(case: DesignCase, settings: PIDIFBSettings) -> PIDIFB:
         derivative_time_min=settings.derivative_time_min,
         feedback=settings.feedback,
         carb_ratio_g_U=settings.carb_ratio_g_U or None,
-        meal_share=settings.meal_share,
+        meal_bolus=settings.meal_bolus,
         bolus=case.bolus,
         sample_time_min=case.sample_time_min,
     )

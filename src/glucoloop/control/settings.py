@@ -86,6 +86,9 @@ CarbRatio = Annotated[
         quantity=CARB_RATIO,
     ),
 ]
+MealShare = Annotated[
+    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+]
 CorrectionFactor = Annotated[
     float,
     About(
@@ -355,27 +358,6 @@ class PIDSettings(ControllerPart, name="pid"):
     step_mU_min: FittedStep = 0.0
 
 
-CarbRatio = Annotated[
-    float,
-    About(
-        "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
-        at_least=0.0,
-        quantity=CARB_RATIO,
-    ),
-]
-MealShare = Annotated[
-    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
-]
-CorrectionFactor = Annotated[
-    float,
-    About(
-        "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
-        at_least=0.0,
-        quantity=CORRECTION,
-    ),
-]
-
-
 class PIDIFBSettings(ControllerPart, name="pid-ifb"):
     """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
 
@@ -391,7 +373,7 @@ class PIDIFBSettings(ControllerPart, name="pid-ifb"):
         float, About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0)
     ] = 1.0
     carb_ratio_g_U: CarbRatio = 0.0
-    meal_share: MealShare = 1.0
+    meal_bolus: MealShare = 1.0
 
 
 class LoopLikeSettings(ControllerPart, name="loop-like"):
@@ -423,7 +405,7 @@ class LoopLikeSettings(ControllerPart, name="loop-like"):
     ] = 180.0
     max_basal: Annotated[float, About("Largest temporary rate, in basal rates.", at_least=1.0, at_most=20.0)] = 4.0
     max_bolus_U: Annotated[float, About("Largest bolus, in U; twice it is the most on board.", above=0.0)] = 10.0
-    meal_share: MealShare = 1.0
+    meal_bolus: MealShare = 1.0
 
 
 class BasalBolusSettings(ControllerPart, name="basal-bolus"):
