@@ -20,6 +20,8 @@ NAMES = {
     "meal-mpc": "Meal-aware MPC",
     "imc": "IMC",
     "pid": "PID",
+    "pid-ifb": "PID with insulin feedback",
+    "loop-like": "Loop-like",
     "basal-bolus": "Basal and bolus",
     "basal": "Basal rate",
     "oref0": "oref0",

@@ -22,6 +22,7 @@ PROGRAMS = {
         "six",
     ),
     "error-grids": ("error-grids==0.1.0",),
+    "pyloopkit": ("pyloopkit-test==0.0.15",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""
 

@@ -10,10 +10,12 @@ from glucoloop.control.settings import (
     BasalSettings,
     IMCSettings,
     LinearMPCSettings,
+    LoopLikeSettings,
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
     Oref0Settings,
+    PIDIFBSettings,
     PIDSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
@@ -30,6 +32,8 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         BasalBolusSettings,
         BasalSettings,
         Oref0Settings,
+        PIDIFBSettings,
+        LoopLikeSettings,
     ),
     example="mpc-se, move_horizon=2",
     unnamed=True,

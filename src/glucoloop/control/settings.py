@@ -86,6 +86,9 @@ CarbRatio = Annotated[
         quantity=CARB_RATIO,
     ),
 ]
+MealShare = Annotated[
+    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+]
 CorrectionFactor = Annotated[
     float,
     About(
@@ -353,6 +356,56 @@ class PIDSettings(ControllerPart, name="pid"):
         float, About("Derivative time T_D, in minutes; -1: from the model.", at_least=-1.0)
     ] = -1.0
     step_mU_min: FittedStep = 0.0
+
+
+class PIDIFBSettings(ControllerPart, name="pid-ifb"):
+    """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
+
+    design: ClassVar = "glucoloop.control.pid_ifb:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    gives_boluses: ClassVar = True
+
+    gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes.", above=0.0)] = 450.0
+    derivative_time_min: Annotated[float, About("Derivative time T_D, in minutes.", above=0.0)] = 90.0
+    feedback: Annotated[
+        float, About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0)
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    meal_bolus: MealShare = 1.0
+
+
+class LoopLikeSettings(ControllerPart, name="loop-like"):
+    """Forecast and doses after LoopKit's: insulin, meals, unexplained changes, and the slope of readings."""
+
+    design: ClassVar = "glucoloop.control.loop_like:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    gives_boluses: ClassVar = True
+
+    dosing: Annotated[
+        Literal["automatic-bolus", "temporary-basal"],
+        About("Way of correcting: 40 % of the dose as a bolus at each sample, or a rate that gives it in 30 min."),
+    ] = "automatic-bolus"
+    insulin: Annotated[
+        Literal["rapid-adult", "rapid-child", "fiasp", "lyumjev"], About("Insulin whose course of action is assumed.")
+    ] = "rapid-adult"
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    range_mg_dl: Annotated[
+        float, About("Width of the correction range around the setpoint, in mg/dl.", at_least=0.0, at_most=200.0)
+    ] = 10.0
+    suspend_mg_dl: Annotated[
+        float,
+        About("Forecast glucose below which no insulin is given, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 75.0
+    absorption_min: Annotated[
+        float, About("Absorption time of meals, in minutes.", above=0.0, quantity=ACTION_TIME)
+    ] = 180.0
+    max_basal: Annotated[float, About("Largest temporary rate, in basal rates.", at_least=1.0, at_most=20.0)] = 4.0
+    max_bolus_U: Annotated[float, About("Largest bolus, in U; twice it is the most on board.", above=0.0)] = 10.0
+    meal_bolus: MealShare = 1.0
 
 
 class BasalBolusSettings(ControllerPart, name="basal-bolus"):

@@ -23,6 +23,7 @@ from glucoloop.control.protocol import Controller, gives_boluses
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient
@@ -155,7 +156,8 @@ class Cohort:
     precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
     names of the inputs of people that are held over minutes, see `plant.Held`. One that is `stepped` is advanced from
-    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside.
+    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside. With
+    `rescue` people eat when their glucose is low.
     """
 
     def __init__(
@@ -184,6 +186,7 @@ class Cohort:
         record_decisions: bool = False,
         held: Sequence[str] = (),
         stepped: bool = False,
+        rescue: RescueCarbs | None = None,
     ) -> None:
         self._held, self._stepped = tuple(held), stepped
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
@@ -201,6 +204,7 @@ class Cohort:
             sensor=sensor,
             pump=pump,
             setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
+            rescue=rescue and rescue.for_gut(self._gut(nominal)),
         )
         self._varies = {
             "controller": varying(controller if varied_controller is None else varied_controller, controller),

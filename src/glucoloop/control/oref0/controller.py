@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
 from glucoloop.control.oref0.dose import determine_basal
@@ -33,8 +33,6 @@ from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
 _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
 """Range of a reading that is used. Sensors show 40 to 400; 39 stands for what is lower, since 38 is a code of an error.
 """
-_MOST_CARBS_G: Final = 1000.0
-"""Largest carbohydrate of a meal that is accepted."""
 _LONG_AGO_MIN: Final = 1e4
 _LEAST_BASAL_U_H: Final = 0.01
 """Least basal rate of a profile, so that a person without one has finite numbers."""
@@ -132,8 +130,7 @@ class Oref0:
         readings = _pushed(state.readings_mg_dl, jnp.where(known, reading, 0.0))
         gap = jnp.where(known, state.gap, 1.0)  # without a reading, the last one stands in its place
         glucose_mg_dl = bucketed(state.glucose_mg_dl, reading, gap)
-        carbs = observation.announced_carbs_g
-        carbs = jnp.where((carbs > 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0)
+        carbs = carbs_told(observation)
         meal_mU = self.settings.meal_bolus * carbs * (MU_PER_U / self.profile.carb_ratio_g_U)
         meal_mU = self.bolus.allowed(meal_mU)
         insulin = _pushed(state.insulin_U, self._given_U(state, observation))
@@ -189,11 +186,7 @@ class Oref0:
         """Insulin since the last sample beyond the basal rate, as the pump reports it where that is possible."""
         rate = delivered_since(observation, state.asked_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
-        bolus = observation.delivered_bolus_mU
-        if bolus is None:
-            bolus = state.asked_mU
-        else:
-            bolus = jnp.where((bolus >= 0.0) & (bolus <= self.bolus.max_mU), bolus, state.asked_mU)
+        bolus = bolus_since(observation, state.asked_mU, self.bolus)
         return ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
 
 
