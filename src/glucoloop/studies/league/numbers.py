@@ -1,0 +1,284 @@
+"""Numbers of a league: those of each controller in each cell, and who is best for whom.
+
+Every comparison is paired, a person with the same person. A difference of means has the 95 % interval of Student's t
+over the people; that of the worst-off tenth, which no closed form has, the 2.5th and 97.5th percentile of a bootstrap
+over the people.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+from scipy import stats
+
+from glucoloop.printable import glucose_text
+from glucoloop.report.columns import Column, Row, decimals, measured, terse_percent, whole
+
+Array = npt.NDArray[np.float64]
+
+CELL: Final = ("family", "sensor", "scenario")
+LINE: Final = (*CELL, "controller")
+METRICS: Final = (
+    *("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "time_above_180_pct", "time_above_250_pct"),
+    *("gri", "lbgi", "hbgi", "mean_mg_dl", "minimum_mg_dl", "time_below_validity_pct", "insulin_total_mU"),
+)
+"""Metrics of each person that are kept."""
+ALL: Final = ""
+"""Sensor and scenario of the line in which a person's numbers are the means over all cells of the family."""
+TARGETS: Final[Mapping[str, tuple[float, float]]] = {
+    "time_70_180_pct": (70.0, math.inf),
+    "time_below_70_pct": (-math.inf, 4.0),
+    "time_below_54_pct": (-math.inf, 1.0),
+    "time_above_180_pct": (-math.inf, 25.0),
+    "time_above_250_pct": (-math.inf, 5.0),
+}
+"""Bounds between which a percentage is on target, themselves excluded: T. Battelino et al., "Clinical targets for
+continuous glucose monitoring data interpretation: recommendations from the international consensus on time in range",
+Diabetes Care 42(8), 1593-1603, 2019, for type 1 diabetes."""
+_RESAMPLES: Final = 2000
+_WORST_PART: Final = 10
+"""The worst-off are one of so many people."""
+_INTERVAL: Final = 0.025, 0.975
+
+
+def _on_target(metric: str) -> pl.Expr:
+    return pl.col(metric).is_between(*TARGETS[metric], closed="none")
+
+
+def _time(metric: str, group: str, head: str, **others: Any) -> Column:
+    """Mean of a time, in bold where it is on target."""
+    low, high = TARGETS[metric]
+    return Column(
+        name=f"{metric.removesuffix('_pct')}_mean_pct",
+        value=pl.col(metric).mean(),
+        group=group,
+        head=head,
+        short_text=terse_percent,
+        strong=lambda row: low < (row[f"{metric.removesuffix('_pct')}_mean_pct"] or math.nan) < high,
+        **others,
+    )
+
+
+def _harm(bound: int) -> list[Column]:
+    """Number of people who are harmed, and how the difference from the reference is spread over all people."""
+    more = pl.col(f"more_{bound}_pct")
+    of, group = f"below_{bound}", f"Below {bound} mg/dl longer than the reference"
+    harmed = more > pl.col("worse_by_pct")
+    ordered = pl.col("person").filter(harmed).sort_by(more.filter(harmed), descending=True, maintain_order=True)
+    return [
+        Column(
+            name=f"harmed_{of}",
+            value=harmed.sum(),
+            group=group,
+            head="people",
+            text=whole,
+            short=f"harmed\n<{bound}",
+            strong=lambda row: bool(row[f"harmed_{of}"]),
+        ),
+        Column(name=f"harmed_{of}_people", value=ordered),
+        *(
+            Column(
+                name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), group=group, head=head, text=_signed
+            )
+            for name, at, head in (("median", 0.5, "median (%)"), ("p95", 0.95, "95th"), ("most", 1.0, "most"))
+        ),
+    ]
+
+
+def _signed(value: float) -> str:
+    return f"{value:+z.1f}"
+
+
+def _difference(of: str, name: str, group: str, short: str | None = None) -> list[Column]:
+    """Mean difference from the reference, with its interval."""
+    values = pl.col(of)
+    half = pl.col("student").first() * values.std() / values.len().sqrt()
+    column = functools.partial(Column, group=group, text=_signed)
+    return [
+        column(name=name, value=values.mean(), head="mean", short=short),
+        column(name=f"{name}_low", value=values.mean() - half, head="from"),
+        column(name=f"{name}_high", value=values.mean() + half, head="to"),
+    ]
+
+
+_ever = pl.col("minimum_mg_dl") < 54.0
+COLUMNS: Final = (
+    Column(name="people", value=pl.len(), empty=0, text=whole, group="People", head="known"),
+    Column(
+        name="on_target_pct",
+        value=100.0 * pl.all_horizontal(*map(_on_target, TARGETS)).mean(),
+        group="People",
+        head="on all targets (%)",
+        short="on all\ntargets %",
+        short_text=terse_percent,
+    ),
+    Column(name="ever_below_54", value=_ever.sum(), group="People", head="ever < 54", text=whole, short="ever\n<54"),
+    Column(
+        name="people_below_validity",
+        value=(pl.col("time_below_validity_pct") > 0.0).sum(),
+        group="People",
+        head="model not valid",
+        text=whole,
+    ),
+    Column(name="gri_mean", value=pl.col("gri").mean(), group="Risk", head="GRI", text=decimals(1), short="GRI"),
+    Column(name="lbgi_mean", value=pl.col("lbgi").mean(), group="Risk", head="LBGI", text=decimals(2)),
+    Column(name="hbgi_mean", value=pl.col("hbgi").mean(), group="Risk", head="HBGI", text=decimals(2)),
+    _time("time_70_180_pct", "Time (%), target", "70-180: > 70", short="70-180\n%"),
+    Column(
+        name="time_70_180_p5_pct",
+        value=pl.col("time_70_180_pct").quantile(0.05, "linear"),
+        group="Time (%), target",
+        head="its 5th percentile",
+    ),
+    _time("time_below_70_pct", "Time (%), target", "< 70: < 4", short="<70\n%"),
+    _time("time_below_54_pct", "Time (%), target", "< 54: < 1", short="<54\n%"),
+    _time("time_above_180_pct", "Time (%), target", "> 180: < 25", short=">180\n%"),
+    _time("time_above_250_pct", "Time (%), target", "> 250: < 5", short=">250\n%"),
+    Column(
+        name="mean_mg_dl", value=pl.col("mean_mg_dl").mean(), group="Glucose (mg/dl)", head="mean", text=glucose_text
+    ),
+    Column(
+        name="insulin_U_day",
+        value=pl.col("insulin_U_day").mean(),
+        group="Insulin",
+        head="U/day",
+        text=decimals(1),
+        short="U/day",
+    ),
+    *_harm(54),
+    *_harm(70),
+    *_difference("more_in_range_pct", "in_range_difference_pct", "70-180 less reference (%)", "70-180\nless ref."),
+    *_difference("more_54_pct", "below_54_difference_pct", "< 54 less reference (%)"),
+    *_difference("more_70_pct", "below_70_difference_pct", "< 70 less reference (%)"),
+    *_difference("more_gri", "gri_difference", "GRI less reference", "GRI\nless ref."),
+)
+"""Numbers of a controller in a cell; the people who are harmed most come first."""
+
+
+def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_by_pct: float) -> pl.DataFrame:
+    """The numbers of each line, over the people whose glucose is known there and under the reference.
+
+    `people` has the columns of `LINE`, ``person``, ``insulin_U_day`` and those of `METRICS`; `lines` the columns of
+    `LINE` alone.
+    """
+    same, others = [*CELL, "person"], ("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "gri")
+    under_reference = people.filter(controller=reference).select(
+        *same, *(pl.col(of).alias(f"ref_{of}") for of in others)
+    )
+    paired = people.join(under_reference, on=same, how="inner", maintain_order="left").with_columns(
+        more_in_range_pct=pl.col("time_70_180_pct") - pl.col("ref_time_70_180_pct"),
+        more_70_pct=pl.col("time_below_70_pct") - pl.col("ref_time_below_70_pct"),
+        more_54_pct=pl.col("time_below_54_pct") - pl.col("ref_time_below_54_pct"),
+        more_gri=pl.col("gri") - pl.col("ref_gri"),
+        worse_by_pct=worse_by_pct,
+        number=pl.len().over(LINE),
+    )
+    student = stats.t.ppf(_INTERVAL[1], np.maximum(paired["number"].to_numpy() - 1, 1))
+    return measured(paired.with_columns(student=pl.Series(student)), lines, COLUMNS)
+
+
+def over_all_cells(people: pl.DataFrame, cells: pl.DataFrame) -> pl.DataFrame:
+    """Each person once for each controller: means over the cells of the family, for those known in all of them.
+
+    The least glucose is that of all cells, and so is the time below the range in which the model is valid. `cells` has
+    the number of cells ``wanted`` of each ``family``.
+    """
+    means = [pl.col(name).mean() for name in (*METRICS, "insulin_U_day") if name != "minimum_mg_dl"]
+    found = people.group_by("family", "controller", "person", maintain_order=True).agg(
+        *means, pl.col("minimum_mg_dl").min(), pl.len().alias("cells")
+    )
+    known = found.join(cells, on="family", maintain_order="left").filter(pl.col("cells") == pl.col("wanted"))
+    every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
+    return known.with_columns(every).select(people.columns)
+
+
+def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
+    """The ranking of a family by the glycemia risk index, on the people who are known under all controllers.
+
+    `people` are those of `over_all_cells`. For all people and for the worst-off tenth under each controller: the best
+    controller, the next one, and the difference of the two means with its interval. ``for_whom`` is the number of people
+    for whom each controller alone has the least index.
+    """
+    wide = people.filter(family=family).pivot(on="controller", index="person", values="gri").drop_nulls()
+    labels = [name for name in wide.columns if name != "person"]
+    if not labels or not wide.height:
+        return {"family": family, "people": 0}
+    risk = wide.select(labels).to_numpy().astype(np.float64)
+    least = risk.min(axis=1, keepdims=True)
+    alone = ((risk == least).sum(axis=1) == 1)[:, None] & (risk == least)
+    return {
+        "family": family,
+        "people": wide.height,
+        "overall": _first_two(labels, risk.mean(axis=0), functools.partial(_of_means, risk)),
+        "worst_off": {
+            "people": _tenth(wide.height),
+            **_first_two(labels, worst_mean(risk), functools.partial(_of_worst, risk, seed)),
+        },
+        "for_whom": dict(zip(labels, alone.sum(axis=0).tolist(), strict=True)),
+    }
+
+
+def _first_two(labels: list[str], values: Array, interval: Any) -> dict[str, Any]:
+    """The least value and the next, and the second less the first, with its interval."""
+    order = np.argsort(values, kind="stable")
+    found = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
+    if order.size < 2:
+        return found
+    best, second = order[:2]
+    low, high = interval(best, second)
+    return {
+        **found,
+        "second": labels[second],
+        "difference": float(values[second] - values[best]),
+        "low": float(low),
+        "high": float(high),
+        "told_apart": bool(low > 0.0),
+    }
+
+
+def _of_means(risk: Array, best: int, second: int) -> tuple[float, float]:
+    """Interval of the mean paired difference, by Student's t; without bounds for one person."""
+    difference = risk[:, second] - risk[:, best]
+    if difference.size < 2:
+        return -math.inf, math.inf
+    half = stats.t.ppf(_INTERVAL[1], difference.size - 1) * difference.std(ddof=1) / math.sqrt(difference.size)
+    return float(difference.mean() - half), float(difference.mean() + half)
+
+
+def _of_worst(risk: Array, seed: int, best: int, second: int) -> tuple[float, float]:
+    """Interval of the difference of the worst-off, by a bootstrap over the people."""
+    drawn = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
+    worst = [worst_mean(risk[drawn, column].T) for column in (best, second)]
+    low, high = np.quantile(worst[1] - worst[0], _INTERVAL)
+    return float(low), float(high)
+
+
+def _tenth(people: int) -> int:
+    return -(-people // _WORST_PART)
+
+
+def worst_mean(values: Array) -> Array:
+    """Mean of the greatest tenth of the values in each column ``(people, columns)``, a whole number of people."""
+    number = _tenth(len(values))
+    return np.asarray(np.partition(values, len(values) - number, axis=0)[-number:].mean(axis=0))
+
+
+def harms(rows: list[Row], reference: str) -> list[Row]:
+    """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70."""
+    worst: dict[str, Row] = {}
+
+    def share(row: Row) -> tuple[float, float]:
+        of = max(row["people"], 1)
+        return row["harmed_below_54"] / of, row["harmed_below_70"] / of
+
+    for row in rows:
+        if row["sensor"] != ALL and row["people"] and row["controller"] != reference:
+            before = worst.setdefault(row["controller"], row)
+            worst[row["controller"]] = max(before, row, key=share)
+    return [row for row in worst.values() if any(share(row))]
