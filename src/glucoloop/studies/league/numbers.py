@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -83,15 +83,14 @@ def _harm(bound: int) -> list[Column]:
         ),
         Column(name=f"harmed_{of}_people", value=ordered),
         *(
-            Column(
-                name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), group=group, head=head, text=_signed
-            )
+            Column(name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), group=group, head=head, text=signed)
             for name, at, head in (("median", 0.5, "median (%)"), ("p95", 0.95, "95th"), ("most", 1.0, "most"))
         ),
     ]
 
 
-def _signed(value: float) -> str:
+def signed(value: float) -> str:
+    """Text of a difference, with its sign."""
     return f"{value:+z.1f}"
 
 
@@ -99,7 +98,7 @@ def _difference(of: str, name: str, group: str, short: str | None = None) -> lis
     """Mean difference from the reference, with its interval."""
     values = pl.col(of)
     half = pl.col("student").first() * values.std() / values.len().sqrt()
-    column = functools.partial(Column, group=group, text=_signed)
+    column = functools.partial(Column, group=group, text=signed)
     return [
         column(name=name, value=values.mean(), head="mean", short=short),
         column(name=f"{name}_low", value=values.mean() - half, head="from"),
@@ -183,27 +182,25 @@ def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_
     return measured(paired.with_columns(student=pl.Series(student)), lines, COLUMNS)
 
 
-def over_all_cells(people: pl.DataFrame, cells: pl.DataFrame) -> pl.DataFrame:
-    """Each person once for each controller: means over the cells of the family, for those known in all of them.
+def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:
+    """Each person once for each controller: means over the cells of the family, for those known in all `cells`.
 
-    The least glucose is that of all cells, and so is the time below the range in which the model is valid. `cells` has
-    the number of cells ``wanted`` of each ``family``.
+    The least glucose is that of all cells.
     """
-    means = [pl.col(name).mean() for name in (*METRICS, "insulin_U_day") if name != "minimum_mg_dl"]
     found = people.group_by("family", "controller", "person", maintain_order=True).agg(
-        *means, pl.col("minimum_mg_dl").min(), pl.len().alias("cells")
+        pl.col(*METRICS, "insulin_U_day").exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
     )
-    known = found.join(cells, on="family", maintain_order="left").filter(pl.col("cells") == pl.col("wanted"))
     every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
-    return known.with_columns(every).select(people.columns)
+    known = found.filter(pl.col("len") == cells).with_columns(every)
+    return known.select(*LINE, "person", *METRICS, "insulin_U_day")
 
 
 def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
     """The ranking of a family by the glycemia risk index, on the people who are known under all controllers.
 
     `people` are those of `over_all_cells`. For all people and for the worst-off tenth under each controller: the best
-    controller, the next one, and the difference of the two means with its interval. ``for_whom`` is the number of people
-    for whom each controller alone has the least index.
+    controller, the next one, and the difference of the two means with its interval. ``for_whom`` has the number of
+    people for whom each controller alone has the least index.
     """
     wide = people.filter(family=family).pivot(on="controller", index="person", values="gri").drop_nulls()
     labels = [name for name in wide.columns if name != "person"]
@@ -269,7 +266,7 @@ def worst_mean(values: Array) -> Array:
     return np.asarray(np.partition(values, len(values) - number, axis=0)[-number:].mean(axis=0))
 
 
-def harms(rows: list[Row], reference: str) -> list[Row]:
+def harms(rows: Sequence[Row], reference: str) -> list[Row]:
     """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70."""
     worst: dict[str, Row] = {}
 

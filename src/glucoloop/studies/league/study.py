@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -25,7 +26,7 @@ from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table
 from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap
 from glucoloop.report.template import render
-from glucoloop.situations.run import BOLUS_INTO_A_VEIN
+from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.league import MOST_PEOPLE, League, texts
@@ -39,18 +40,20 @@ from glucoloop.studies.league.numbers import (
     line_table,
     over_all_cells,
     ranking,
+    signed,
 )
 from glucoloop.units import MIN_PER_DAY
 
-_DESIGN_S: Final = 1.5
+_DESIGN_S: Final = 1.0
 _PATIENT_DAYS_S: Final = 3000.0
 _SLOW_PATIENT_DAYS_S: Final = 30.0
-"""What a loop takes before it runs, and the patient-days a second of a processor, for the estimate of the time."""
-_LONGEST_REASON: Final = 1000
+"""Time of a design, and the patient-days a second of a processor, for the estimate of the time."""
+_SAID: Final = ("engine", "lacks", "reason")
+"""Texts of a row, by its names."""
+_LONGEST_TEXT: Final = 4000
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """A controller in a cell."""
 
     family: str
@@ -60,7 +63,7 @@ class Line:
     """Label of the case."""
     trial: Trial | None
     """Trial of the controller alone; None where it is not possible."""
-    reason: str = ""
+    reason: str
     """Why it is not possible."""
 
     @property
@@ -73,23 +76,19 @@ class Line:
         """Length of the run in days."""
         return 0.0 if self.trial is None else self.trial.horizon_min / MIN_PER_DAY
 
-
-class Shard(NamedTuple):
-    """A shard of the people of a line: one row."""
-
-    line: Line
-    number: int
-
-    @property
-    def person(self) -> npt.NDArray[np.int64]:
-        """Numbers of the people."""
-        return np.empty(0, np.int64) if self.line.trial is None else self.line.trial.shard(self.number)
+    def estimated_s(self, people: int) -> float:
+        """Time that some people take in one go, on all cores; rough."""
+        slow = self.trial is not None and any(case.controller.slow for case in self.trial.cases)
+        size = block_size("xla" if slow else "native")
+        rounds = math.ceil(math.ceil(people / size) / (os.cpu_count() or 1))
+        return rounds * size * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
 
 
 class ShardResult(NamedTuple):
-    """People of a shard under the controller of a line."""
+    """People of a shard of a line: one row."""
 
-    shard: Shard
+    line: Line
+    shard: int
     engine: str
     lacks: str
     """What native code lacks, where another engine computed."""
@@ -100,34 +99,30 @@ class ShardResult(NamedTuple):
 
 
 @functools.lru_cache(maxsize=1)
-def _lines(asked: tuple[tuple[Any, ...], int, int]) -> list[Line]:
-    (families, sensors, scenarios, cases), people, seed = asked
+def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[Line]:
     found = []
-    for patient in families:
-        for sensor in sensors:
-            for scenario in scenarios:
-                for case in cases:
-                    parts = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,)}
-                    names = *texts((patient, sensor, scenario)), case.label
-                    try:
-                        trial = Trial.partial({**parts, "seed": seed}).completed({"people": Default(people)})
-                        _ = trial.cases
-                    except Refusal as error:
-                        found.append(Line(*names, None, str(error)))
-                    else:
-                        found.append(Line(*names, trial))
+    for patient, sensor, scenario, case in itertools.product(*parts):
+        given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
+        family, of_sensor, of_scenario = texts((patient, sensor, scenario))
+        trial, reason = None, ""
+        try:
+            trial = Trial.partial(given).completed({"people": Default(people)})
+        except Refusal as error:
+            reason = str(error)
+        found.append(Line(family, of_sensor, of_scenario, case.label, trial, reason))
     return found
 
 
 def lines_of(asked: League) -> list[Line]:
     """Every controller in every cell; the controllers of a cell follow one another."""
-    return _lines(((asked.families, asked.sensors, asked.scenarios, asked.cases), asked.people, asked.seed))
+    return _lines((asked.families, asked.sensors, asked.scenarios, asked.cases), asked.people, asked.seed)
 
 
-def shards_of(asked: League) -> list[Shard]:
-    """All shards, in the order in which they are computed."""
+def shards_of(asked: League) -> list[tuple[Line, int, npt.NDArray[np.int64]]]:
+    """All shards with their people, in the order in which they are computed; one of nobody where it is not possible."""
+    nobody = np.empty(0, np.int64)
     return [
-        Shard(line, number)
+        (line, number, nobody if line.trial is None else line.trial.shard(number))
         for line in lines_of(asked)
         for number in range(1 if line.trial is None else line.trial.shards)
     ]
@@ -135,29 +130,19 @@ def shards_of(asked: League) -> list[Shard]:
 
 def notes(asked: League) -> Iterator[str]:
     """How much there is to do and how long that may take, and who takes no part."""
-    lines = [line for line in lines_of(asked) if line.trial is not None]
+    kind, lines = rows(asked), lines_of(asked)
+    minutes = max(1, round(kind.amount(kind.wanted) / 60.0))
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
-    minutes = max(1, round(sum(map(_estimated_s, lines)) / 60.0))
     yield (
-        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:,.0f} patient-days: about "
-        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}, fewer for loops that were "
-        "compiled before."
+        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days: about "
+        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}."
     )
     yield from _left_out(asked)
 
 
-def _estimated_s(line: Line) -> float:
-    assert line.trial is not None
-    slow = any(case.controller.slow for case in line.trial.cases)
-    size = block_size("xla" if slow else "native")
-    blocks = -(-line.trial.people // size)
-    per_core = size * line.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
-    return _DESIGN_S + per_core * -(-blocks // (os.cpu_count() or 1))
-
-
 def _left_out(asked: League) -> Iterator[str]:
     for name in asked.left_out:
-        yield f"{name} takes no part, since its decisions take long; name it with --controller to have it in the league."
+        yield f"{name} takes no part, since its decisions take long; --controller {name} has it in the league."
 
 
 def rows(asked: League) -> Rows[ShardResult]:
@@ -165,45 +150,40 @@ def rows(asked: League) -> Rows[ShardResult]:
     shards = shards_of(asked)
 
     def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
-        shard = shards[len(before)]
+        line, number, person = shards[len(before)]
         people = {name: np.asarray(cells[name]) for name in ("person", "able", *METRICS)}
-        expected = np.empty(0) if cells["reason"] else shard.person
-        if any(cells[name] != value for name, value in {**shard.line.names, "shard": shard.number}.items()) or not (
-            np.array_equal(people["person"], expected)
-            and all(values.shape == expected.shape for values in people.values())
-        ):
+        person = person[:0] if cells["reason"] else person
+        expected = {**line.names, "shard": number}
+        same_people = np.array_equal(people["person"], person) and len({v.shape for v in people.values()}) == 1
+        if not same_people or any(cells[name] != value for name, value in expected.items()):
             raise Refusal("this is not the next shard of the league")
-        return ShardResult(shard, cells["engine"], cells["lacks"], cells["reason"], people)
-
-    def cells(result: ShardResult) -> dict[str, Any]:
-        shard, *said, people = result
-        return {
-            **shard.line.names,
-            "shard": shard.number,
-            **dict(zip(("engine", "lacks", "reason"), said, strict=True)),
-            **{name: pl.Series(values) for name, values in people.items()},
-        }
+        return ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
 
     return Rows(
         file="people.parquet",
-        what="results",
+        what="shards",
         wanted=len(shards),
         most=len(shards),
         schema={
             **dict.fromkeys(LINE, pl.String),
             "shard": pl.Int64,
-            **dict.fromkeys(("engine", "lacks", "reason"), pl.String),
+            **dict.fromkeys(_SAID, pl.String),
             "person": pl.List(pl.Int64),
             "able": pl.List(pl.Boolean),
             **dict.fromkeys(METRICS, pl.List(pl.Float64)),
         },
-        cells=cells,
+        cells=lambda of: {
+            **of.line.names,
+            "shard": of.shard,
+            **{name: getattr(of, name) for name in _SAID},
+            **{name: pl.Series(values) for name, values in of.people.items()},
+        },
         row=row,
         width=MOST_PEOPLE * (2 + len(METRICS)),
-        longest_text=4 * _LONGEST_REASON,
+        longest_text=_LONGEST_TEXT,
         every_s=15.0,  # since all people are written each time
-        unit="patient-days",
-        work=lambda number: round(shards[number].person.size * shards[number].line.days) or 1,
+        unit="estimated seconds",
+        work=lambda number: math.ceil(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size)),
     )
 
 
@@ -211,109 +191,84 @@ class LeagueSearch:
     """The loops of a league, one controller in one cell after the other."""
 
     def __init__(self, asked: League) -> None:
-        self._asked, self._shards = asked, shards_of(asked)
-        self._refused: dict[Line, str] = {}
+        self._asked = asked
 
     def missing(self, rows: Sequence[ShardResult]) -> Iterator[ShardResult]:
         """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
-        yield from map(self._carried_out, self._shards[len(rows) :])
-
-    def _carried_out(self, shard: Shard) -> ShardResult:
-        line, nobody = shard.line, dict.fromkeys(METRICS, np.empty(0))
-        try:
-            if line.trial is None:
-                raise Refusal(line.reason)
-            prepared = prepare(line.trial)
-        except Refusal as error:
-            people = {"person": np.empty(0, np.int64), "able": np.empty(0, bool), **nobody}
-            return ShardResult(shard, "", "", str(error)[:_LONGEST_REASON], people)
-        found = run_people(prepared, line.controller, shard.person)
-        facts = prepared.engines[line.controller]
-        people = {"person": found.person, "able": found.feasible, **{name: found.metrics[name] for name in METRICS}}
-        return ShardResult(shard, facts["engine"], facts.get("not_native", ""), "", people)
+        for line, number, person in shards_of(self._asked)[len(rows) :]:
+            try:
+                if line.trial is None:
+                    raise Refusal(line.reason)
+                prepared = prepare(line.trial)
+            except Refusal as error:
+                people = {"person": person[:0], "able": person[:0] > 0, **dict.fromkeys(METRICS, np.empty(0))}
+                yield ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
+                continue
+            found, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
+            metrics = {name: found.metrics[name] for name in METRICS}
+            people = {"person": found.person, "able": found.feasible, **metrics}
+            yield ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 
     def found(self, results: Sequence[ShardResult]) -> Findings:
         """Numbers of all lines, the ranking of each family, who is harmed, and who takes no part and why."""
-        asked, kind = self._asked, rows(self._asked)
-        table, lines = kind.table(results), pl.DataFrame([line.names for line in lines_of(asked)])
-        days = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(asked)])
-        people = table.filter(reason="").explode("person", "able", *METRICS).join(days, on=LINE, maintain_order="left")
-        known = people.filter("able", *(pl.col(name).is_finite() for name in METRICS)).select(
-            *LINE, "person", *METRICS, insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days")
+        asked, table = self._asked, rows(self._asked).table(results)
+        lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(asked)])
+        people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
+        people = people.with_columns(
+            insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days"),
+            known=pl.col("able") & pl.all_horizontal(pl.col(METRICS).is_finite()),
         )
-        wanted = lines.group_by("family", maintain_order=True).agg(
-            wanted=pl.struct("sensor", "scenario").n_unique().cast(pl.UInt32)
-        )
-        together = over_all_cells(known, wanted)
-        heads = lines.select("family", pl.lit(ALL).alias("sensor"), pl.lit(ALL).alias("scenario"), "controller").unique(
-            maintain_order=True
-        )
-        numbers = line_table(
-            pl.concat([together, known]), pl.concat([heads, lines]), asked.reference.label, asked.worse_by_pct
-        )
+        cells = len(asked.sensors) * len(asked.scenarios)
+        together = over_all_cells(people.filter("known"), cells)
+        every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
+        heads = lines.with_columns(every).unique(maintain_order=True, subset=LINE)
+        shown, known = [of.select(LINE) for of in (heads, lines)], people.filter("known").select(together.columns)
+        numbers = line_table(pl.concat([together, known]), pl.concat(shown), asked.reference.label, asked.worse_by_pct)
         plain = {
             "config": asked.tree(whole=True),
-            "families": list(self._families(people)),
+            "families": list(_families(asked)),
             "rows": numbers.to_dicts(),
             "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
             "harms": harms(numbers.to_dicts(), asked.reference.label),
-            "absent": [*_left_out(asked), *_absent(results)],
+            "absent": [*_left_out(asked), *_absent(table, people)],
             "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},
-            "repeat": "glucoloop league --config league.toml --out again",
         }
         return Findings(plain, {"league.csv": numbers, "league.parquet": numbers})
-
-    def _families(self, people: pl.DataFrame) -> Iterator[dict[str, Any]]:
-        """Population and people of each family, and what is special about it."""
-        for family, alike in groupby(lines_of(self._asked), lambda line: line.family):
-            trials = [line.trial for line in alike if line.trial is not None]
-            if not trials:
-                yield {"family": family, "population": "", "people": 0, "unable": 0, "notes": []}
-                continue
-            of_family = people.filter(family=family).unique("person").select("able").to_series()
-            population, patient = trials[0].population.name, trials[0].patient
-            told = []
-            if population == NOMINAL:
-                told.append("All people are the nominal patient: they differ in their days and readings alone.")
-            if not patient.under_the_skin and any(c.controller.gives_boluses for t in trials for c in t.cases):
-                told.append(BOLUS_INTO_A_VEIN)
-            yield {
-                "family": family,
-                "population": population,
-                "people": trials[0].people,
-                "unable": int((~of_family).sum()),
-                "notes": told,
-            }
 
 
 search = LeagueSearch
 
 
-def _absent(results: Sequence[ShardResult]) -> Iterator[str]:
+def _families(asked: League) -> Iterator[dict[str, Any]]:
+    """Population and people of each family, and what is special about it."""
+    for family, of_family in groupby(lines_of(asked), lambda line: line.family):
+        trials = [line.trial for line in of_family if line.trial is not None]
+        names = sorted({f"{how_many(trial.people, 'person', 'people')} of {trial.population.name}" for trial in trials})
+        told = [f"{'; '.join(names)}."] if names else []
+        if any(trial.population.name == NOMINAL for trial in trials):
+            told.append("All are the nominal patient, and differ in their days and readings alone.")
+        told += dict.fromkeys(text for trial in trials for text in boluses_into_a_vein(trial))
+        yield {"family": family, "about": " ".join(told)}
+
+
+def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
     """Sentences on the pairs that do not go together, on slow engines, and on people whose numbers are not known."""
-    refused: dict[tuple[str, str, str], list[str]] = {}
-    slow: dict[tuple[str, str], None] = {}
-    lost: dict[tuple[str, str], int] = {}
-    for result in results:
-        line = result.shard.line
-        if result.reason:
-            where = refused.setdefault((line.controller, line.family, result.reason), [])
-            where += [f"{line.sensor}, {line.scenario}"] if not result.shard.number else []
-        elif result.lacks:
-            slow[line.controller, result.lacks] = None
-        finite = np.logical_and.reduce([np.isfinite(result.people[name]) for name in METRICS])
-        number = int((result.people["able"] & ~finite).sum())
-        if number:
-            lost[line.controller, line.family] = lost.get((line.controller, line.family), 0) + number
-    for (controller, family, reason), where in refused.items():
-        yield f"{controller} takes no part on {family} in {how_many(len(where), 'cell')} ({the_first(where, 2)}): {reason}."
-    for controller, lacks in slow:
+    refused = table.filter(pl.col("reason") != "").group_by("controller", "family", "reason", maintain_order=True)
+    for row in refused.agg(cell=pl.format("{}, {}", "sensor", "scenario").unique(maintain_order=True)).to_dicts():
+        where = f"{how_many(len(row['cell']), 'cell')} ({the_first(row['cell'], 2)})"
+        what = f"{row['controller']} takes no part on {row['family']} in {where}, and is not ranked there"
+        yield f"{what}: {row['reason'].rstrip('.')}."
+    for controller, lacks in (
+        table.filter(pl.col("lacks") != "").select("controller", "lacks").unique().sort("*").rows()
+    ):
         yield f"{controller} is computed by the slower engine xla, since native code lacks {lacks}."
-    for (controller, family), number in lost.items():
-        yield (
-            f"{controller} on {family}: the numbers of {how_many(number, 'run')} did not stay finite; these people are "
-            "left out of its numbers there, and of the ranking."
-        )
+    for family, of_family in people.filter(~pl.col("able")).group_by("family", maintain_order=True):
+        number = how_many(of_family["person"].n_unique(), "person has", "people have")
+        yield f"{family[0]}: {number} no basal rate for the setpoint, and no part in any number."
+    lost = people.filter("able", ~pl.col("known")).group_by("controller", "family", maintain_order=True).len()
+    for controller, family, number in lost.rows():
+        runs = how_many(number, "run")
+        yield f"{controller} on {family}: {runs} did not stay finite, and these people have no part in the ranking."
 
 
 # ---------------------------------------------------------------------------------------------- how it is shown
@@ -349,19 +304,27 @@ def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
 
 def sentences(asked: League, found: Findings) -> Iterator[str]:
     """Who is best for whom, where each does harm, and who takes no part."""
-    for of in found.plain["rankings"]:
-        yield _verdict(
-            of, {r["controller"]: r for r in found.rows if r["family"] == of["family"] and r["sensor"] == ALL}
-        )
-    reference = asked.reference.label
-    for row in found.plain["harms"]:
-        yield (
-            f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): compared with {reference}, "
-            f"{row['harmed_below_54']} of {how_many(row['people'], 'person', 'people')} are below 54 mg/dl for over "
-            f"{asked.worse_by_pct:g} % of the time longer (half of all people by {row['more_below_54_median_pct']:+z.1f} "
-            f"% or more, the worst by {row['more_below_54_most_pct']:+z.1f} %), and {row['harmed_below_70']} below 70 mg/dl."
-        )
+    yield from _verdicts(found)
+    yield from _harms(asked, found)
     yield from found.plain["absent"]
+
+
+def _harms(asked: League, found: Findings) -> Iterator[str]:
+    for row in found.plain["harms"]:
+        median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
+        yield (
+            f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): of "
+            f"{how_many(row['people'], 'person', 'people')}, {row['harmed_below_54']} are below 54 mg/dl, and "
+            f"{row['harmed_below_70']} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer than under "
+            f"{asked.reference.label}. Below 54 mg/dl that is {median} % for the median of all people, {p95} % at "
+            f"the 95th percentile, and {most} % at most."
+        )
+
+
+def _verdicts(found: Findings) -> Iterator[str]:
+    for of in found.plain["rankings"]:
+        rows = [row for row in found.rows if row["family"] == of["family"] and row["sensor"] == ALL]
+        yield _verdict(of, {row["controller"]: row for row in rows})
 
 
 def _verdict(of: Mapping[str, Any], rows: Mapping[str, Row]) -> str:
@@ -425,15 +388,13 @@ def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
 
 def page(asked: League, found: Findings) -> str:
     """The page of a league: one file that needs neither network nor script."""
-    families, by_family = {of["family"]: of for of in found.plain["families"]}, _by_family(found)
+    by_family = _by_family(found)
     maps = {family: family_map(family, rows) for family, rows in by_family.items()}
     unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
     bodies = {
         family: [(name, [(row["controller"], row) for row in alike]) for name, alike in groupby(rows, cell_name)]
         for family, rows in by_family.items()
     }
-    said = list(sentences(asked, found))[: len(found.rows)]
-    verdicts = dict(zip(by_family, said, strict=False))
     facts = {
         "People": f"{asked.people} of each family, or all of one that has fewer",
         "Scenarios": "; ".join(texts(asked.scenarios)),
@@ -446,12 +407,12 @@ def page(asked: League, found: Findings) -> str:
     return render(
         Path(__file__).with_name("page.html"),
         "League of controllers",
-        sentences=said[len(by_family) : len(by_family) + len(found.plain["harms"])],
+        sentences=_harms(asked, found),
         facts=facts,
         repeat=Repeat("league --config league.toml", asked.tree(whole=True), files, given=asked.tree()),
         asked=asked,
-        families=families,
-        verdicts=verdicts,
+        about={of["family"]: of["about"] for of in found.plain["families"]},
+        verdicts=dict(zip(by_family, _verdicts(found), strict=True)),
         rankings=found.plain["rankings"],
         maps=maps,
         shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
