@@ -44,6 +44,8 @@ Diabetes Care 42(8), 1593-1603, 2019, for type 1 diabetes."""
 _RESAMPLES: Final = 2000
 _WORST_PART: Final = 10
 """The worst-off are one of so many people."""
+_FEWEST: Final = 5
+"""Number of the worst-off below which a bootstrap says nothing."""
 _INTERVAL: Final = 0.025, 0.975
 
 
@@ -249,7 +251,9 @@ def _of_means(risk: Array, best: int, second: int) -> tuple[float, float]:
 
 
 def _of_worst(risk: Array, seed: int, best: int, second: int) -> tuple[float, float]:
-    """Interval of the difference of the worst-off, by a bootstrap over the people."""
+    """Interval of the difference of the worst-off, by a bootstrap over the people; without bounds for few of them."""
+    if _tenth(len(risk)) < _FEWEST:
+        return -math.inf, math.inf
     drawn = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
     worst = [worst_mean(risk[drawn, column].T) for column in (best, second)]
     low, high = np.quantile(worst[1] - worst[0], _INTERVAL)
