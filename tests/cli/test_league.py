@@ -9,7 +9,7 @@ import pytest
 from glucoloop.studies.league import study
 
 SMALL = (
-    *("--people", 4, "--patient", "kanderian-2009", "--scenario", "plain-day", "--seed", 2),
+    *("--people", 4, "--patient", "kanderian-2009", "--scenario", "plain-day"),
     *("--sensor", "white-noise, variance=1.45", "--controller", "mpc", "--controller", "imc"),
 )
 
