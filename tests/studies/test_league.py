@@ -95,8 +95,16 @@ def test_a_target_is_met_strictly_by_every_person_alone():
 
 
 def test_a_person_is_compared_only_where_the_reference_is_known():
-    row = numbers(people_of("c", 3, time_below_54_pct=[5.0, 5.0, 0.0]), people_of("ref", 2))["c"]
-    assert (row["people"], row["harmed_below_54"], row["harmed_below_54_people"]) == (2, 2, [0, 1])
+    row = numbers(people_of("c", 3, time_below_54_pct=[5.0, 3.0, 90.0]), people_of("ref", 2))["c"]
+    assert (row["people"], row["harmed_below_54"], row["harmed_below_54_people"]) == (3, 2, [0, 1])
+    interval = stats.ttest_1samp([5.0, 3.0], 0.0).confidence_interval(0.95)
+    assert (row["below_54_difference_pct_low"], row["below_54_difference_pct_high"]) == pytest.approx(tuple(interval))
+
+
+def test_without_the_reference_nobody_is_compared_and_nobody_said_to_be_unharmed():
+    row = numbers(people_of("c", 3, gri=[1.0, 2.0, 3.0]))["c"]
+    assert (row["people"], row["gri_mean"]) == (3, 2.0)
+    assert (row["harmed_below_54"], row["gri_difference"], row["gri_difference_low"]) == (None, None, None)
 
 
 def test_a_line_without_people_has_no_numbers():
@@ -104,6 +112,7 @@ def test_a_line_without_people_has_no_numbers():
     lines = pl.concat([table.select(LINE).unique(), people_of("c", 1).select(LINE)])
     _, row = line_table(table, lines, "ref", 1.0).to_dicts()
     assert (row["people"], row["gri_mean"], row["harmed_below_54"]) == (0, None, None)
+    assert harms([row], "ref") == []
 
 
 def test_all_cells_together_are_the_means_of_those_who_are_known_in_all():

@@ -112,7 +112,7 @@ class League(Part):
 
 
 def texts(parts: Iterable[Part]) -> tuple[str, ...]:
-    """What was given of each part, as a text."""
+    """Text of each part, with what was given of it."""
     return tuple(part_text(part.tree()) for part in parts)
 
 

@@ -49,46 +49,24 @@ _FEWEST: Final = 5
 _INTERVAL: Final = 0.025, 0.975
 
 
+def _mean(of: str, group: str, head: str, *, name: str = "", **others: Any) -> Column:
+    return Column(name=name or f"{of}_mean", value=pl.col(of).mean(), group=group, head=head, **others)
+
+
 def _on_target(metric: str) -> pl.Expr:
     return pl.col(metric).is_between(*TARGETS[metric], closed="none")
 
 
-def _time(metric: str, group: str, head: str, **others: Any) -> Column:
+def _time(metric: str, head: str, short: str) -> Column:
     """Mean of a time, in bold where it is on target."""
     low, high = TARGETS[metric]
-    return Column(
-        name=f"{metric.removesuffix('_pct')}_mean_pct",
-        value=pl.col(metric).mean(),
-        group=group,
-        head=head,
-        short_text=terse_percent,
-        strong=lambda row: low < (row[f"{metric.removesuffix('_pct')}_mean_pct"] or math.nan) < high,
-        **others,
-    )
+    name = f"{metric.removesuffix('_pct')}_mean_pct"
 
+    def strong(row: Row) -> bool:
+        return row[name] is not None and bool(low < row[name] < high)
 
-def _harm(bound: int) -> list[Column]:
-    """Number of people who are harmed, and how the difference from the reference is spread over all people."""
-    more = pl.col(f"more_{bound}_pct")
-    of, group = f"below_{bound}", f"Below {bound} mg/dl longer than the reference"
-    harmed = more > pl.col("worse_by_pct")
-    ordered = pl.col("person").filter(harmed).sort_by(more.filter(harmed), descending=True, maintain_order=True)
-    return [
-        Column(
-            name=f"harmed_{of}",
-            value=harmed.sum(),
-            group=group,
-            head="people",
-            text=whole,
-            short=f"harmed\n<{bound}",
-            strong=lambda row: bool(row[f"harmed_{of}"]),
-        ),
-        Column(name=f"harmed_{of}_people", value=ordered),
-        *(
-            Column(name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), group=group, head=head, text=signed)
-            for name, at, head in (("median", 0.5, "median (%)"), ("p95", 0.95, "95th"), ("most", 1.0, "most"))
-        ),
-    ]
+    short = f"{short}\n%"
+    return _mean(metric, "Time (%), target", head, name=name, short=short, short_text=terse_percent, strong=strong)
 
 
 def signed(value: float) -> str:
@@ -96,91 +74,94 @@ def signed(value: float) -> str:
     return f"{value:+z.1f}"
 
 
-def _difference(of: str, name: str, group: str, short: str | None = None) -> list[Column]:
-    """Mean difference from the reference, with its interval."""
-    values = pl.col(of)
-    half = pl.col("student").first() * values.std() / values.len().sqrt()
-    column = functools.partial(Column, group=group, text=signed)
+def _harm(bound: int) -> list[Column]:
+    """Number of people who are harmed, and how the difference from the reference is spread over all people."""
+    more, of = pl.col(f"more_{bound}_pct"), f"below_{bound}"
+    harmed = more > pl.col("worse_by_pct")
+    column = functools.partial(Column, group=f"Below {bound} mg/dl longer than the reference")
+    count = pl.when(more.count() > 0).then(harmed.sum())
+    ordered = pl.col("person").filter(harmed).sort_by(more.filter(harmed), descending=True, maintain_order=True)
+    quantiles = (("median", 0.5, "median (%)"), ("p95", 0.95, "95th"), ("most", 1.0, "most"))
     return [
-        column(name=name, value=values.mean(), head="mean", short=short),
-        column(name=f"{name}_low", value=values.mean() - half, head="from"),
-        column(name=f"{name}_high", value=values.mean() + half, head="to"),
+        column(name=f"harmed_{of}", value=count, head="people", text=whole, short=f"harmed\n<{bound}"),
+        Column(name=f"harmed_{of}_people", value=ordered),
+        *(
+            column(name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), head=head, text=signed)
+            for name, at, head in quantiles
+        ),
     ]
 
 
-_ever = pl.col("minimum_mg_dl") < 54.0
+def _difference(of: str, name: str, group: str, short: str | None = None) -> list[Column]:
+    """Mean difference from the reference, with its interval."""
+    mean = pl.col(of).mean()
+    half = pl.col("student").first() * pl.col(of).std() / pl.col(of).count().sqrt()
+    column = functools.partial(Column, group=f"{group} less reference", text=signed)
+    return [
+        column(name=name, value=mean, head="mean", short=short),
+        column(name=f"{name}_low", value=mean - half, head="from"),
+        column(name=f"{name}_high", value=mean + half, head="to"),
+    ]
+
+
+_people = functools.partial(Column, group="People")
+_worst_in_range: Final = pl.col("time_70_180_pct").quantile(0.05, "linear")
+_all_targets: Final = 100.0 * pl.all_horizontal(*map(_on_target, TARGETS)).mean()
+_ever_below_54: Final = (pl.col("minimum_mg_dl") < 54.0).sum()
+_not_valid: Final = (pl.col("time_below_validity_pct") > 0.0).sum()
 COLUMNS: Final = (
-    Column(name="people", value=pl.len(), empty=0, text=whole, group="People", head="known"),
-    Column(
+    _people(name="people", value=pl.len(), empty=0, head="known", text=whole),
+    _people(
         name="on_target_pct",
-        value=100.0 * pl.all_horizontal(*map(_on_target, TARGETS)).mean(),
-        group="People",
+        value=_all_targets,
         head="on all targets (%)",
         short="on all\ntargets %",
         short_text=terse_percent,
     ),
-    Column(name="ever_below_54", value=_ever.sum(), group="People", head="ever < 54", text=whole, short="ever\n<54"),
-    Column(
-        name="people_below_validity",
-        value=(pl.col("time_below_validity_pct") > 0.0).sum(),
-        group="People",
-        head="model not valid",
-        text=whole,
-    ),
-    Column(name="gri_mean", value=pl.col("gri").mean(), group="Risk", head="GRI", text=decimals(1), short="GRI"),
-    Column(name="lbgi_mean", value=pl.col("lbgi").mean(), group="Risk", head="LBGI", text=decimals(2)),
-    Column(name="hbgi_mean", value=pl.col("hbgi").mean(), group="Risk", head="HBGI", text=decimals(2)),
-    _time("time_70_180_pct", "Time (%), target", "70-180: > 70", short="70-180\n%"),
-    Column(
-        name="time_70_180_p5_pct",
-        value=pl.col("time_70_180_pct").quantile(0.05, "linear"),
-        group="Time (%), target",
-        head="its 5th percentile",
-    ),
-    _time("time_below_70_pct", "Time (%), target", "< 70: < 4", short="<70\n%"),
-    _time("time_below_54_pct", "Time (%), target", "< 54: < 1", short="<54\n%"),
-    _time("time_above_180_pct", "Time (%), target", "> 180: < 25", short=">180\n%"),
-    _time("time_above_250_pct", "Time (%), target", "> 250: < 5", short=">250\n%"),
-    Column(
-        name="mean_mg_dl", value=pl.col("mean_mg_dl").mean(), group="Glucose (mg/dl)", head="mean", text=glucose_text
-    ),
-    Column(
-        name="insulin_U_day",
-        value=pl.col("insulin_U_day").mean(),
-        group="Insulin",
-        head="U/day",
-        text=decimals(1),
-        short="U/day",
-    ),
+    _people(name="ever_below_54", value=_ever_below_54, head="ever < 54", text=whole, short="ever\n<54"),
+    _people(name="people_below_validity", value=_not_valid, head="model not valid", text=whole),
+    _mean("gri", "Risk", "GRI", text=decimals(1), short="GRI"),
+    _mean("lbgi", "Risk", "LBGI", text=decimals(2)),
+    _mean("hbgi", "Risk", "HBGI", text=decimals(2)),
+    _time("time_70_180_pct", "70-180: > 70", "70-180"),
+    Column(name="time_70_180_p5_pct", value=_worst_in_range, group="Time (%), target", head="its 5th percentile"),
+    _time("time_below_70_pct", "< 70: < 4", "<70"),
+    _time("time_below_54_pct", "< 54: < 1", "<54"),
+    _time("time_above_180_pct", "> 180: < 25", ">180"),
+    _time("time_above_250_pct", "> 250: < 5", ">250"),
+    _mean("mean_mg_dl", "Glucose (mg/dl)", "mean", name="mean_mg_dl", text=glucose_text),
+    _mean("insulin_U_day", "Insulin", "U/day", name="insulin_U_day", text=decimals(1), short="U/day"),
     *_harm(54),
     *_harm(70),
-    *_difference("more_in_range_pct", "in_range_difference_pct", "70-180 less reference (%)", "70-180\nless ref."),
-    *_difference("more_54_pct", "below_54_difference_pct", "< 54 less reference (%)"),
-    *_difference("more_70_pct", "below_70_difference_pct", "< 70 less reference (%)"),
-    *_difference("more_gri", "gri_difference", "GRI less reference", "GRI\nless ref."),
+    *_difference("more_in_range_pct", "in_range_difference_pct", "70-180 (%)", "70-180\nless ref."),
+    *_difference("more_54_pct", "below_54_difference_pct", "< 54 (%)"),
+    *_difference("more_70_pct", "below_70_difference_pct", "< 70 (%)"),
+    *_difference("more_gri", "gri_difference", "GRI", "GRI\nless ref."),
 )
 """Numbers of a controller in a cell; the people who are harmed most come first."""
+_MORE: Final = {
+    "more_in_range_pct": "time_70_180_pct",
+    "more_70_pct": "time_below_70_pct",
+    "more_54_pct": "time_below_54_pct",
+    "more_gri": "gri",
+}
+"""Metric of each difference from the reference."""
 
 
 def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_by_pct: float) -> pl.DataFrame:
-    """The numbers of each line, over the people whose glucose is known there and under the reference.
+    """The numbers of each line over its people; those less the reference over the people known under it as well.
 
     `people` has the columns of `LINE`, ``person``, ``insulin_U_day`` and those of `METRICS`; `lines` the columns of
     `LINE` alone.
     """
-    same, others = [*CELL, "person"], ("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "gri")
-    under_reference = people.filter(controller=reference).select(
-        *same, *(pl.col(of).alias(f"ref_{of}") for of in others)
-    )
-    paired = people.join(under_reference, on=same, how="inner", maintain_order="left").with_columns(
-        more_in_range_pct=pl.col("time_70_180_pct") - pl.col("ref_time_70_180_pct"),
-        more_70_pct=pl.col("time_below_70_pct") - pl.col("ref_time_below_70_pct"),
-        more_54_pct=pl.col("time_below_54_pct") - pl.col("ref_time_below_54_pct"),
-        more_gri=pl.col("gri") - pl.col("ref_gri"),
+    same = [*CELL, "person"]
+    under_reference = people.filter(controller=reference).select(*same, **{f"ref_{of}": of for of in _MORE.values()})
+    paired = people.join(under_reference, on=same, how="left", maintain_order="left").with_columns(
         worse_by_pct=worse_by_pct,
-        number=pl.len().over(LINE),
+        compared=pl.col("ref_gri").count().over(LINE),
+        **{more: pl.col(of) - pl.col(f"ref_{of}") for more, of in _MORE.items()},
     )
-    student = stats.t.ppf(_INTERVAL[1], np.maximum(paired["number"].to_numpy() - 1, 1))
+    student = stats.t.ppf(_INTERVAL[1], np.maximum(paired["compared"].to_numpy().astype(float) - 1.0, 1.0))
     return measured(paired.with_columns(student=pl.Series(student)), lines, COLUMNS)
 
 
@@ -274,12 +255,10 @@ def harms(rows: Sequence[Row], reference: str) -> list[Row]:
     """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70."""
     worst: dict[str, Row] = {}
 
-    def share(row: Row) -> tuple[float, float]:
-        of = max(row["people"], 1)
-        return row["harmed_below_54"] / of, row["harmed_below_70"] / of
+    def share(row: Row) -> tuple[float, ...]:
+        return tuple((row[f"harmed_below_{bound}"] or 0) / max(row["people"], 1) for bound in (54, 70))
 
     for row in rows:
-        if row["sensor"] != ALL and row["people"] and row["controller"] != reference:
-            before = worst.setdefault(row["controller"], row)
-            worst[row["controller"]] = max(before, row, key=share)
+        if row["sensor"] != ALL and row["controller"] != reference:
+            worst[row["controller"]] = max(worst.get(row["controller"], row), row, key=share)
     return [row for row in worst.values() if any(share(row))]

@@ -64,7 +64,7 @@ class Line(NamedTuple):
     trial: Trial | None
     """Trial of the controller alone; None where it is not possible."""
     reason: str
-    """Why it is not possible."""
+    """Refusal of that trial."""
 
     @property
     def names(self) -> dict[str, str]:
@@ -91,9 +91,9 @@ class ShardResult(NamedTuple):
     shard: int
     engine: str
     lacks: str
-    """What native code lacks, where another engine computed."""
+    """Operation that native code lacks, where another engine computed."""
     reason: str
-    """Why the controller takes no part; empty where it does."""
+    """Refusal of a controller that takes no part; empty where it does."""
     people: Mapping[str, npt.NDArray[Any]]
     """``person``, ``able`` and the metrics."""
 
@@ -129,7 +129,7 @@ def shards_of(asked: League) -> list[tuple[Line, int, npt.NDArray[np.int64]]]:
 
 
 def notes(asked: League) -> Iterator[str]:
-    """How much there is to do and how long that may take, and who takes no part."""
+    """Notes on the amount of work and the time that it may take, and on controllers that take no part."""
     kind, lines = rows(asked), lines_of(asked)
     minutes = max(1, round(kind.amount(kind.wanted) / 60.0))
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
@@ -226,7 +226,7 @@ class LeagueSearch:
         numbers = line_table(pl.concat([together, known]), pl.concat(shown), asked.reference.label, asked.worse_by_pct)
         plain = {
             "config": asked.tree(whole=True),
-            "families": list(_families(asked)),
+            "families": dict(_families(asked)),
             "rows": numbers.to_dicts(),
             "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
             "harms": harms(numbers.to_dicts(), asked.reference.label),
@@ -239,7 +239,7 @@ class LeagueSearch:
 search = LeagueSearch
 
 
-def _families(asked: League) -> Iterator[dict[str, Any]]:
+def _families(asked: League) -> Iterator[tuple[str, str]]:
     """Population and people of each family, and what is special about it."""
     for family, of_family in groupby(lines_of(asked), lambda line: line.family):
         trials = [line.trial for line in of_family if line.trial is not None]
@@ -248,7 +248,7 @@ def _families(asked: League) -> Iterator[dict[str, Any]]:
         if any(trial.population.name == NOMINAL for trial in trials):
             told.append("All are the nominal patient, and differ in their days and readings alone.")
         told += dict.fromkeys(text for trial in trials for text in boluses_into_a_vein(trial))
-        yield {"family": family, "about": " ".join(told)}
+        yield family, " ".join(told)
 
 
 def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
@@ -258,9 +258,8 @@ def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
         where = f"{how_many(len(row['cell']), 'cell')} ({the_first(row['cell'], 2)})"
         what = f"{row['controller']} takes no part on {row['family']} in {where}, and is not ranked there"
         yield f"{what}: {row['reason'].rstrip('.')}."
-    for controller, lacks in (
-        table.filter(pl.col("lacks") != "").select("controller", "lacks").unique().sort("*").rows()
-    ):
+    slow = table.filter(pl.col("lacks") != "").select("controller", "lacks").unique(maintain_order=True)
+    for controller, lacks in slow.rows():
         yield f"{controller} is computed by the slower engine xla, since native code lacks {lacks}."
     for family, of_family in people.filter(~pl.col("able")).group_by("family", maintain_order=True):
         number = how_many(of_family["person"].n_unique(), "person has", "people have")
@@ -274,11 +273,8 @@ def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 
-def _by_family(found: Findings) -> dict[str, list[Row]]:
-    return {
-        family: [r for r in found.rows if r["family"] == family]
-        for family in dict.fromkeys(r["family"] for r in found.rows)
-    }
+def _by_family(asked: League, found: Findings) -> dict[str, list[Row]]:
+    return {name: [row for row in found.rows if row["family"] == name] for name in asked.family_names}
 
 
 def cell_name(row: Row) -> str:
@@ -290,7 +286,7 @@ def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
     """A section for each family and a line for each controller, over all cells."""
     sections = [
         (family, [(row["controller"], [row]) for row in rows if row["sensor"] == ALL])
-        for family, rows in _by_family(found).items()
+        for family, rows in _by_family(asked, found).items()
     ]
     yield terminal_table(
         "Controller",
@@ -303,7 +299,7 @@ def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
 
 
 def sentences(asked: League, found: Findings) -> Iterator[str]:
-    """Who is best for whom, where each does harm, and who takes no part."""
+    """Conclusions: the controllers that are best for whom, where each does harm, and those that take no part."""
     yield from _verdicts(found)
     yield from _harms(asked, found)
     yield from found.plain["absent"]
@@ -322,27 +318,23 @@ def _harms(asked: League, found: Findings) -> Iterator[str]:
 
 
 def _verdicts(found: Findings) -> Iterator[str]:
-    for of in found.plain["rankings"]:
-        rows = [row for row in found.rows if row["family"] == of["family"] and row["sensor"] == ALL]
-        yield _verdict(of, {row["controller"]: row for row in rows})
-
-
-def _verdict(of: Mapping[str, Any], rows: Mapping[str, Row]) -> str:
     """Best overall, best for the worst-off, for how many people each is best, and whom the best one harms."""
-    if not of["people"]:
-        return f"{of['family']}: no controller took part in all cells with people whose numbers are known."
-    overall, worst = of["overall"], of["worst_off"]
-    whom = sorted(((number, label) for label, number in of["for_whom"].items() if number), reverse=True)
-    best_for = "; ".join(f"{label} for {number}" for number, label in whom) or "no single controller for anybody"
-    row = rows[overall["best"]]
-    harmed = row["harmed_below_54"]
-    harm = "nobody is" if not harmed else f"{how_many(harmed, 'person is', 'people are')}"
-    return (
-        f"{of['family']}: best overall is {_first(overall)}. For the worst-off tenth, "
-        f"{how_many(worst['people'], 'person', 'people')}, it is {_first(worst)}. Of "
-        f"{how_many(of['people'], 'person', 'people')}, the least index is with {best_for}. With {overall['best']} "
-        f"{harm} harmed below 54 mg/dl."
-    )
+    harmed = {(row["family"], row["controller"]): row["harmed_below_54"] for row in found.rows if row["sensor"] == ALL}
+    for of in found.plain["rankings"]:
+        if not of["people"]:
+            yield f"{of['family']}: nobody's numbers are known under all controllers that took part in all cells."
+            continue
+        best, worst = of["overall"]["best"], of["worst_off"]
+        whom = sorted(((number, label) for label, number in of["for_whom"].items() if number), reverse=True)
+        best_for = "; ".join(f"{label} for {number}" for number, label in whom) or "no single controller for anybody"
+        number = harmed[of["family"], best]
+        harm = how_many(number, "person is", "people are") if number else "nobody is"
+        yield (
+            f"{of['family']}: best overall is {_first(of['overall'])}. For the worst-off tenth, "
+            f"{how_many(worst['people'], 'person', 'people')}, it is {_first(worst)}. Of "
+            f"{how_many(of['people'], 'person', 'people')}, the least index is with {best_for}."
+            f"{'' if number is None else f' With {best} {harm} harmed below 54 mg/dl.'}"
+        )
 
 
 def _first(of: Mapping[str, Any]) -> str:
@@ -388,7 +380,7 @@ def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
 
 def page(asked: League, found: Findings) -> str:
     """The page of a league: one file that needs neither network nor script."""
-    by_family = _by_family(found)
+    by_family = _by_family(asked, found)
     maps = {family: family_map(family, rows) for family, rows in by_family.items()}
     unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
     bodies = {
@@ -411,7 +403,7 @@ def page(asked: League, found: Findings) -> str:
         facts=facts,
         repeat=Repeat("league --config league.toml", asked.tree(whole=True), files, given=asked.tree()),
         asked=asked,
-        about={of["family"]: of["about"] for of in found.plain["families"]},
+        about=found.plain["families"],
         verdicts=dict(zip(by_family, _verdicts(found), strict=True)),
         rankings=found.plain["rankings"],
         maps=maps,
