@@ -20,7 +20,7 @@ from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.setting import Default
 from glucoloop.patients.settings import NOMINAL
-from glucoloop.printable import how_many, the_first
+from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table
@@ -255,7 +255,7 @@ def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
     """Sentences on the pairs that do not go together, on slow engines, and on people whose numbers are not known."""
     refused = table.filter(pl.col("reason") != "").group_by("controller", "family", "reason", maintain_order=True)
     for row in refused.agg(cell=pl.format("{}, {}", "sensor", "scenario").unique(maintain_order=True)).to_dicts():
-        where = f"{how_many(len(row['cell']), 'cell')} ({the_first(row['cell'], 2)})"
+        where = f"{how_many(len(row['cell']), 'cell')} ({'; '.join(row['cell'])})"
         what = f"{row['controller']} takes no part on {row['family']} in {where}, and is not ranked there"
         yield f"{what}: {row['reason'].rstrip('.')}."
     slow = table.filter(pl.col("lacks") != "").select("controller", "lacks").unique(maintain_order=True)
