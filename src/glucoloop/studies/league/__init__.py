@@ -68,7 +68,9 @@ class League(Part):
             below=100.0,
         ),
     ] = 1.0
-    seed: Annotated[int, Option("The same seed gives the same people, days and noise.", at_most=LARGEST_SEED)] = 0
+    seed: Annotated[
+        int, Option("The same seed gives the same people, days and noise.", at_least=0, at_most=LARGEST_SEED)
+    ] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
