@@ -44,8 +44,8 @@ from glucoloop.studies.league.numbers import (
 )
 from glucoloop.units import MIN_PER_DAY
 
-_DESIGN_S: Final = 1.0
-_PATIENT_DAYS_S: Final = 3000.0
+_DESIGN_S: Final = 0.5
+_PATIENT_DAYS_S: Final = 2200.0
 _SLOW_PATIENT_DAYS_S: Final = 30.0
 """Time of a design, and the patient-days a second of a processor, for the estimate of the time."""
 _SAID: Final = ("engine", "lacks", "reason")
@@ -183,7 +183,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         longest_text=_LONGEST_TEXT,
         every_s=15.0,  # since all people are written each time
         unit="estimated seconds",
-        work=lambda number: math.ceil(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size)),
+        work=lambda number: max(1, round(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size))),
     )
 
 
