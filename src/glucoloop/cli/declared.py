@@ -196,7 +196,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         with stage("Preparing"):
             prepared = module.search(run.asked)
         total, before = map(row_kind.amount, (row_kind.wanted, len(rows)))
-        with counted(total, before, row_kind.unit or row_kind.what) as more:
+        with counted(total, before, row_kind.unit or row_kind.what, rate_over_s=row_kind.rate_over_s) as more:
             for number, row in enumerate(prepared.missing(rows[:]), start=len(rows)):
                 add(row)
                 more(row_kind.work(number))

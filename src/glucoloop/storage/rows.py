@@ -48,6 +48,8 @@ class Rows(Generic[R]):
     """Name of the work that progress counts, ``"patient-days"``; by default it counts rows."""
     work: Callable[[int], int] = lambda number: 1
     """Amount of work in the row of a number."""
+    rate_over_s: float = 30.0
+    """Time over which the rate of the work is taken; longer where some rows take much longer than others."""
 
     def amount(self, rows: int) -> int:
         """Amount of work in the first rows."""

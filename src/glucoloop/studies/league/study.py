@@ -135,7 +135,8 @@ def notes(asked: League) -> Iterator[str]:
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
     yield (
         f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days: about "
-        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}."
+        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}, or as the "
+        "progress tells."
     )
     yield from _left_out(asked)
 
@@ -183,6 +184,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         longest_text=_LONGEST_TEXT,
         every_s=15.0,  # since all people are written each time
         unit="estimated seconds",
+        rate_over_s=600.0,  # one controller may take ten times as long as another
         work=lambda number: max(1, round(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size))),
     )
 
