@@ -468,7 +468,8 @@ class Cohort:
         gut = self._gut(people.patient)
 
         def inputs(piece: slice) -> tuple[Any, Array]:
-            samples, reaching = piece.stop - piece.start, held(piece)
+            samples = piece.stop - piece.start
+            reaching: dict[str, Any] = held(piece)
             if self._individual_meals:
                 first = piece.start if samples < self._grid.samples else None
                 reaching["meals"] = digestion_inputs(gut, meals, samples, self._substeps, self._plants.step_min, first)

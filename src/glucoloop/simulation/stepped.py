@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.simulation.engines import Lanes
+from glucoloop.sparse import Sparse, dense
 
 Array = npt.NDArray[Any]
 
@@ -49,7 +50,8 @@ class SeenAtSample:
 class StoredInputs:
     """StoredInputs of people ``(samples, ..., people)``, kept in little memory."""
 
-    def __init__(self, values: Array) -> None:
+    def __init__(self, given: Array | Sparse) -> None:
+        values = dense(given)
         self._shape = values.shape[1:]
         shared = 0 in values.strides  # the same for all, and in memory only once
         self._dense = values if shared or np.count_nonzero(values) > _FEW * values.size else None

@@ -74,7 +74,7 @@ def run(k, numbers, people=slice(None), fill=0.0, threads=1):
     person, carry = (padded(k, rows(k, part)[:, people], fill) for part in (person, carry))
     own = padded(k, own[..., people].astype(k.dtype), fill)
     written = np.empty((SAMPLES, k.sizes["outputs"], own.shape[-1]), k.dtype)
-    k.run(person, carry, own, shared["push"][:, None].astype(k.dtype), written, threads=threads)
+    k.run(person, carry, k.by_vector(own), shared["push"][:, None].astype(k.dtype), written, threads=threads)
     n = np.arange(PEOPLE)[people].size
     return carry[:, :n], written[..., :n]
 
@@ -185,7 +185,7 @@ def test_no_samples_hand_back_what_came(compiled, numbers):
     person, carry, own, _ = numbers
     person, carry, own = padded(k, rows(k, person)), padded(k, rows(k, carry)), padded(k, own[:0])
     before = carry.copy()
-    k.run(person, carry, own, np.zeros((0, 1)), np.zeros((0, k.sizes["outputs"], carry.shape[1])))
+    k.run(person, carry, k.by_vector(own), np.zeros((0, 1)), np.zeros((0, k.sizes["outputs"], carry.shape[1])))
     np.testing.assert_array_equal(carry, before)
 
 
@@ -195,14 +195,14 @@ def test_arrays_of_another_precision_or_order_are_refused(compiled, numbers):
     given = {
         "person": padded(k, rows(k, person)),
         "carry": padded(k, rows(k, carry)),
-        "own": padded(k, own),
+        "own": k.by_vector(padded(k, own)),
         "shared": shared["push"][:, None],
         "outputs": np.zeros((SAMPLES, k.sizes["outputs"], k.padded(PEOPLE))),
     }
     with pytest.raises(TypeError, match="an array of float32"):
         k.run(**given | {"own": given["own"].astype(np.float32)})
     with pytest.raises(TypeError, match="not contiguous"):
-        k.run(**given | {"own": given["own"].transpose(0, 2, 1).copy().transpose(0, 2, 1)})
+        k.run(**given | {"own": given["own"].swapaxes(1, 2).copy().swapaxes(1, 2)})
 
 
 @pytest.mark.long

@@ -63,10 +63,10 @@ def _compiled(text: str) -> tuple[Any, int]:
 class Kernel:
     """Compiled code; see `compile_kernel`."""
 
-    def __init__(self, text: str, precision: str, sizes: dict[str, int]) -> None:
+    def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int) -> None:
         self.precision = precision
         self.dtype: Final = np.dtype(precision)
-        self.lanes = lanes(precision)
+        self.lanes = lanes
         self.sizes = sizes
         self.text = text
         with _lock:
@@ -78,11 +78,17 @@ class Kernel:
         """Number of columns of arrays for a number of people."""
         return -(-people // self.lanes) * self.lanes
 
+    def by_vector(self, own: Array) -> Array:
+        """Numbers ``(samples, numbers, people)`` as `run` takes those that reach people."""
+        parts = np.asarray(own, self.dtype).reshape(*own.shape[:2], own.shape[2] // self.lanes, self.lanes)
+        return np.ascontiguousarray(parts.transpose(2, 0, 1, 3))
+
     def run(self, person: Array, carry: Array, own: Array, shared: Array, outputs: Array, *, threads: int = 1) -> None:
         """Carry all people through all samples, in place.
 
-        `person` and `carry` are (numbers, people) arrays, `own` and `outputs` (samples, numbers, people), and `shared`
-        (samples, numbers). The state at the end is written over `carry`, and the outputs over `outputs`.
+        `person` and `carry` are (numbers, people) arrays, `own` (vectors, samples, numbers, lanes), `shared` (samples,
+        numbers), and `outputs` (samples, numbers, people). The state at the end is written over `carry`, and the
+        outputs over `outputs`.
         """
         samples, people = shared.shape[0], carry.shape[1]
         blocks = people // self.lanes
@@ -102,9 +108,14 @@ class Kernel:
             list(pool.map(part, range(threads)))
 
 
-def compile_kernel(lowered: Lowered, *, products: str = FUSED) -> Kernel:
-    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`)."""
+def compile_kernel(lowered: Lowered, *, products: str = FUSED, vectors: int = 1) -> Kernel:
+    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`).
+
+    Each operation is carried out on so many `vectors` at once: short programs whose operations wait for one another
+    gain by it.
+    """
     if products not in (FUSED, STRICT):
         raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
-    text = Emitter(lowered, products, lanes(lowered.precision)).text()
-    return Kernel(text, lowered.precision, lowered.layout.sizes)
+    people = vectors * lanes(lowered.precision)
+    text = Emitter(lowered, products, people).text()
+    return Kernel(text, lowered.precision, lowered.layout.sizes, people)
