@@ -87,11 +87,9 @@ def evaluated(
     values.update((variable, constant(array)) for variable, array in zip(jaxpr.constvars, closed.consts, strict=True))
 
     def read(atom: Any) -> Any:
-        return (
-            constant(np.asarray(atom.val, getattr(atom.aval, "dtype", None)))
-            if isinstance(atom, core.Literal)
-            else values[atom]
-        )
+        if isinstance(atom, core.Literal):
+            return constant(np.asarray(atom.val, getattr(atom.aval, "dtype", None)))
+        return values[atom]
 
     for equation in jaxpr.eqns:
         results = results_of(equation, [read(atom) for atom in equation.invars])
