@@ -150,7 +150,9 @@ class NativeEngine:
         at_sample = np.concatenate([leaf.reshape(samples, -1) for leaf in shared_leaves], axis=1)
         reaches = list(jax.tree.leaves(reaching))
         if self._draw is not None:
-            reaches.append(self._draw(np.asarray(jax.random.key_data(keys)), np.full(n, first), samples))
+            with one_at_a_time:
+                words = np.asarray(jax.random.key_data(keys))
+            reaches.append(self._draw(words, np.full(n, first), samples))
         arriving = _arriving(kernel, samples, reaches, n)
         state = _rows(jax.tree.leaves(carry), n, columns, dtype)
         written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
