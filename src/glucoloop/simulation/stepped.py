@@ -15,8 +15,8 @@ from glucoloop.sparse import Sparse, dense
 
 Array = npt.NDArray[Any]
 
-MOST_AT_ONCE: Final = 1008
-"""Largest number of samples of a piece of a run, 3.5 days of 5 min: the inputs of its people are in memory."""
+MOST_AT_ONCE: Final = 504
+"""Largest number of samples of a piece of a run, 42 h of 5 min: the inputs of its people are in memory."""
 _FEW: Final = 0.1
 """Share of numbers other than 0 up to which only these are kept, as of meals, of which there are few in a day."""
 
