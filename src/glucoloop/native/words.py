@@ -35,7 +35,7 @@ _TAKEN: Final = MOVES | {
     *primitives.CALLS, "scan", "gather", "dynamic_slice", "random_wrap", "random_unwrap", "threefry2x32",
     "convert_element_type", "bitcast_convert_type",
 }  # fmt: skip
-"""What else is done with words."""
+"""Other operations that take words."""
 
 
 def lower_drawing(drawing: Drawing, key: Any, index: Any, *, as_written: bool = False) -> Lowered:
