@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +13,13 @@ import numpy.typing as npt
 
 from glucoloop.native.flatten import Drawing
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
 from glucoloop.native.targets.products import STRICT
 from glucoloop.native.words import lower_drawing
 
 Draws = Callable[[npt.NDArray[np.uint32], npt.NDArray[Any], int], npt.NDArray[np.float64]]
 """Function of the words of keys ``(people, 2)``, the first sample of each person ``(people,)`` and the number of
 samples, that gives the numbers drawn, ``(samples, numbers, people)``."""
-
-_VECTORS: Final = 4
-"""Vectors that are drawn at once: hashing waits for one operation after another."""
 
 one_at_a_time = threading.RLock()
 """Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
@@ -40,7 +37,7 @@ def draws(drawing: Drawing, key: Any, products: str) -> Draws | None:
         lowered = lower_drawing(drawing, key, jnp.zeros((), int), as_written=products == STRICT)
     except UnsupportedError:
         return _by_jax(drawing)
-    return _by_kernel(compile_kernel(lowered, products=products, vectors=_VECTORS))
+    return _by_kernel(compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered)))
 
 
 def _by_kernel(kernel: Kernel) -> Draws:

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.draws import Draws, draws
@@ -135,7 +135,7 @@ class NativeEngine:
         person, carry, reaching, shared, key = example
         rng = key, jnp.zeros((), int)
         lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
-        self._kernel = compile_kernel(lowered, products=products)
+        self._kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
         self._draw = draws(lowered.drawing, key, products)
         self._shapes = lowered.shapes
 

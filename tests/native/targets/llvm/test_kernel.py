@@ -11,7 +11,7 @@ import pytest
 from glucoloop.native import divisions
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import chunks, emit, kernel
-from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes
+from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes, vectors_at_once
 from glucoloop.patients import Inputs
 from glucoloop.patients.sorensen import equations as sorensen
 
@@ -134,6 +134,32 @@ def test_nor_how_many_vectors_go_together(lowered, compiled, numbers, monkeypatc
     other = compile_kernel(lowered["float64"])
     for a, b in zip(run(other, numbers), run(compiled["float64"], numbers), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("vectors", [2, 4])
+def test_nor_how_many_are_carried_out_at_once(lowered, compiled, numbers, vectors):
+    other = compile_kernel(lowered["float32"], vectors=vectors)
+    assert other.lanes == vectors * lanes("float32")
+    for a, b in zip(run(other, numbers), run(compiled["float32"], numbers), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_more_vectors_are_carried_out_at_once_where_operations_wait():
+    def program(operation):
+        def of(person, carry, own, shared, rng):
+            del person, shared, rng
+            return carry, operation(own)
+
+        return lower(of, (), jnp.zeros(()), jnp.zeros(40), ())
+
+    def chain(x):
+        for _ in range(200):
+            x = x * x + 0.1
+        return x
+
+    assert vectors_at_once(program(lambda x: jnp.tanh(x))) == 1
+    assert vectors_at_once(program(lambda x: chain(x[0]))) == 4
+    assert vectors_at_once(program(lambda x: chain(x[:4]))) == 2
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

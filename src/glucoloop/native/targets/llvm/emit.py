@@ -27,11 +27,13 @@ VECTORS_A_BLOCK: Final = 4
 class Emitter:
     """Writer of the code of one kernel, with products fused or strict, and `lanes` people side by side in one vector.
 
+    Each operation is written for so many `vectors`, which the processor carries out one beside another.
     If it is apart, what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
     caller that goes through the samples and the vectors itself. See `text`.
     """
 
-    def __init__(self, lowered: Lowered, products: str, lanes: int, *, apart: bool = False) -> None:
+    def __init__(self, lowered: Lowered, products: str, lanes: int, *, vectors: int = 1, apart: bool = False) -> None:
+        lanes *= vectors
         program, layout = self._p, self._layout = lowered.program, lowered.layout
         self._apart = apart
         self._lanes = lanes
@@ -67,9 +69,9 @@ class Emitter:
         """Place of each row's value, which waits in memory."""
         inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
-        self._group = 1 if apart or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
-        vectors = {first: row.factors for first, row in self._rows.items()}
-        self._plan = plan_chunks(program, layout, values, self._taken, vectors=vectors)
+        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        factors = {first: row.factors for first, row in self._rows.items()}
+        self._plan = plan_chunks(program, layout, values, self._taken, vectors=factors)
 
     @property
     def held(self) -> int:

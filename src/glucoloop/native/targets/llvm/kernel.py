@@ -13,11 +13,17 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
+from glucoloop.native.program import SAMPLE
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
+
+_DIVISION: Final = 4
+"""Time of a division in that of a product."""
+_BESIDE: Final = 9.0
+"""Operations that the processor carries out in the time from the beginning of one to its result, about."""
 
 _lock = threading.Lock()  # LLVM is started and asked for code by one thread at a time
 
@@ -111,11 +117,25 @@ class Kernel:
 def compile_kernel(lowered: Lowered, *, products: str = FUSED, vectors: int = 1) -> Kernel:
     """Compile a lowered function for this processor, with products fused or strict (see `targets.products`).
 
-    Each operation is carried out on so many `vectors` at once: short programs whose operations wait for one another
-    gain by it.
+    Each operation is carried out on so many `vectors` at once; see `vectors_at_once`.
     """
     if products not in (FUSED, STRICT):
         raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
-    people = vectors * lanes(lowered.precision)
-    text = Emitter(lowered, products, people).text()
-    return Kernel(text, lowered.precision, lowered.layout.sizes, people)
+    width = lanes(lowered.precision)
+    text = Emitter(lowered, products, width, vectors=vectors).text()
+    return Kernel(text, lowered.precision, lowered.layout.sizes, vectors * width)
+
+
+def vectors_at_once(lowered: Lowered) -> int:
+    """Number of vectors, 1, 2 or 4, that fill the time in which the operations of a program wait for one another.
+
+    Two fill more registers, too: it takes a long chain of operations, as of an integrator of many steps, to gain by it.
+    """
+    program, depth, operations = lowered.program, dict[int, int](), 0
+    for value in program.needed(lowered.layout.results):
+        operation, arguments = program.operations[value]
+        if arguments and program.levels[value] == SAMPLE:
+            operations += 1
+            depth[value] = max(depth.get(a, 0) for a in arguments) + (_DIVISION if operation == "div" else 1)
+    idle = _BESIDE * max(depth.values(), default=0) / max(operations, 1)
+    return next(vectors for vectors in (4, 2, 1) if vectors <= max(idle, 1.0))
