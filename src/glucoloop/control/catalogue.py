@@ -13,6 +13,7 @@ from glucoloop.control.settings import (
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
+    Oref0Settings,
     PIDSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
@@ -28,6 +29,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         PIDSettings,
         BasalBolusSettings,
         BasalSettings,
+        Oref0Settings,
     ),
     example="mpc-se, move_horizon=2",
     unnamed=True,
