@@ -3,9 +3,8 @@
 G. M. Steil et al., "The effect of insulin feedback on closed loop glucose control", J. Clin. Endocrinol. Metab. 96(5),
 2011, 1402-1408. J. L. Ruiz et al., "Effect of insulin feedback on closed-loop glucose control: a crossover study",
 J. Diabetes Sci. Technol. 6(5), 2012, 1123-1130 (the model of insulin and the feedback gains). The derivative gain from
-the daily dose by the rule of 1500, and the derivative time of 90 min, are those of the proportional-derivative
-controller in implementations of A. Revert et al., "Safety auxiliary feedback element for the artificial pancreas in
-type 1 diabetes", IEEE Trans. Biomed. Eng. 60(8), 2013, 2113-2122.
+the daily dose by the rule of 1500, and the derivative time of 90 min, are those of public implementations of
+proportional-derivative control for the artificial pancreas, which name no paper; the integral time is a choice.
 
 The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of a hybrid closed loop gives it.
 """
