@@ -14,6 +14,7 @@ from glucoloop.control.settings import (
     MPCSESettings,
     NLQDMCSettings,
     PIDSettings,
+    ProfileMPCSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
 
@@ -24,6 +25,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         MPCSESettings,
         NLQDMCSettings,
         MealMPCSettings,
+        ProfileMPCSettings,
         IMCSettings,
         PIDSettings,
         BasalBolusSettings,

@@ -1,0 +1,135 @@
+"""Measure what controllers reach with insulin under the skin, on people whose profiles are titrated and 15 % wrong.
+
+    python benchmarks/under_the_skin.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
+
+Three days of 45, 70 and 60 g, the sizes of which spread by 30 % and the times by 30 min. Announced meals are counted
+with an error of 30 %. Readings have white noise of variance 1.45 (white), or lag by 10 min and have a correlated error
+with a standard deviation of 9 mg/dl (cgm). Ratio and factor of each person's profile are titrated on the person and
+then multiplied by lognormal errors with a standard deviation of 15 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import time
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from glucoloop.cohorts import engine
+from glucoloop.cohorts.trial import Trial
+from glucoloop.experiments.designs import controller_of
+from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.patients.population import VirtualPeople
+from glucoloop.profile import Profile, given_profile
+from glucoloop.situations.situation import configured
+from glucoloop.threefry import uniforms
+
+PROFILE_ERROR = 0.15
+PATIENTS = {
+    "hovorka": {"patient": "hovorka-2004", "population": "boiroux2017"},
+    "wilinska": {"patient": "wilinska-2010", "population": "wilinska2010"},
+    "uva-padova": {"patient": "uva-padova-2008", "population": "lognormal"},
+    "mvp": {"patient": "kanderian-2009", "population": "kanderian2009"},
+}
+SENSORS = {
+    "white": ["white-noise, variance=1.45"],
+    "cgm": ["lag, lag_min=10", "correlated-noise, variance=81, correlation=0.7"],
+}
+TUNED = {"white": "profile-mpc", "cgm": "profile-mpc, sensor_lag_min=10, sensor_error_mg_dl=9"}
+CASES = [
+    f"{patient}, {told}, {sensor}"
+    for patient in PATIENTS
+    for told in ("announced", "unannounced")
+    for sensor in SENSORS
+]
+REPORTED = ("time_70_180_pct", "time_below_70_pct", "time_below_54_pct")
+
+
+def erred(profile: Profile, seed: int, person: Any) -> Profile:
+    """A profile whose ratio and factor are wrong."""
+
+    def wrong(value: Any, name: str) -> Any:
+        return None if value is None else value * np.exp(PROFILE_ERROR * ndtri(uniforms(seed, name, person)))
+
+    return dataclasses.replace(
+        profile,
+        carb_ratio_g_U=wrong(profile.carb_ratio_g_U, "wrong ratio"),
+        correction_mg_dl_U=wrong(profile.correction_mg_dl_U, "wrong factor"),
+    )
+
+
+def trial_of(case: str, people: int, seed: int, controller: str, **more: Any) -> Trial:
+    """Trial of a case."""
+    patient, told, sensor = case.split(", ")
+    announced = told == "announced"
+    return configured(
+        Trial,
+        {
+            **PATIENTS[patient],
+            "people": people,
+            "seed": seed,
+            "days": 3,
+            "meals": ["45g@7h", "70g@12h", "60g@18h"],
+            "meal_size_spread_pct": 30.0,
+            "meal_time_spread_min": 30.0,
+            "announce_meals": announced,
+            **({"carb_error_pct": 30.0} if announced else {}),
+            "sensor": SENSORS[sensor],
+            "profile_by": "titration",
+            "controller": [controller],
+            **more,
+        },
+    )
+
+
+def measured(case: str, people: int, seed: int, text: str, **more: Any) -> dict[str, Any]:
+    """Figures of a controller in a case."""
+    trial = trial_of(case, people, seed, text, **more)
+    [asked] = trial.cases
+    fold, example = engine.fold_of(trial), engine.people_of(trial, [0])
+    controller = controller_of(trial, asked)
+
+    def own(people: VirtualPeople) -> Any:
+        return given_profile(controller, erred(people.profile, seed, people.draw.person))
+
+    loop = engine.loop_of(trial, controller, fold, example, controllers_of=own)
+    of_case = engine.PreparedCase(controller, loop, surroundings_of(trial), ())
+    start = time.perf_counter()
+    found = engine.run_people(engine.PreparedTrial(trial, fold, {asked.label: of_case}), asked.label, np.arange(people))
+    taken = time.perf_counter() - start
+    metrics = {name: values[found.feasible] for name, values in found.metrics.items()}
+    return {
+        "case": case,
+        "controller": text,
+        "people": int(found.feasible.sum()),
+        "seed": seed,
+        **{name: float(np.mean(metrics[name])) for name in REPORTED},
+        "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
+        "engine": loop.engine,
+        "patient_days_s": people * 3 / taken,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    parser.add_argument("--people", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--case", action="append", metavar="NAME", help="a case, or the beginning of its name")
+    parser.add_argument("--controller", action="append", metavar="TEXT", help="by default profile-mpc and basal-bolus")
+    asked = parser.parse_args()
+    cases = [case for case in CASES if any(case.startswith(wanted) for wanted in asked.case or [""])]
+    rows = [
+        measured(case, asked.people, asked.seed, text)
+        for case in cases
+        for text in asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]
+    ]
+    print(json.dumps(rows, indent=2))
+
+
+if __name__ == "__main__":
+    main()
