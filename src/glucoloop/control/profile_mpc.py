@@ -34,7 +34,7 @@ from glucoloop.units import MG_PER_G
 
 _BLOCK_ENDS_MIN: Final = (5.0, 15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
 """Ends of the blocks of the plan, in each of which the rate is held."""
-_STEPS_MIN: Final = ((240.0, 15.0), (math.inf, 30.0))
+_STEPS_MIN: Final = ((240.0, 30.0), (math.inf, 60.0))
 """Longest step of the forecast in blocks that end by a time."""
 _ITERATIONS: Final = 2
 """Linearisations at each sample."""
@@ -81,8 +81,10 @@ class ProfileMPC:
     doubt: jax.Array | float
     disturbance_doubt: jax.Array | float
     move_weight: jax.Array | float
+    bolus_weight: jax.Array | float
     limits: DoseLimits
     bolus: BolusLimits
+    automatic: bool = static()
     sample_time_min: float = static()
     gives_boluses: ClassVar[bool] = True
     heals: ClassVar[bool] = True
@@ -126,10 +128,12 @@ class ProfileMPC:
         plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
 
         plan = self._plan(estimate, plan, observation.setpoint_mg_dl, delivered, eats)
-        rate = jnp.where(eats, jnp.minimum(plan[0], plan[1]), plan[0])
+        # What the plan wants now and not later is a bolus, if the pump can give one so small.
+        at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
+        rate = jnp.where((eats | self.automatic) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
         decision = decide(jnp.where(sound, rate, jnp.nan), delivered, self.limits, known)
-        wanted = jnp.where(eats & sound, (plan[0] - decision.insulin_mU_min) * self.sample_time_min, 0.0)
-        wanted = jnp.clip(wanted, 0.0, self.bolus.max_mU)
+        rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
+        wanted = jnp.clip(jnp.where((eats | self.automatic) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
         state = ProfileMPCState(
             estimate=estimate, plan_mU_min=plan, asked_mU_min=decision.insulin_mU_min, asked_bolus_mU=wanted
         )
@@ -174,14 +178,14 @@ class ProfileMPC:
         blocks = self.forecast.block_min
         change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
         up = jnp.where(
-            eats, highest + self.bolus.max_mU / self.sample_time_min, jnp.minimum(delivered + change, highest)
+            eats | self.automatic, highest + self.bolus.max_mU / self.sample_time_min, jnp.minimum(delivered + change, highest)
         )
         later = jnp.zeros_like(plan)[1:]
         least = jnp.append(jnp.maximum(delivered - change, lowest), later + lowest)
         most = jnp.append(up, later + highest)
-        # a bolus costs nothing by its size
-        priced = jnp.append(jnp.where(eats, 0.0, 1.0), later + 1.0)
-        preference = self.move_weight * self.model.insulin_gain**2 * blocks * priced
+        # a bolus for a meal costs nothing by its size
+        first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic else self.move_weight)
+        preference = self.model.insulin_gain**2 * blocks * jnp.append(first, later + self.move_weight)
 
         def expected(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
             glucose = self._glucose(estimate, plan)
@@ -266,6 +270,8 @@ def design_profile_mpc(
         doubt=settings.doubt,
         disturbance_doubt=settings.disturbance_doubt,
         move_weight=settings.move_weight,
+        bolus_weight=settings.bolus_weight,
+        automatic=settings.automatic_boluses,
         limits=limits,
         bolus=bolus,
         sample_time_min=sample,

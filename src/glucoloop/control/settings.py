@@ -312,10 +312,10 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
 
     straight_beyond_mg_dl: Annotated[
         float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
-    ] = 60.0
+    ] = 8.0
     low_weight: Annotated[
         float, About("How many times as dear expected glucose below the target is as above it.", above=0.0)
-    ] = 10.0
+    ] = 50.0
     glucose_floor_mg_dl: Annotated[
         float,
         About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
@@ -326,14 +326,24 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     doubt: Annotated[
         float,
         About("Standard deviations of the content of the gut that the cautious forecast lacks.", at_least=0.0),
-    ] = 1.0
+    ] = 1.5
     disturbance_doubt: Annotated[
         float,
         About(
             "Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0
         ),
     ] = 0.5
-    move_weight: Annotated[float, About("Weight on rates away from the basal rate.", at_least=0.0)] = 10.0
+    move_weight: Annotated[float, About("Weight on planned rates away from the basal rate.", at_least=0.0)] = 1.0
+    bolus_weight: Annotated[
+        float, About("The same for the coming sample, unless a meal was announced for it.", at_least=0.0)
+    ] = 0.25
+    automatic_boluses: Annotated[
+        bool,
+        About(
+            "Whether insulin that is wanted at once is a bolus at any time, or with announced meals alone: true or "
+            "false."
+        ),
+    ] = True
     gut_min: Annotated[
         float, About("Time from eating to the largest appearance of glucose, in minutes.", above=0.0)
     ] = 40.0
@@ -342,13 +352,13 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     ] = 30.0
     meal_noise_g: Annotated[
         float, About("Standard deviation of what is eaten unannounced in 5 min.", at_least=0.0)
-    ] = 3.0
+    ] = 6.0
     disturbance_noise_mg_min: Annotated[
         float, About("Standard deviation of the change of the unexplained appearance in 5 min.", at_least=0.0)
-    ] = 5.0
+    ] = 10.0
     disturbance_min: Annotated[
         float, About("Time constant with which the unexplained appearance fades.", above=0.0)
-    ] = 120.0
+    ] = 60.0
     glucose_noise_mg_min: Annotated[
         float, About("Standard deviation of further appearance, new at each sample.", at_least=0.0)
     ] = 10.0

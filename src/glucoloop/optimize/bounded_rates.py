@@ -72,26 +72,25 @@ def minimise_rates(
 
     `preferred` are p and `preference` r, ``(m,)``.
     """
-    u = jnp.clip(start, least, most)
-
-    def objective(u: jax.Array) -> jax.Array:
-        moved = A @ (u - start)
-        return costs.cost(e + moved, c + moved) + 0.5 * jnp.sum(preference * (u - preferred) ** 2)
-
-    def one(u: jax.Array, _: None) -> tuple[jax.Array, None]:
-        moved = A @ (u - start)
+    def one(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], None]:
+        u, moved = carry
         slope, bend = costs.slopes(e + moved, c + moved)
         gradient = A.T @ slope + preference * (u - preferred)
         step = _descend(A.T @ (bend[:, None] * A) + jnp.diag(preference), gradient, least - u, most - u)
-        tried = jnp.stack([u + share * step for share in _ON_THE_WAY])
-        found = jax.vmap(objective)(tried)
-        best, lowest = u, objective(u)
-        for i in range(len(_ON_THE_WAY)):
-            better = found[i] < lowest
-            best, lowest = jnp.where(better, tried[i], best), jnp.where(better, found[i], lowest)
-        return best, None
+        along = A @ step
 
-    return jax.lax.scan(one, u, None, length=ROUNDS)[0]
+        def objective(share: float) -> jax.Array:
+            there, away = moved + share * along, u + share * step - preferred
+            return costs.cost(e + there, c + there) + 0.5 * jnp.sum(preference * away**2)
+
+        best, lowest = jnp.zeros(()), objective(0.0)
+        for share in _ON_THE_WAY:
+            value = objective(share)
+            best, lowest = jnp.where(value < lowest, share, best), jnp.minimum(value, lowest)
+        return (u + best * step, moved + best * along), None
+
+    u = jnp.clip(start, least, most)
+    return jax.lax.scan(one, (u, A @ (u - start)), None, length=ROUNDS)[0][0]
 
 
 def _descend(H: jax.Array, gradient: jax.Array, least: jax.Array, most: jax.Array) -> jax.Array:
