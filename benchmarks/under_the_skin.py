@@ -28,6 +28,7 @@ from glucoloop.profile import Profile, given_profile
 from glucoloop.situations.situation import configured
 from glucoloop.threefry import uniforms
 
+DAYS = 3
 PROFILE_ERROR = 0.15
 PATIENTS = {
     "hovorka": {"patient": "hovorka-2004", "population": "boiroux2017"},
@@ -46,6 +47,8 @@ CASES = [
     for told in ("announced", "unannounced")
     for sensor in SENSORS
 ]
+MOST = {"mvp": 10}
+"""People whom a population has."""
 REPORTED = ("time_70_180_pct", "time_below_70_pct", "time_below_54_pct")
 
 
@@ -70,9 +73,9 @@ def trial_of(case: str, people: int, seed: int, controller: str, **more: Any) ->
         Trial,
         {
             **PATIENTS[patient],
-            "people": people,
+            "people": min(people, MOST.get(patient, people)),
             "seed": seed,
-            "days": 3,
+            "days": DAYS,
             "meals": ["45g@7h", "70g@12h", "60g@18h"],
             "meal_size_spread_pct": 30.0,
             "meal_time_spread_min": 30.0,
@@ -86,49 +89,63 @@ def trial_of(case: str, people: int, seed: int, controller: str, **more: Any) ->
     )
 
 
-def measured(case: str, people: int, seed: int, text: str, **more: Any) -> dict[str, Any]:
-    """Figures of a controller in a case."""
-    trial = trial_of(case, people, seed, text, **more)
+def measured(case: str, people: int, seeds: list[int], text: str) -> list[dict[str, Any]]:
+    """Figures of a controller in a case for people of each seed; the loop is compiled once."""
+    trial = trial_of(case, people, seeds[0], text)
     [asked] = trial.cases
-    fold, example = engine.fold_of(trial), engine.people_of(trial, [0])
-    controller = controller_of(trial, asked)
+    fold, controller, rows = engine.fold_of(trial), controller_of(trial, asked), []
+    of_seed = seeds[0]
 
     def own(people: VirtualPeople) -> Any:
-        return given_profile(controller, erred(people.profile, seed, people.draw.person))
+        return given_profile(controller, erred(people.profile, of_seed, people.draw.person))
 
-    loop = engine.loop_of(trial, controller, fold, example, controllers_of=own)
+    loop = engine.loop_of(trial, controller, fold, controllers_of=own)
     of_case = engine.PreparedCase(controller, loop, surroundings_of(trial), ())
-    start = time.perf_counter()
-    found = engine.run_people(engine.PreparedTrial(trial, fold, {asked.label: of_case}), asked.label, np.arange(people))
-    taken = time.perf_counter() - start
-    metrics = {name: values[found.feasible] for name, values in found.metrics.items()}
-    return {
-        "case": case,
-        "controller": text,
-        "people": int(found.feasible.sum()),
-        "seed": seed,
-        **{name: float(np.mean(metrics[name])) for name in REPORTED},
-        "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
-        "engine": loop.engine,
-        "patient_days_s": people * 3 / taken,
-    }
+    for of_seed in seeds:
+        prepared = engine.PreparedTrial(trial_of(case, people, of_seed, text), fold, {asked.label: of_case})
+        start = time.perf_counter()
+        found = engine.run_people(prepared, asked.label, np.arange(prepared.trial.people))
+        taken = time.perf_counter() - start
+        metrics = {name: values[found.feasible] for name, values in found.metrics.items()}
+        rows.append(
+            {
+                "case": case,
+                "controller": text,
+                "seed": of_seed,
+                "people": int(found.feasible.sum()),
+                **{name: float(np.mean(metrics[name])) for name in REPORTED},
+                "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
+                "engine": loop.engine,
+                "patient_days_s": prepared.trial.people * DAYS / taken,
+            }
+        )
+    return rows
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--people", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--seed", type=int, action="append", help="a seed; give it once for each; by default 1 and 2")
     parser.add_argument("--case", action="append", metavar="NAME", help="a case, or the beginning of its name")
     parser.add_argument("--controller", action="append", metavar="TEXT", help="by default profile-mpc and basal-bolus")
     asked = parser.parse_args()
-    cases = [case for case in CASES if any(case.startswith(wanted) for wanted in asked.case or [""])]
-    rows = [
-        measured(case, asked.people, asked.seed, text)
-        for case in cases
-        for text in asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]
-    ]
-    print(json.dumps(rows, indent=2))
+    if not asked.json:
+        print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % of people |")
+        print("| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |")
+    rows = []
+    for case in CASES:
+        if not any(case.startswith(wanted) for wanted in asked.case or [""]):
+            continue
+        for text in asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]:
+            for row in measured(case, asked.people, asked.seed or [1, 2], text):
+                rows.append(row)
+                if not asked.json:
+                    shown = [f"{row[name]:.1f}" for name in (*REPORTED, "ever_below_54_pct")]
+                    named = [case, text.partition(",")[0], row["seed"], row["people"], *shown]
+                    print("| " + " | ".join(map(str, named)) + " |", flush=True)
+    if asked.json:
+        print(json.dumps(rows, indent=2))
 
 
 if __name__ == "__main__":

@@ -32,8 +32,8 @@ from glucoloop.profile import Profile
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
 from glucoloop.units import MG_PER_G
 
-_BLOCK_ENDS_MIN: Final = (5.0, 15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
-"""Ends of the blocks of the plan, in each of which the rate is held."""
+_BLOCK_ENDS_MIN: Final = (15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
+"""Ends of the blocks of the plan, in each of which the rate is held; the first one is a sample."""
 _STEPS_MIN: Final = ((240.0, 30.0), (math.inf, 60.0))
 """Longest step of the forecast in blocks that end by a time."""
 _ITERATIONS: Final = 2
@@ -159,7 +159,8 @@ class ProfileMPC:
             return (x, gut.after(content, h), left * disturbance), self.model.glucose_mg_dl(x)
 
         start = estimate.x, estimate.gut_mg, estimate.disturbance_mg_min
-        return jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block))[1]
+        glucose: jax.Array = jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block))[1]
+        return glucose
 
     def _doubted(self, estimate: FedEstimate) -> FedEstimate:
         """The estimate without what is uncertain of meals and of what no meal explains."""
@@ -178,7 +179,9 @@ class ProfileMPC:
         blocks = self.forecast.block_min
         change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
         up = jnp.where(
-            eats | self.automatic, highest + self.bolus.max_mU / self.sample_time_min, jnp.minimum(delivered + change, highest)
+            eats | self.automatic,
+            highest + self.bolus.max_mU / self.sample_time_min,
+            jnp.minimum(delivered + change, highest),
         )
         later = jnp.zeros_like(plan)[1:]
         least = jnp.append(jnp.maximum(delivered - change, lowest), later + lowest)
@@ -211,8 +214,8 @@ class ProfileMPC:
 def forecast_of(model: ProfiledModel, sample_time_min: float) -> Forecast:
     """Steps over blocks that end with samples."""
     ends = [0.0]
-    for wanted in _BLOCK_ENDS_MIN:
-        end = max(1, round(wanted / sample_time_min)) * sample_time_min
+    for wanted in (sample_time_min, *_BLOCK_ENDS_MIN):
+        end = round(wanted / sample_time_min) * sample_time_min
         if end > ends[-1]:
             ends.append(end)
     lengths, of_block = [], []
@@ -239,6 +242,55 @@ def design_profile_mpc(
     nominal_weight_kg: float | None = None,
     noise_variance: float = 0.0,
 ) -> ProfileMPC:
+    """Predictive control on the family's equations, scaled to a person by the profile.
+
+    A filter, `estimation.fed_filter`, estimates glucose, the content of the gut, an unexplained appearance and the
+    error of the sensor; what insulin does is known from what was delivered. From there the equations forecast glucose
+    twice: as expected, G, and cautiously, G_c, where the gut lacks `doubt` standard deviations of its content, and a
+    part of the unexplained appearance is not there. The rates u of blocks over eight hours, not below zero and
+    within the pump's limits, minimise::
+
+        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2  +  sum_j w_j (u_j - u_b)^2 / 2
+
+    where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
+    a high peak asks for no more insulin than a lower one that lasts as long. What is wanted at once, beyond the rate
+    that follows, is a bolus: with an announced meal, and at other times if the pump can give one so small and
+    `automatic_boluses` allows it. The boluses that the pump reports are part of what was delivered.
+
+    ============  ===========================================================  ======
+    variable      meaning                                                      size
+    ============  ===========================================================  ======
+    ``G``         glucose expected at the steps ahead                          (14,)
+    ``G_c``       the same with what is uncertain left out                     (14,)
+    ``u``         rates of the blocks                                          (10,)
+    ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
+    ============  ===========================================================  ======
+
+    The program is solved in a fixed number of rounds (`optimize.bounded_rates`), for two linearisations at each sample,
+    the first along the plan of the sample before. A known dead time of the readings is not taken into account.
+
+    Parameters
+    ----------
+    nominal : NonlinearModel
+        Equations of the nominal person, at rest.
+    linear : LinearModel
+        The same linearised at rest, with the appearance of a meal as its disturbance.
+    profile : Profile
+        Profile of the person; see `models.profiled` for what is not known of the person.
+    settings : ProfileMPCSettings
+        Costs, doubts, and the noise that the filter expects.
+    limits, bolus : DoseLimits, BolusLimits
+        Limits of the pump.
+    nominal_weight_kg : float, optional
+        Weight of the nominal person.
+    noise_variance : float
+        Variance of white noise of the readings, (mg/dl)^2, where the settings give none.
+
+    Raises
+    ------
+    ValueError
+        For a linear model without a disturbance, or a model whose glucose insulin does not lower.
+    """
     gut = Gut(time_to_peak_min=settings.gut_min)
     sample = nominal.sample_time_min
     model = profiled_model(nominal, linear, gut, nominal_weight_kg)

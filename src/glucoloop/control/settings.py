@@ -309,6 +309,7 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     uses_model: ClassVar = False
     individual: ClassVar = "glucoloop.experiments.individual:by_profile"
     gives_boluses: ClassVar = True
+    slow: ClassVar = True
 
     straight_beyond_mg_dl: Annotated[
         float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
@@ -329,9 +330,7 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     ] = 1.5
     disturbance_doubt: Annotated[
         float,
-        About(
-            "Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0
-        ),
+        About("Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0),
     ] = 0.5
     move_weight: Annotated[float, About("Weight on planned rates away from the basal rate.", at_least=0.0)] = 1.0
     bolus_weight: Annotated[
@@ -350,9 +349,9 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     counting_error_pct: Annotated[
         float, About("Standard deviation of the error of announced carbohydrate, in percent.", at_least=0.0)
     ] = 30.0
-    meal_noise_g: Annotated[
-        float, About("Standard deviation of what is eaten unannounced in 5 min.", at_least=0.0)
-    ] = 6.0
+    meal_noise_g: Annotated[float, About("Standard deviation of what is eaten unannounced in 5 min.", at_least=0.0)] = (
+        6.0
+    )
     disturbance_noise_mg_min: Annotated[
         float, About("Standard deviation of the change of the unexplained appearance in 5 min.", at_least=0.0)
     ] = 10.0

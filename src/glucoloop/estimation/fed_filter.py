@@ -14,7 +14,6 @@ R. Hovorka et al., Physiol. Meas. 25, 2004, 905-920 (the gut).
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import jax
@@ -141,7 +140,9 @@ class FedFilter:
         mean = jnp.stack([self.gut.appearance_mg_min(one[:, i], minutes) for i in range(2)])
         return left, mean
 
-    def update(self, model: ProfiledModel, estimate: FedEstimate, reading_mg_dl: jax.Array, known: jax.Array) -> FedEstimate:
+    def update(
+        self, model: ProfiledModel, estimate: FedEstimate, reading_mg_dl: jax.Array, known: jax.Array
+    ) -> FedEstimate:
         """Estimate corrected by a reading, if it is known."""
         r = len(self.fed)
         C = jnp.concatenate([self._fed(jax.grad(model.reading_mg_dl)(estimate.x)), jnp.zeros(3), jnp.ones(1)])

@@ -134,14 +134,22 @@ class ProfiledModel:
     def steps_of(self, minutes: Sequence[float]) -> Step:
         """Matrices of several steps, stacked."""
         known = {length: self.step_of(length) for length in set(minutes)}
-        return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), float), *[known[m] for m in minutes])
+        steps = [known[length] for length in minutes]
+        return Step(
+            **{
+                name: jnp.asarray(np.stack([getattr(step, name) for step in steps]))
+                for name in ("minutes", "first", "second")
+            }
+        )
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, flux_mg_min: jax.Array, step: Step) -> jax.Array:
         """State a step on, under a held rate of insulin and held appearance in the nominal person."""
         u = self.nominal.insulin_mU_min + self.insulin_gain * (insulin_mU_min - self.basal_mU_min)
         fasting = self.nominal.derivative(x, u)
         middle = x + step.first @ (fasting + self.E * flux_mg_min)
-        return middle + step.second @ (self.nominal.derivative(middle, u) - fasting - self.J @ (middle - x))
+        later: jax.Array = self.nominal.derivative(middle, u) - fasting - self.J @ (middle - x)
+        found: jax.Array = middle + step.second @ later
+        return found
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state."""

@@ -1,4 +1,4 @@
-"""Rates within bounds that minimise one-sided costs of outputs that are linear in the rates, in a fixed number of steps.
+"""Rates within bounds that minimise one-sided costs of outputs linear in the rates, in a fixed number of steps.
 
 The objective, in the rates u and with the outputs ``e = e_0 + A (u - u_0)`` and ``c = c_0 + A (u - u_0)``::
 
@@ -72,6 +72,7 @@ def minimise_rates(
 
     `preferred` are p and `preference` r, ``(m,)``.
     """
+
     def one(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], None]:
         u, moved = carry
         slope, bend = costs.slopes(e + moved, c + moved)
