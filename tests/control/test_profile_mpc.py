@@ -62,7 +62,9 @@ def test_rest_is_held():
 
 @pytest.mark.long
 def test_a_day_without_meals_stays_where_it_began():
-    trace = simulate(PATIENT, designed(Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0)), scenario=Scenario([], 1440.0))
+    trace = simulate(
+        PATIENT, designed(Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0)), scenario=Scenario([], 1440.0)
+    )
     np.testing.assert_allclose(trace.glucose_mg_dl, 120.0, atol=0.5)
     np.testing.assert_allclose(trace.insulin_mU_min, BASAL, rtol=0.02)
 
@@ -77,13 +79,14 @@ def test_an_announced_meal_gets_a_bolus_by_the_ratio():
 
 
 def test_boluses_follow_the_persons_own_ratio():
+    """People whose ratios and factors differ by one number need insulin in inverse proportion to it."""
     several = (8.0, 16.0, 32.0)
-    profiles = [dataclasses.replace(PROFILE, carb_ratio_g_U=ratio) for ratio in several]
+    profiles = [dataclasses.replace(PROFILE, carb_ratio_g_U=ratio, correction_mg_dl_U=3.0 * ratio) for ratio in several]
     boluses = [
         float(after(CONTROLLER.with_profile(profile), seen(), seen(carbs_g=40.0)).bolus_mU) for profile in profiles
     ]
     for bolus_mU, ratio in zip(boluses, several, strict=True):
-        assert bolus_mU * ratio == pytest.approx(boluses[1] * 16.0, rel=0.3)
+        assert bolus_mU * ratio == pytest.approx(boluses[1] * 16.0, rel=0.05)
 
 
 def test_people_are_given_the_gains_of_their_profiles():
@@ -108,6 +111,7 @@ def test_glucose_that_rises_gets_insulin_unless_it_was_given_already():
     assert float(after(CONTROLLER, *given).bolus_mU) == 0.0
 
 
+@pytest.mark.long
 def test_without_automatic_boluses_only_the_rate_answers_a_rise():
     controller = designed(PROFILE, automatic_boluses=False)
     decision = after(controller, *[seen(glucose) for glucose in (120.0, 124.0, 132.0, 144.0, 158.0)])

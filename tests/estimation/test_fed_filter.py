@@ -39,9 +39,7 @@ def some():
 
 def vector(estimate):
     """Fed states, gut, disturbance and error of the sensor."""
-    return np.array(
-        [*estimate.x[:3], *estimate.gut_mg, estimate.disturbance_mg_min, estimate.sensor_mg_dl], np.float64
-    )
+    return np.array([*estimate.x[:3], *estimate.gut_mg, estimate.disturbance_mg_min, estimate.sensor_mg_dl], np.float64)
 
 
 def with_vector(estimate, v):

@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import glucoloop as gl
-from glucoloop.models.profiled import ACTION_MIN, MEAL_G, Gut, profiled_model
+from glucoloop.models.profiled import ACTION_MIN, MEAL_G, GutCompartments, profiled_model
 from glucoloop.patients.protocol import inputs_of
 from glucoloop.profile import Profile
 from glucoloop.simulation import linear_model, nonlinear_model
 
-GUT = Gut(time_to_peak_min=40.0)
+GUT = GutCompartments(time_to_peak_min=40.0)
 PATIENT = gl.patient("hovorka-2004")
 MODEL = profiled_model(nonlinear_model(PATIENT), linear_model(PATIENT), GUT, 75.0)
 BASAL = float(PATIENT.basal_insulin_mU_min)
@@ -109,9 +109,7 @@ def test_people_whose_profiles_hold_more_or_less_have_the_models_of_each_alone()
 
 def test_meals_reach_glucose_and_not_insulin():
     assert MODEL.fed_states() == (0, 1, 2)  # both compartments of glucose, and the interstitial one
-    effect = jax.grad(
-        lambda meal: PATIENT.derivative(0.0, MODEL.nominal.state, inputs_of(jnp.asarray(BASAL), meal))[0]
-    )
+    effect = jax.grad(lambda meal: PATIENT.derivative(0.0, MODEL.nominal.state, inputs_of(jnp.asarray(BASAL), meal))[0])
     np.testing.assert_allclose(MODEL.E, [float(effect(0.0)), *[0.0] * 8], rtol=1e-6)
 
 

@@ -25,7 +25,7 @@ from glucoloop.control.settings import ProfileMPCSettings
 from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter
 from glucoloop.estimation.noise_level import CORRELATION
 from glucoloop.models.nonlinear import NonlinearModel
-from glucoloop.models.profiled import Gut, ProfiledModel, Step, profiled_model
+from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step, profiled_model
 from glucoloop.models.state_space import LinearModel
 from glucoloop.optimize.bounded_rates import OneSided, minimise_rates
 from glucoloop.profile import Profile
@@ -291,7 +291,7 @@ def design_profile_mpc(
     ValueError
         For a linear model without a disturbance, or a model whose glucose insulin does not lower.
     """
-    gut = Gut(time_to_peak_min=settings.gut_min)
+    gut = GutCompartments(time_to_peak_min=settings.gut_min)
     sample = nominal.sample_time_min
     model = profiled_model(nominal, linear, gut, nominal_weight_kg)
     forecast = forecast_of(model, sample)

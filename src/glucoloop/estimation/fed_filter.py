@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
-from glucoloop.models.profiled import Gut, ProfiledModel, Step
+from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step
 from glucoloop.units import MG_PER_G
 
 SAMPLE_MIN: Final = 5.0
@@ -55,7 +55,7 @@ class FedEstimate:
 class FedFilter:
     """The filter; see the head of the file."""
 
-    gut: Gut
+    gut: GutCompartments
     step: Step
     """Step of the model over a sample."""
     meal_noise_mg: jax.Array | float

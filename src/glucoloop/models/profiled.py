@@ -53,7 +53,7 @@ _HALVINGS: Final = 20
 
 
 @pytree
-class Gut:
+class GutCompartments:
     """Two compartments in a row with one time constant, as in Hovorka et al. (2004); contents in mg, ``(2,)``."""
 
     time_to_peak_min: jax.Array | float
@@ -175,7 +175,9 @@ def _first_known(*values: Any) -> jax.Array:
     return jnp.asarray(last)
 
 
-def profiled_model(nominal: NonlinearModel, linear: LinearModel, gut: Gut, weight_kg: float | None) -> ProfiledModel:
+def profiled_model(
+    nominal: NonlinearModel, linear: LinearModel, gut: GutCompartments, weight_kg: float | None
+) -> ProfiledModel:
     """Model of the nominal person, to be given a profile.
 
     Parameters
@@ -184,8 +186,8 @@ def profiled_model(nominal: NonlinearModel, linear: LinearModel, gut: Gut, weigh
         The nominal person's equations, at rest.
     linear : LinearModel
         The same linearised at rest, whose disturbance is appearance in mg/min.
-    gut : Gut
-        Gut with which the model's carbohydrate ratio is titrated.
+    gut : GutCompartments
+        GutCompartments with which the model's carbohydrate ratio is titrated.
     weight_kg : float, optional
         The nominal person's weight.
 
@@ -212,7 +214,7 @@ def profiled_model(nominal: NonlinearModel, linear: LinearModel, gut: Gut, weigh
     return _titrated(model, gut)
 
 
-def _titrated(model: ProfiledModel, gut: Gut) -> ProfiledModel:
+def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
     """The model with its own carbohydrate ratio and correction factor."""
     minutes = model.nominal.sample_time_min
     step, rest = model.step_of(minutes), jnp.asarray(model.nominal.state, float)
