@@ -79,14 +79,17 @@ def test_an_announced_meal_gets_a_bolus_by_the_ratio():
 
 
 def test_boluses_follow_the_persons_own_ratio():
-    """People whose ratios and factors differ by one number need insulin in inverse proportion to it."""
-    several = (8.0, 16.0, 32.0)
-    profiles = [dataclasses.replace(PROFILE, carb_ratio_g_U=ratio, correction_mg_dl_U=3.0 * ratio) for ratio in several]
-    boluses = [
-        float(after(CONTROLLER.with_profile(profile), seen(), seen(carbs_g=40.0)).bolus_mU) for profile in profiles
-    ]
+    """People who need more of all insulin by a factor get boluses that are larger by this factor."""
+    several, boluses = (8.0, 16.0, 32.0), []
+    for ratio in several:
+        basal = BASAL * 16.0 / ratio
+        profile = Profile(
+            basal_mU_min=basal, setpoint_mg_dl=120.0, carb_ratio_g_U=ratio, correction_mg_dl_U=3.0 * ratio
+        )
+        rest, meal = seen(delivered=basal), seen(delivered=basal, carbs_g=40.0)
+        boluses.append(float(after(CONTROLLER.with_profile(profile), rest, meal).bolus_mU))
     for bolus_mU, ratio in zip(boluses, several, strict=True):
-        assert bolus_mU * ratio == pytest.approx(boluses[1] * 16.0, rel=0.05)
+        assert bolus_mU * ratio == pytest.approx(boluses[1] * 16.0, rel=0.02)
 
 
 def test_people_are_given_the_gains_of_their_profiles():

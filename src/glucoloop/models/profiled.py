@@ -93,14 +93,14 @@ class ProfiledModel:
     own_carb_ratio_g_U: jax.Array | float
     """CR_n; NaN where no bolus is right for a meal."""
     own_correction_mg_dl_U: jax.Array | float
-    """CF_n."""
+    """CF_n, the model's own correction factor."""
     own_weight_kg: jax.Array | float
     """Weight of the nominal person; NaN where it is not known."""
     basal_mU_min: Any
     insulin_gain: Any = 1.0
-    """g_u."""
+    """g_u, gain of insulin relative to the nominal person's."""
     meal_gain: Any = 1.0
-    """g_m."""
+    """g_m, the same of meals."""
 
     def with_profile(self, profile: Profile) -> ProfiledModel:
         """Model of the person, or of people ``(people,)``, with a profile."""

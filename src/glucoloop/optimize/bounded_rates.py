@@ -34,7 +34,7 @@ class OneSided:
     """Costs of the outputs ``(p,)``."""
 
     weight: Any
-    """w ``(p,)``."""
+    """Weight w of each output, ``(p,)``."""
     straight_beyond: Any
     """Size of an output above 0 beyond which its cost is straight."""
     below: Any
