@@ -313,7 +313,7 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
 
     straight_beyond_mg_dl: Annotated[
         float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
-    ] = 8.0
+    ] = 5.0
     low_weight: Annotated[
         float, About("How many times as dear expected glucose below the target is as above it.", above=0.0)
     ] = 50.0
@@ -335,7 +335,7 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
     move_weight: Annotated[float, About("Weight on planned rates away from the basal rate.", at_least=0.0)] = 1.0
     bolus_weight: Annotated[
         float, About("The same for the coming sample, unless a meal was announced for it.", at_least=0.0)
-    ] = 0.25
+    ] = 0.15
     automatic_boluses: Annotated[
         bool,
         About(
