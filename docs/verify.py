@@ -23,6 +23,7 @@ NAMES = {
     "pid": "PID",
     "basal-bolus": "Basal and bolus",
     "basal": "Basal rate",
+    "oref0": "oref0",
 }
 
 

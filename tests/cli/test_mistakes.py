@@ -499,7 +499,7 @@ def test_unwritable_place_is_told(refused, tmp_path):
     if os.geteuid() == 0:
         # For root no folder is closed; what is not a folder is.
         (tmp_path / "file").write_text("")
-        assert "cannot be made" in refused("run", "--out", "file/out")
+        assert "since a part of its path is a file" in refused("run", "--out", "file/out")
         return
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o500)

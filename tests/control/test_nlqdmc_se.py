@@ -80,14 +80,16 @@ def integrate(sorensen, x, delivered):
     return rates.y[:, -1]
 
 
-def by_hand(sorensen, advance, x, delivered, reading, tuning, Q):
-    """First move and estimate of one sample, with SciPy's Riccati equation, matrix exponential and least squares."""
+def by_hand(sorensen, advance, P, x, delivered, reading, tuning, Q):
+    """First move and estimate of one sample, with SciPy's matrix exponential and least squares."""
     prior = advance(x)
     A = finite_differences(lambda x: sorensen(x, delivered, 0.0), prior, 1e-4)
     B = (sorensen(prior, delivered + 1e-3, 0.0) - sorensen(prior, delivered - 1e-3, 0.0)) / 2e-3
     held = scipy.linalg.expm(5.0 * np.block([[A, B[:, None]], [np.zeros((1, 20))]]))
     Phi, Gamma, C = held[:19, :19], held[:19, 19], np.eye(19)[2]
-    P = scipy.linalg.solve_discrete_are(Phi.T, C[:, None], np.diag(Q), np.array([[1.45]]))
+    for _ in range(4):  # from the steady covariance of the sample before
+        seen = P @ C
+        P = Phi @ (P - np.outer(seen, seen) / (C @ seen + 1.45)) @ Phi.T + np.diag(Q)
     correction = P @ C / (C @ P @ C + 1.45) * (reading - prior[2])
     z = prior + correction
 
@@ -105,6 +107,11 @@ def by_hand(sorensen, advance, x, delivered, reading, tuning, Q):
     return np.linalg.lstsq(stacked, wanted, rcond=None)[0][0], z
 
 
+def steady_by_scipy(model, Q):
+    Phi, C = np.asarray(model.Phi), np.asarray(model.C)
+    return scipy.linalg.solve_discrete_are(Phi.T, C[:, None], np.diag(Q), np.array([[1.45]]))
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("rest", "delivered", "surprise"), [(81.1, 27.0, 2.0), (120.0, 20.0, -3.0), (62.0, 24.0, 1.5)])
 def test_one_sample_is_that_of_an_independent_implementation(
@@ -118,7 +125,8 @@ def test_one_sample_is_that_of_an_independent_implementation(
     found = float(decision.insulin_mU_min) - delivered
     assert abs(found) > 0.5
 
-    settings = (x, delivered, reading, TUNING.nlqdmc_se, process_noise(patient(), *TUNING.noise))
+    Q = process_noise(patient(), *TUNING.noise)
+    settings = (steady_by_scipy(linear_model(patient_81), Q), x, delivered, reading, TUNING.nlqdmc_se, Q)
     move, z = by_hand(sorensen_by_hand, lambda x: np.asarray(advance(x, delivered)), *settings)
     np.testing.assert_allclose(state.estimate, z, rtol=1e-6, atol=1e-7)
     assert found == pytest.approx(move, rel=1e-6)
@@ -166,12 +174,16 @@ def test_near_the_operating_point_the_filter_for_correlated_noise_is_that_of_the
     controller = design_nlqdmc_se(imagined, Q, TUNING.nlqdmc_se, noise_pace=0.2)
     linear = linear_model(patient_81)
     filters = noisy_filters(linear.Phi, linear.C, np.diag(Q), 1.45, pace=0.2)
+    glucose = float(imagined.glucose_mg_dl(imagined.state))
     for deviation in (0.0, 3.0):
         state = controller.init(observe(81.1))
         sensor = SensorError(error_mg_dl=jnp.asarray(0.0), deviation_mg_dl=jnp.asarray(deviation))
-        state, _ = step(controller, dataclasses.replace(state, sensor=sensor), observe(81.1 - 2.0))
+        for _ in range(20):  # in which the covariance comes to rest at the size that it is told
+            state, _ = step(controller, dataclasses.replace(state, sensor=sensor), observe(glucose))
+        state = dataclasses.replace(state, estimate=imagined.state, sensor=sensor)
+        state, _ = step(controller, state, observe(81.1 - 2.0))
         level = LEVELS_MG_DL.index(deviation)
-        residual = 81.1 - 2.0 - float(imagined.glucose_mg_dl(imagined.state))
+        residual = 81.1 - 2.0 - glucose
         correction = np.append(state.estimate - imagined.state, state.sensor.error_mg_dl)
         np.testing.assert_allclose(correction, filters.gain[level] * residual, rtol=1e-3, atol=1e-4)
         z = residual / np.sqrt(float(filters.innovation_variance[level]))

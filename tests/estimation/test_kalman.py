@@ -17,7 +17,6 @@ from glucoloop.estimation import (
     riccati_step,
     steady_state_covariance,
     steady_state_gain,
-    steady_state_seen,
     update,
 )
 
@@ -133,8 +132,6 @@ def test_doubling_agrees_with_the_design(radius):
     found = jax.jit(steady_state_covariance)(Phi, C, Q, R)
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9 * np.abs(truth).max())
     np.testing.assert_array_equal(found, found.T)
-    seen = jax.jit(steady_state_seen)(Phi, C, Q, R)
-    np.testing.assert_allclose(seen, truth @ C, rtol=0, atol=1e-9 * np.abs(truth).max())
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -262,7 +259,6 @@ def test_a_cohort_is_its_people(shared):
     )
     P_next = riccati_step(P, Phi, C, Q, R)
     steady = steady_state_covariance(Phi, C, Q, R)
-    seen = steady_state_seen(Phi, C, Q, R)
     gain = filter_gain(P, C, R)
 
     def one(array, i, rank):
@@ -285,7 +281,6 @@ def test_a_cohort_is_its_people(shared):
         np.testing.assert_allclose(innovation.error[i], told.error, **close)
         np.testing.assert_allclose(one(P_next, i, 2), riccati_step(P, Phi, C, Q, R), **close)
         np.testing.assert_allclose(one(steady, i, 2), steady_state_covariance(Phi, C, Q, R), **close)
-        np.testing.assert_allclose(one(seen, i, 1), one(steady, i, 2) @ C, **close)
         np.testing.assert_allclose(one(gain, i, 1), filter_gain(P, C, R), **close)
 
 

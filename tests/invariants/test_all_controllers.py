@@ -176,14 +176,14 @@ def designed(variant):
 ONE_PERSONS = {name for name, variant in VARIANTS.items() if ENTRIES[variant[0]].slow}
 
 
-def observe(reading, valid, delivered, controller, bolus_mU=0.0):
+def observe(reading, valid, delivered, controller):
     return Observation(
         glucose_mg_dl=jnp.asarray(reading, float),
         valid=jnp.asarray(valid),
         setpoint_mg_dl=jnp.broadcast_to(PATIENT.setpoint_mg_dl, jnp.shape(reading)),
         delivered_mU_min=jnp.asarray(delivered, float),
         announced_carbs_g=jnp.zeros(jnp.shape(reading)),
-        delivered_bolus_mU=jnp.zeros(jnp.shape(reading)) + bolus_mU if gives_boluses(controller) else None,
+        delivered_bolus_mU=jnp.zeros(jnp.shape(reading)) if gives_boluses(controller) else None,
     )
 
 
@@ -227,21 +227,20 @@ def test_stepping_in_real_time_is_the_simulation(controller, alone):
     trace, pump, plant = alone[0], LimitedPump(), MinutePlant(patient=PATIENT)
     advance, meal = jax.jit(plant.advance), SCENARIO.absorbed_by(PATIENT)
     x, delivered, in_pump, state = trace.states[0], trace.basal_insulin_mU_min, trace.basal_insulin_mU_min, None
-    bolus_mU = 0.0
+    bolus = jnp.zeros(()) if gives_boluses(controller) else None
     for k in range(SAMPLES):
         np.testing.assert_allclose(x, trace.states[k], rtol=1e-12, atol=1e-12)
         # the noise is what the sensor added; everything else happens here again
         reading = x[0] + (trace.reading_mg_dl[k] - trace.glucose_mg_dl[k])
-        seen = observe(reading, True, delivered, controller, bolus_mU)
+        seen = dataclasses.replace(observe(reading, True, delivered, controller), delivered_bolus_mU=bolus)
         before = controller.init(seen) if state is None else state
         state, decision = step(controller, before, seen)
         assert jax.tree.map(jax.typeof, state) == jax.tree.map(jax.typeof, before)  # so that it is compiled once
         in_pump, delivery = pump.deliver(in_pump, decision.insulin_mU_min, keys[0], decision.bolus_mU)
-        delivered, infused = delivery.reported_mU_min, delivery.insulin_mU_min
-        if decision.bolus_mU is not None:
-            bolus_mU, infused = delivery.reported_bolus_mU, infused + delivery.bolus_mU / 5.0
+        delivered, bolus = delivery.reported_mU_min, delivery.reported_bolus_mU
         np.testing.assert_allclose(delivered, trace.insulin_mU_min[k], rtol=1e-12, atol=1e-12)
         assert int(decision.status) == int(trace.status[k])
+        infused = delivered if bolus is None else delivered + bolus / 5.0
         x, _ = advance(x, infused, Exogenous(t_min=jnp.asarray(5.0 * k), moments=appearance_mg_min(5.0 * k, meal)))
 
 
@@ -328,6 +327,10 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(variant, controll
         # what may have been eaten meanwhile makes the first readings count for more
         np.testing.assert_allclose(doses[:8], 25.0, atol=1e-3)
         np.testing.assert_allclose(doses[8:], expected[8:], atol=7.0)
+    elif VARIANTS[variant][0] == "oref0":
+        # it doses by the change of glucose, of which the first reading after a gap tells nothing
+        np.testing.assert_array_equal(doses[:8], expected[:8])
+        np.testing.assert_array_equal(doses[-4:], expected[-4:])
     else:
         np.testing.assert_allclose(doses, expected, atol=1e-3)
     assert np.all(np.isin(decision.status[-8:], [Status.OK, Status.SATURATED]))

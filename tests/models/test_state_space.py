@@ -8,6 +8,7 @@ import scipy.signal
 
 from glucoloop.models.state_space import (
     discretise,
+    halvings_of,
     impulse_response,
     linearise,
     step_response,
@@ -175,3 +176,28 @@ def test_the_patient_at_the_setpoint_has_its_known_dynamics():
     np.testing.assert_allclose(step_response(model, 36)[np.array([0, 5, 11, 35])], known, rtol=1e-7)
     np.testing.assert_allclose(step_response(model, 2000)[-1], -3.17618654, rtol=1e-8)
     np.testing.assert_allclose(model.glucose_mg_dl, 81.1, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["parker-1999", "hovorka-2004", "wilinska-2010", "kanderian-2009"])
+@pytest.mark.parametrize("minutes", [1.0, 5.0, 15.0])
+def test_the_series_of_fixed_length_is_scipys_matrix_exponential(name, minutes):
+    """At rest and away from it, where the halvings were chosen for rest."""
+    person = patient(name)
+    basal = person.basal_insulin_mU_min
+    flow = linearisable(person)
+    at_rest = linearise(flow, person.glucose_mg_dl, person.steady_state(basal), basal)
+    halvings = halvings_of(at_rest, minutes)
+    rng = np.random.default_rng(5)
+    for spread in (0.0, 0.5, 0.5):
+        x = person.steady_state(basal) * (1.0 + spread * rng.uniform(-1.0, 1.0, at_rest.state.shape[0]))
+        model = linearise(flow, person.glucose_mg_dl, x, 2.0 * basal)
+        exact, found = discretise(model, minutes), discretise(model, minutes, halvings)
+        for array in ("Phi", "Gamma"):
+            expected = np.asarray(getattr(exact, array))
+            np.testing.assert_allclose(
+                getattr(found, array), expected, rtol=0.0, atol=1e-8 * max(1.0, np.abs(expected).max())
+            )
+
+
+def linearisable(person):
+    return lambda x, u: person.derivative(0.0, x, Inputs(insulin_mU_min=u, meal_mg_min=jnp.zeros(())))

@@ -117,28 +117,10 @@ def meal_moments(part, situations, patients, step_min, steps):
     return total
 
 
-def meal_at(part, meal, times, gut=()):
+def meal_at(part, meal, times, gut):
     """Numbers of a function of one meal, for many times beside one another."""
-    person = rows_of(part.names["person"], {**dict(gut), **{f"meal.{name}": value for name, value in meal.items()}})
+    person = rows_of(part.names["person"], {**gut, **{f"meal.{name}": value for name, value in meal.items()}})
     return np.repeat(person[:, None], times, axis=1)
-
-
-def digested(eaten, gut, situations, patients, steps):
-    """The same from a gut that is carried by its equations, from what is eaten in each point of the fine grid."""
-    in_point = sum(gut.names["outputs"].values()) // 3
-    points, of_meal, carried = steps // in_point, Interpreter(eaten.lowered), portable(gut)
-    table = np.zeros((2, points, len(situations)))
-    for i, situation in enumerate(situations):
-        for meal in situation["meals"]:
-            mg, begins = of_meal(person=meal_at(eaten, meal, points), shared=np.arange(float(points))[None])[1]
-            table[0, :, i] += mg
-            table[1, :, i] = np.maximum(table[1, :, i], begins)
-    people = side_by_side(np.array(of["gut"]) for of in patients)
-    state, moments = np.zeros((sum(gut.names["carry"].values()), len(situations))), []
-    for point in range(points):
-        state, of_point = carried(people, state, table[:, point])
-        moments.append(of_point.reshape(in_point, 3, -1))
-    return np.concatenate(moments)
 
 
 def drawn_of(part, key):
@@ -184,14 +166,10 @@ class Loops:
         self.sensors = list(self.sensors_of([answer["sensors"] for answer in answers]))
         self.step_min, self.inside = (data["families"][family][name] for name in ("step_min", "inside"))
         self.steps = round(SAMPLE_TIME_MIN / self.step_min)
-        steps, gut = self.samples * self.steps, parts.get(f"{self.family}_gut")
-        moments = (
-            meal_moments(parts[f"{self.family}_meal"], situations, patients, self.step_min, steps)
-            if gut is None
-            else digested(parts[f"{self.family}_eaten"], gut, situations, patients, steps)
+        moments = meal_moments(
+            parts[f"{self.family}_meal"], situations, patients, self.step_min, self.samples * self.steps
         )
         self.moments = moments.reshape(self.samples, self.steps, 3, -1)
-        self.timed = len(parts[f"{self.family}_plant"].names["shared"])
         sensors = [of.sensor for of in around]
         self.faults = []
         for fault in reversed([fault for fault in faults if fault.part == "sensor"]):
@@ -291,8 +269,7 @@ class Loops:
             happened = [glucose, reading, decision[0], insulin, status]
             inside = []
             for step, moments in enumerate(self.moments[k]):
-                t_min = np.full((self.timed, insulin.size), (k * self.steps + step) * self.step_min)
-                x, outputs = yield x, np.concatenate([insulin[None], moments]), t_min
+                x, outputs = yield x, np.concatenate([insulin[None], moments])
                 inside += [outputs[1 + place] for at, place in self.inside if at == step]
             glucose = outputs[0]
             for name, value in zip(trace, [*happened, np.array(inside)], strict=True):

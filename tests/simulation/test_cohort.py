@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree
-from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se
+from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se, design_nlqdmc_se
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
@@ -19,7 +19,7 @@ from glucoloop.patients.population import Population, population, virtual_people
 from glucoloop.patients.variation import Variation
 from glucoloop.pumps import LimitedPump, with_resolution
 from glucoloop.sensors import IdealSensor, dead_time, white_noise
-from glucoloop.simulation import Adaptive, linear_model, simulate
+from glucoloop.simulation import Adaptive, linear_model, nonlinear_model, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
@@ -337,6 +337,34 @@ def test_both_engines_agree(noisy):
     np.testing.assert_allclose(runs["native"].insulin_mU_min, runs["xla"].insulin_mU_min, rtol=0.0, atol=1e-9)
     for a, b in zip(*(jax.tree.leaves(run.fold) for run in runs.values()), strict=True):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines(nominal, varied):
+    """In readings with noise; and in float32 to .1 mg/dl."""
+    noise = np.repeat([0.9, 0.01, 0.005], [8, 9, 2])
+    controller = design_nlqdmc_se(nonlinear_model(nominal), noise, StateTuning(2, 6, 1.0, 1.0, 0.57))
+    runs = {}
+    for engine, precision in (("native", "float64"), ("xla", "float64"), ("native", "float32")):
+        made = Cohort(
+            nominal,
+            varied.patient,
+            controller,
+            white_noise(),
+            LimitedPump(),
+            SHORT,
+            Lowest(),
+            setpoint_mg_dl=SETPOINT,
+            meals=eaten([Meal(60.0, 47.3)]),
+            engine=engine,
+            precision=precision,
+        )
+        runs[engine, precision] = made.run(people_of(varied))
+    native, mapped, single = runs.values()
+    assert np.ptp(np.asarray(native.insulin_mU_min)) > 1.0
+    for name in ("glucose_mg_dl", "insulin_mU_min"):
+        np.testing.assert_allclose(getattr(native, name), getattr(mapped, name), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(single.glucose_mg_dl, native.glucose_mg_dl, rtol=0.0, atol=0.1)
 
 
 @pytest.mark.long

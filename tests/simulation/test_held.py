@@ -25,6 +25,7 @@ from glucoloop.simulation.explicit import plant_with
 from glucoloop.simulation.held import held_of_people
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 
 BOUTS = (gl.Exercise(45.0, 420.0, 40.0), gl.Exercise(70.0, 1000.5, 60.0))
 WITH_RHYTHMS = ("hovorka-2004", "wilinska-2010", "kanderian-2009", "uva-padova-2008")
@@ -69,7 +70,15 @@ class Kanderian(OdePatient):
 def day(**more):
     meals = [Meal(40.0, 435.0), Meal(60.0, 733.3)]
     return Scenario(
-        meals, 1440.0, **{"start_min": 60.0, "rhythms": RHYTHMS, "rhythm_seed": 4, "rhythm_person": 2, **more}
+        **{
+            "meals": meals,
+            "horizon_min": 1440.0,
+            "start_min": 60.0,
+            "rhythms": RHYTHMS,
+            "rhythm_seed": 4,
+            "rhythm_person": 2,
+            **more,
+        }
     )
 
 
@@ -230,6 +239,26 @@ def test_a_stepper_steps_what_is_simulated():
         stepper.exercise(50.0, 30.0, 5.0)
     with pytest.raises(ValueError, match="the equations of SorensenPatient have no exercise"):
         gl.Stepper(gl.patient()).exercise(50.0, 30.0)
+
+
+@pytest.mark.parametrize("start_min", [None, 60.0])
+def test_the_clock_of_a_stepper_goes_back_by_a_warm_up_of_any_length(start_min):
+    patient, scenario = (
+        Kanderian.resting_at(120.0),
+        day(start_min=start_min, warm_up_min=90.0, horizon_min=300.0, meals=[Meal(40.0, 60.0)]),
+    )
+    trace = by(patient, scenario)
+    stepper, controller = scenario_stepper(patient, None, None, scenario, sample_time_min=5.0, key=0), pid(patient)
+    state = [controller.init(stepper.observation())]
+
+    def decide(index, seen):
+        del index
+        state[0], decision = controller.step(state[0], seen)
+        return decision
+
+    found = simulate_stepped(stepper, scenario, decide)
+    np.testing.assert_allclose(found.fine_glucose_mg_dl, trace.fine_glucose_mg_dl, rtol=1e-12)
+    assert np.ptp(np.asarray(trace.fine_glucose_mg_dl)) > 5.0
 
 
 def test_a_patient_that_does_not_take_an_input_refuses_it():

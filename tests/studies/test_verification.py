@@ -356,10 +356,9 @@ def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
     pairs = Verification(loops=100_000).people()
     assert sum(pairs.values()) >= 50_000
     assert 2 * sum(pairs.values()) < 100_020
-    assert pairs["nlqdmc-se"] * 20 == pytest.approx(pairs["mpc"], abs=20)
-    assert pairs["meal-mpc"] == pairs["nlqdmc-se"]
-    assert len({count for name, count in pairs.items() if name not in ("nlqdmc-se", "meal-mpc")}) == 1
-    assert Verification(loops=1, controllers=("nlqdmc-se",)).people() == {"nlqdmc-se": 1}
+    assert pairs["meal-mpc"] * 20 == pytest.approx(pairs["mpc"], abs=20)
+    assert len({count for name, count in pairs.items() if name != "meal-mpc"}) == 1
+    assert Verification(loops=1, controllers=("meal-mpc",)).people() == {"meal-mpc": 1}
 
 
 @pytest.mark.parametrize(
@@ -375,8 +374,8 @@ def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
         ({"patient": "parker"}, "unknown patient 'parker'"),
         ({"nonsense": 0}, "nonsense is 0; give a whole number from 1"),
         (
-            {"nonsense": 100, "controllers": ("nlqdmc-se",)},
-            "nlqdmc-se takes too long for nonsense in masses; give some",
+            {"nonsense": 100, "controllers": ("meal-mpc",)},
+            "meal-mpc takes too long for nonsense in masses; give some",
         ),
     ],
 )

@@ -16,6 +16,8 @@ from .nlqdmc_se import NLQDMC as NLQDMC
 from .nlqdmc_se import design_nlqdmc_se as design_nlqdmc_se
 from .open_loop import OpenLoop as OpenLoop
 from .open_loop import design_open_loop as design_open_loop
+from .oref0.controller import Oref0 as Oref0
+from .oref0.controller import design_oref0 as design_oref0
 from .pace import Paced as Paced
 from .pace import paced as paced
 from .part import ControllerPart as ControllerPart

@@ -13,6 +13,7 @@ from glucoloop.control.settings import (
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
+    Oref0Settings,
     PIDSettings,
     ProfileMPCSettings,
 )
@@ -30,6 +31,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         PIDSettings,
         BasalBolusSettings,
         BasalSettings,
+        Oref0Settings,
     ),
     example="mpc-se, move_horizon=2",
     unnamed=True,

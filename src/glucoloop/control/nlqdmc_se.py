@@ -23,10 +23,11 @@ from glucoloop.control.horizon import or_suited, response_at_rest, suited
 from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_floor, minimise_above, minimise_within
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
-from glucoloop.estimation import steady_state_seen
+from glucoloop.estimation import steady_state_gain
+from glucoloop.estimation.carried import carried_on, is_covariance, triangle, whole
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
-from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
+from glucoloop.models.state_space import ContinuousModel, LinearModel, discretise, halvings_of, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -37,6 +38,8 @@ class NLQDMCState:
 
     estimate: jax.Array
     """(n,) filtered state."""
+    covariance: jax.Array
+    """Lower triangle of the prediction covariance; of n + 1 states where the size of the sensor's error is learned."""
     insulin_mU_min: jax.Array
     """Rate delivered before this sample."""
     sensor: SensorError | None = None
@@ -50,6 +53,8 @@ class NLQDMC:
     model: NonlinearModel
     process_noise: jax.Array
     """(n, n) covariance Q of the process noise."""
+    covariance: jax.Array
+    """Lower triangle of the prediction covariance at rest, as the state has it."""
     measurement_variance: jax.Array | float
     reference: jax.Array
     """(p,) factors ``phi_r^(i-s)`` of the reference."""
@@ -67,6 +72,8 @@ class NLQDMC:
     move_horizon: int = static()
     dead_time_samples: int = static()
     sample_time_min: float = static()
+    halvings: int = static()
+    """Halvings of the matrix exponential that samples the linearisation."""
     heals: ClassVar[bool] = True
     """Whether a step leaves a finite state after any state, so that a guard need not check it."""
 
@@ -103,7 +110,9 @@ class NLQDMC:
         basal = self.model.insulin_mU_min + self.beyond_model_mU_min
         delivered = rate_at_start(observation, basal)
         sensor = None if self.noise_pace is None else no_error(delivered)
-        return NLQDMCState(estimate=self.model.state, insulin_mU_min=delivered, sensor=sensor)
+        return NLQDMCState(
+            estimate=self.model.state, covariance=self.covariance, insulin_mU_min=delivered, sensor=sensor
+        )
 
     def step(self, state: NLQDMCState, observation: Observation) -> tuple[NLQDMCState, Decision]:
         """Carry the estimate to this sample, linearise there, correct by the reading, plan, and make the first move."""
@@ -111,19 +120,19 @@ class NLQDMC:
         rate = delivered - self.beyond_model_mU_min
         x = self.model.advance(state.estimate, rate)
         glucose, reading = self.model.glucose_mg_dl, reading_of(self.model)
-        continuous = linearise(self.model.derivative, glucose, x, rate, reading=own_reading(self.model))
-        linear = discretise(continuous, self.sample_time_min)
-        sensor = None
+        linear = discretise(_linearised(self.model, x, rate), self.sample_time_min, self.halvings)
+        covariance = jnp.where(is_covariance(state.covariance), state.covariance, self.covariance)
+        known, residual, sensor = is_known(observation), observation.glucose_mg_dl - reading(x), None
         if self.noise_pace is None or state.sensor is None:
             C = linear.reading_row
-            seen = steady_state_seen(linear.Phi, C, self.process_noise, self.measurement_variance)
+            covariance = carried_on(covariance, linear.Phi, C, self.process_noise, self.measurement_variance)
+            seen = whole(covariance) @ C
             K = seen / (C @ seen + self.measurement_variance)
-            known = is_known(observation)
-            correction = K * jnp.where(known, observation.glucose_mg_dl - reading(x), 0.0)
+            correction = K * jnp.where(known, residual, 0.0)
         else:
-            known = is_known(observation)
-            residual = observation.glucose_mg_dl - reading(x)
-            sensor, correction = self._learn(linear, state.sensor, residual, known, self.noise_pace)
+            covariance, sensor, correction = self._learn(
+                linear, covariance, state.sensor, residual, known, self.noise_pace
+            )
         x = x + correction
 
         def ahead(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
@@ -152,23 +161,35 @@ class NLQDMC:
         if sensor is not None:
             sound = sound & sensor.sound
             sensor = sensor.or_none(sound)
-        estimate = jnp.where(sound, x, self.model.state)
-        state = NLQDMCState(estimate=estimate, insulin_mU_min=delivered, sensor=sensor)
+        state = NLQDMCState(
+            estimate=jnp.where(sound, x, self.model.state),
+            covariance=jnp.where(sound, covariance, self.covariance),
+            insulin_mU_min=delivered,
+            sensor=sensor,
+        )
         wanted = jnp.where(sound, delivered + move, jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged)
 
     def _learn(
-        self, linear: LinearModel, sensor: SensorError, residual: jax.Array, known: jax.Array, pace: jax.Array | float
-    ) -> tuple[SensorError, jax.Array]:
+        self,
+        linear: LinearModel,
+        covariance: jax.Array,
+        sensor: SensorError,
+        residual: jax.Array,
+        known: jax.Array,
+        pace: jax.Array | float,
+    ) -> tuple[jax.Array, SensorError, jax.Array]:
         """Estimate the error of the sensor and its size from what a reading is off its prediction.
 
-        The error is one more state of the linearisation. Returns the estimates, and the correction of the state.
+        The error is one more state of the linearisation. Returns the covariance with that state, the estimates, and the
+        correction of the state.
         """
         Phi = jnp.pad(linear.Phi, (0, 1)).at[-1, -1].set(CORRELATION)
         drive = (1.0 - CORRELATION**2) * sensor.deviation_mg_dl**2
         Q = jnp.pad(self.process_noise, (0, 1)).at[-1, -1].set(drive)
         C = jnp.append(linear.reading_row, 1.0)
-        seen = steady_state_seen(Phi, C, Q, self.measurement_variance)
+        covariance = carried_on(covariance, Phi, C, Q, self.measurement_variance)
+        seen = whole(covariance) @ C
         variance = C @ seen + self.measurement_variance
         K = seen / variance
         error = CORRELATION * sensor.error_mg_dl
@@ -177,7 +198,11 @@ class NLQDMC:
             error_mg_dl=error + K[-1] * innovation,
             deviation_mg_dl=learned(sensor.deviation_mg_dl, innovation / jnp.sqrt(variance), known, pace),
         )
-        return found, K[:-1] * innovation
+        return covariance, found, K[:-1] * innovation
+
+
+def _linearised(model: NonlinearModel, x: jax.Array, insulin_mU_min: jax.Array) -> ContinuousModel:
+    return linearise(model.derivative, model.glucose_mg_dl, x, insulin_mU_min, reading=own_reading(model))
 
 
 @checked
@@ -196,9 +221,11 @@ def design_nlqdmc_se(
 ) -> NLQDMC:
     """Predictive control on a nonlinear model that is linearised anew at each sample.
 
-    At each sample the model is linearised at the predicted state and the rate in force, and the steady Kalman gain K of
-    that linearisation is found. The estimate and the free response come from the nonlinear model, K e being added at
-    each sample ahead; the effect of the moves comes from the linear one. The moves solve one quadratic program::
+    At each sample the model is linearised at the predicted state and the rate in force. The Kalman gain K belongs to a
+    prediction covariance that is carried along, by four steps of the Riccati equation of the linearisation at each
+    sample, and so comes near its steady one. The estimate and the free response come from the nonlinear model, K e
+    being added at each sample ahead; the effect of the moves comes from the linear one. The moves solve one quadratic
+    program::
 
         min over du of  Gamma_y^2 |r - free - A du|^2 + Gamma_u^2 |du|^2
 
@@ -241,12 +268,16 @@ def design_nlqdmc_se(
     if dead_time_samples < 0:
         raise Refusal(f"a dead time of {dead_time_samples} samples is not possible; give a whole number of 0 or more")
     check_pace(noise_pace)
+    at_rest = _linearised(model, model.state, model.insulin_mU_min)
+    linear = discretise(at_rest, model.sample_time_min)
+    steady = steady_state_gain(linear.Phi, linear.reading_row, Q, measurement_variance).prediction_covariance
     tuning, usual = or_suited(tuning, NLQDMCSettings())
     tuning = suited(tuning, *response_at_rest(model), usual=usual)
     tuning = dataclasses.replace(tuning, prediction_horizon=tuning.prediction_horizon + dead_time_samples)
     return NLQDMC(
         model=model,
         process_noise=jnp.asarray(Q),
+        covariance=triangle(jnp.pad(steady, (0, 1 if noise_pace else 0))),
         measurement_variance=measurement_variance,
         reference=jnp.asarray(tuning.reference()),
         output_weight=tuning.output_weight,
@@ -257,6 +288,7 @@ def design_nlqdmc_se(
         move_horizon=tuning.move_horizon,
         dead_time_samples=dead_time_samples,
         sample_time_min=model.sample_time_min,
+        halvings=halvings_of(at_rest, model.sample_time_min),
     )
 
 

@@ -13,7 +13,17 @@ from glucoloop.control.part import ControllerPart
 from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart, NoisePace
 from glucoloop.parts.ranges import Tuned
 from glucoloop.parts.setting import About, usual
-from glucoloop.plausible import ACTION_TIME, CARB_RATIO, CORRECTION, FITTED_STEP, GLUCOSE_BOUND, LAG, MEAL, PID_GAIN
+from glucoloop.plausible import (
+    ACTION_TIME,
+    BOLUS_STEP,
+    CARB_RATIO,
+    CORRECTION,
+    FITTED_STEP,
+    GLUCOSE_BOUND,
+    LAG,
+    MEAL,
+    PID_GAIN,
+)
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import LONGEST_LAG_MIN
 
@@ -66,6 +76,22 @@ FittedStep = Annotated[
         "0: 11.165, or half the basal rate where that is less.",
         at_least=0.0,
         quantity=FITTED_STEP,
+    ),
+]
+CarbRatio = Annotated[
+    float,
+    About(
+        "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
+        at_least=0.0,
+        quantity=CARB_RATIO,
+    ),
+]
+CorrectionFactor = Annotated[
+    float,
+    About(
+        "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
+        at_least=0.0,
+        quantity=CORRECTION,
     ),
 ]
 DEFAULT_FLOOR_WEIGHT: Final = 10.0
@@ -186,8 +212,7 @@ class NLQDMCSettings(_Estimating, name="nlqdmc-se"):
     design: ClassVar = "glucoloop.control.nlqdmc_se:design"
     uses_model: ClassVar = False
     tunable: ClassVar = True
-    reference_filters: ClassVar = ".3:.5:.1|.57|.7|.8"  # half as many, since its loops take a hundred times as long
-    slow: ClassVar = True
+    reference_filters: ClassVar = ".3:.5:.1|.57|.7|.8"  # half as many, since its loops take longer
 
     prediction_horizon: PredictionHorizon = usual(default=5, noisy=6)
     reference_filter: ReferenceFilter = 0.57
@@ -407,22 +432,8 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
     individual: ClassVar = "glucoloop.experiments.individual:by_profile"
     gives_boluses: ClassVar = True
 
-    carb_ratio_g_U: Annotated[
-        float,
-        About(
-            "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
-            at_least=0.0,
-            quantity=CARB_RATIO,
-        ),
-    ] = 0.0
-    correction_mg_dl_U: Annotated[
-        float,
-        About(
-            "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
-            at_least=0.0,
-            quantity=CORRECTION,
-        ),
-    ] = 0.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
     insulin_on_board_min: Annotated[
         float, About("Minutes after which 5 % of a bolus is still under the skin.", above=0.0, quantity=ACTION_TIME)
     ] = 300.0
@@ -434,6 +445,105 @@ class BasalBolusSettings(ControllerPart, name="basal-bolus"):
         float,
         About("Minutes since the last bolus before which no correction is given without a meal.", at_least=0.0),
     ] = 180.0
+
+
+class Oref0Settings(ControllerPart, name="oref0"):
+    """oref0 0.7.1 of OpenAPS: temporary basal rates and microboluses by four forecasts; research only.
+
+    The defaults are those of oref0, but for two that allow no more than a temporary basal rate below the person's own
+    until they are changed: ``max_iob_U``, which is 0 there, and ``enable_smb_always``, which is off there. Preferences
+    have their names of there.
+    """
+
+    design: ClassVar = "glucoloop.control.oref0.controller:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    gives_boluses: ClassVar = True
+
+    meal_bolus: Annotated[
+        float,
+        About(
+            "Share of an announced meal for which the person gives a bolus by the carbohydrate ratio; 0: no bolus.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    curve: Annotated[
+        Literal["rapid-acting", "ultra-rapid"], About("Curve of insulin action, which peaks after 75 or 55 min.")
+    ] = "rapid-acting"
+    insulin_action_min: Annotated[
+        float, About("Time for which insulin acts (DIA).", at_least=300.0, at_most=600.0, quantity=ACTION_TIME)
+    ] = 300.0
+    insulin_peak_min: Annotated[
+        float, About("Time of the peak of insulin action; 0: of the curve.", at_least=0.0, at_most=120.0)
+    ] = 0.0
+    max_iob_U: Annotated[
+        float,
+        About(
+            "Largest insulin on board above the basal rate; 0: three hours of the basal rate and a mean meal's bolus.",
+            at_least=0.0,
+        ),
+    ] = 0.0
+    max_basal_mU_min: Annotated[
+        float, About("Largest temporary basal rate; 0: as the two multipliers and the pump allow.", at_least=0.0)
+    ] = 0.0
+    max_daily_safety_multiplier: Annotated[
+        float, About("Largest temporary basal rate, in basal rates of the day.", above=0.0)
+    ] = 3.0
+    current_basal_safety_multiplier: Annotated[
+        float, About("Largest temporary basal rate, in present basal rates.", above=0.0)
+    ] = 4.0
+    enable_uam: Annotated[bool, About("Whether meals that nobody announced are forecast.")] = True
+    enable_smb_always: Annotated[bool, About("Whether microboluses are given at any time.")] = True
+    enable_smb_with_cob: Annotated[bool, About("Whether microboluses are given with carbohydrate on board.")] = False
+    enable_smb_after_carbs: Annotated[bool, About("Whether microboluses are given for six hours after a meal.")] = False
+    enable_smb_high_bg: Annotated[bool, About("Whether microboluses are given while glucose is high.")] = False
+    enable_smb_high_bg_target_mg_dl: Annotated[
+        float, About("Glucose from which enable_smb_high_bg takes it for high.", above=0.0, quantity=GLUCOSE_BOUND)
+    ] = 110.0
+    max_smb_basal_min: Annotated[float, About("Largest microbolus, in minutes of the basal rate.", above=0.0)] = 30.0
+    max_uam_smb_basal_min: Annotated[
+        float,
+        About(
+            "Largest microbolus where insulin on board covers the carbohydrate, in minutes of the basal rate.",
+            above=0.0,
+        ),
+    ] = 30.0
+    smb_interval_min: Annotated[
+        float, About("Least time from one bolus to a microbolus.", at_least=1.0, at_most=10.0)
+    ] = 3.0
+    bolus_increment_U: Annotated[float, About("Step of microboluses.", above=0.0, quantity=BOLUS_STEP)] = 0.1
+    max_delta_bg_threshold: Annotated[
+        float,
+        About("Rise in 5 min, as a share of glucose, above which no microbolus is given.", above=0.0, at_most=0.3),
+    ] = 0.2
+    min_5m_carbimpact: Annotated[
+        float, About("Least rise of glucose by carbohydrate on board, in mg/dl per 5 min.", above=0.0)
+    ] = 8.0
+    max_cob_g: Annotated[float, About("Largest carbohydrate on board.", above=0.0)] = 120.0
+    remaining_carbs_fraction: Annotated[
+        float, About("Share of carbohydrate that appears though nothing tells of it yet.", above=0.0, at_most=1.0)
+    ] = 1.0
+    remaining_carbs_cap_g: Annotated[
+        float, About("Largest carbohydrate that appears though nothing tells of it yet.", above=0.0, at_most=90.0)
+    ] = 90.0
+    steps_per_U_h: Annotated[
+        Literal[20, 40], About("Steps of 1 U/h of a temporary basal rate below 1 U/h; 40 of the pumps x23 and x54.")
+    ] = 20
+    flat_is_error: Annotated[
+        bool, About("Whether readings that do not change for 40 min are taken for an error of the sensor.")
+    ] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least, most = (50.0, 120.0) if self.curve == "rapid-acting" else (35.0, 100.0)
+        if self.insulin_peak_min and not least <= self.insulin_peak_min <= most:
+            raise Refusal(
+                f"a peak of {self.curve} insulin after {self.insulin_peak_min:g} min is not possible; "
+                f"give insulin_peak_min from {least:g} to {most:g} min, or 0"
+            )
 
 
 class BasalSettings(ControllerPart, name="basal"):

@@ -8,4 +8,3 @@ from .kalman import riccati_step as riccati_step
 from .kalman import steady_state_gain as steady_state_gain
 from .kalman import update as update
 from .steady_state import steady_state_covariance as steady_state_covariance
-from .steady_state import steady_state_seen as steady_state_seen

@@ -1,4 +1,4 @@
-"""Steady prediction covariance of a model that changes at every sample, by the structured doubling algorithm.
+"""Steady prediction covariance of a model that differs between people, by the structured doubling algorithm.
 
 References
 ----------
@@ -8,8 +8,6 @@ Riccati equations, Int. J. Control 77(8), 2004, 767-788.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -97,45 +95,29 @@ def steady_state_covariance(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: Array
 
     Notes
     -----
-    Made for a controller that linearises again at every sample. It carries no state from sample to sample, so nothing
-    can drift, and it needs no warm start. Values are not validated here: for an undetectable model the result grows
-    without bound, and `steady_state_gain` says why.
+    Made for the designs of many people at once. Values are not validated here: for an undetectable model the result
+    grows without bound, and `steady_state_gain` says why.
 
     Doublings end when more of them would change nothing. Let ``P_N`` be the covariance after N steps from zero. If
     ``P_2N - P_N <= e P_N`` (in the sense of definite matrices), then ``P - P_2N <= e^2 / (1 - e) P_N`` for the steady
     P, and after another doubling about ``e^4`` is left. The variances of the states are compared, with the fourth root
     of the machine epsilon for e, and one doubling follows.
     """
-    return _steady(_last_covariance, Phi, C, Q, R, doublings)
-
-
-def steady_state_seen(Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, *, doublings: int = 10) -> Array:
-    """Product ``P C'`` of the steady prediction covariance, ``(n,)`` or ``(n, B)``, which is all that a gain needs.
-
-    The parameters are those of `steady_state_covariance`. The filter-form gain is ``P C' / (C P C' + R)``.
-    """
-    return _steady(_last_seen, Phi, C, Q, R, doublings)
-
-
-_Doubled = tuple[Array, Array, Array]
-"""``Phi'`` of the closed loop, ``g`` and the covariance ``h``, after some number of steps."""
-
-
-def _steady(
-    last: Callable[[_Doubled, Array], Array], Phi: ArrayLike, C: ArrayLike, Q: ArrayLike, R: ArrayLike, doublings: int
-) -> Array:
-    """Result of the last doubling, of one person or, with a trailing axis on any of the arguments, of a cohort."""
     if doublings < 1:
         raise Refusal(f"At least 1 doubling is needed, but {doublings} were asked for.")
     given = [(jnp.asarray(array), rank) for array, rank in ((Phi, 2), (C, 1), (Q, 2), (R, 0))]
 
     def of_one(Phi: Array, C: Array, Q: Array, R: Array) -> Array:
-        return last(_doubled(Phi.T, C, Q, R, doublings - 1), C)
+        return _last_covariance(_doubled(Phi.T, C, Q, R, doublings - 1))
 
     if all(array.ndim == rank for array, rank in given):
         return of_one(*(array for array, _ in given))
     axes = tuple(-1 if array.ndim > rank else None for array, rank in given)
     return jax.vmap(of_one, in_axes=axes, out_axes=-1)(*(array for array, _ in given))
+
+
+_Doubled = tuple[Array, Array, Array]
+"""``Phi'`` of the closed loop, ``g`` and the covariance ``h``, after some number of steps."""
 
 
 def _doubled(a: Array, row: Array, h: Array, variance: Array, doublings: int) -> _Doubled:
@@ -186,13 +168,7 @@ def _grown(h: Array, more: Array) -> tuple[Array, Array]:
     return total, jnp.any(more.ravel()[::every] > much * total.ravel()[::every])
 
 
-def _last_covariance(doubled: _Doubled, C: Array) -> Array:
+def _last_covariance(doubled: _Doubled) -> Array:
     a, g, h = doubled
     h = h + a.T @ h @ solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, a)
     return 0.5 * (h + h.T)
-
-
-def _last_seen(doubled: _Doubled, C: Array) -> Array:
-    a, g, h = doubled
-    ahead = solved(jnp.eye(h.shape[0], dtype=h.dtype) + g @ h, (a @ C)[:, None])[:, 0]
-    return h @ C + a.T @ (h @ ahead)

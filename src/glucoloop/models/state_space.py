@@ -17,6 +17,7 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 
 import jax
@@ -135,17 +136,58 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, sample_time_min: float) -> tuple
     n = A.shape[0]
     if B.ndim not in (1, 2) or B.shape[0] != n:
         raise Refusal(f"B must be ({n},) or ({n}, q) to go with A, but its shape is {B.shape}.")
-    columns = B.reshape(n, -1)
-    q = columns.shape[1]
-    augmented = jnp.zeros((n + q, n + q)).at[:n, :n].set(A).at[:n, n:].set(columns)
-    hold = jax.scipy.linalg.expm(augmented * sample_time_min, max_squarings=48)
+    hold = jax.scipy.linalg.expm(_augmented(A, B.reshape(n, -1)) * sample_time_min, max_squarings=48)
     return hold[:n, :n], hold[:n, n:].reshape(B.shape)
 
 
-def discretise(model: ContinuousModel, sample_time_min: float) -> LinearModel:
-    """Sample a continuous model with input and disturbance held over each sample, exactly."""
-    inputs = model.B[:, None] if model.E is None else jnp.stack([model.B, model.E], axis=1)
-    Phi, held = zero_order_hold(model.A, inputs, sample_time_min)
+def exponential(M: Array, halvings: int) -> Array:
+    """Matrix exponential by a series of fixed length, of a matrix halved so often, and squared as often.
+
+    Without a loop or a solve, for a program that takes neither. The series ends at the power 8. A mode that decays by
+    ``exp(-z N)``, with N = 2^halvings, has an error near ``N exp(-(N - 1) z) z^9 / 9!``, at most 1e-9 with 4 halvings
+    and 4e-13 with 5; for the modes to stay stable z is at most 3, as `halvings_of` takes care.
+    """
+    first = M * 0.5**halvings
+    second = first @ first
+    third, fourth = second @ first, second @ second
+    total = fourth / math.factorial(8)
+    powers = (jnp.eye(M.shape[0], dtype=M.dtype), first, second, third)
+    for block in (4, 0):
+        total = total + sum(power / math.factorial(block + i) for i, power in enumerate(powers))
+        total = total @ fourth if block else total
+    for _ in range(halvings):
+        total = total @ total
+    return total
+
+
+def halvings_of(model: ContinuousModel, sample_time_min: float) -> int:
+    """Halvings that `exponential` needs to sample a model, so that the 1-norm of what is left is at most 3."""
+    size = float(jnp.abs(_augmented(model.A, _inputs(model))).sum(axis=0).max()) * sample_time_min
+    return max(4, math.ceil(math.log2(max(size, 1e-9) / 3.0)))
+
+
+def _inputs(model: ContinuousModel) -> Array:
+    return model.B[:, None] if model.E is None else jnp.stack([model.B, model.E], axis=1)
+
+
+def _augmented(A: Array, columns: Array) -> Array:
+    """``[[A, B], [0, 0]]``, whose exponential holds the inputs."""
+    n, q = columns.shape
+    return jnp.zeros((n + q, n + q)).at[:n, :n].set(A).at[:n, n:].set(columns)
+
+
+def discretise(model: ContinuousModel, sample_time_min: float, halvings: int | None = None) -> LinearModel:
+    """Sample a continuous model with input and disturbance held over each sample, exactly.
+
+    With a number of halvings the matrix exponential is `exponential`, which is exact to its error, and else JAX's.
+    """
+    inputs = _inputs(model)
+    if halvings is None:
+        Phi, held = zero_order_hold(model.A, inputs, sample_time_min)
+    else:
+        n = model.A.shape[0]
+        hold = exponential(_augmented(model.A, inputs) * sample_time_min, halvings)
+        Phi, held = hold[:n, :n], hold[:n, n:]
     return LinearModel(
         Phi=Phi,
         Gamma=held[:, 0],

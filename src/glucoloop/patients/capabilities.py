@@ -64,13 +64,14 @@ def paced(
     return made
 
 
-def declared_by(patient: Patient, what: str) -> Any:
+def declared_by(patient: Patient, what: str, called: str = "") -> Any:
     """Constants that a patient declares as ``insulin_sensitivity`` or ``glucose_production``; Refusal without any."""
     declared = getattr(patient, what, None)
     if not declared:
         raise Refusal(
-            f"{type(patient).__name__} does not declare which of its constants are its {what.replace('_', ' ')} "
-            f"({what}), so a rhythm cannot change them; leave the rhythm out, or take another patient"
+            f"{called or type(patient).__name__} does not declare which of its constants are its "
+            f"{what.replace('_', ' ')} ({what}), so a rhythm cannot change them; leave the rhythm out, "
+            "or take another patient"
         )
     return declared
 

@@ -50,11 +50,11 @@ def held_of(patient: Patient, scenario: Scenario, grid: SampleGrid) -> Held:
     return Held(**{name: getattr(held, name)[..., 0] for name in held.names})
 
 
-def refuse_held(patient: Any, held: Held) -> None:
-    """Refuse inputs that a patient does not take."""
+def refuse_held(patient: Any, held: Held, called: str = "") -> None:
+    """Refuse inputs that a patient does not take; a sentence has the name by which the patient was asked for."""
     if held.exercise_pct is not None:
-        refuse_exercise(patient)
+        refuse_exercise(patient, called)
     if held.sensitivity is not None:
-        declared_by(patient, "insulin_sensitivity")
+        declared_by(patient, "insulin_sensitivity", called)
     if held.production_mg_kg_min is not None:
-        declared_by(patient, "glucose_production")
+        declared_by(patient, "glucose_production", called)

@@ -131,6 +131,8 @@ class Stepper:
         Model of absorption; the patient's own by default.
     start_min : float, optional
         Time of day at the start, in minutes after midnight, of which the observations tell; by default they do not.
+    warm_up_min : float
+        Time to `start_min`, or to midnight by default, at which the stepper begins.
     rhythms, rhythm_seed, rhythm_person
         Arguments as for `Scenario`.
 
@@ -163,11 +165,13 @@ class Stepper:
         integrator: SteppingIntegrator | None = None,
         meal_model: MealModel | None = None,
         start_min: float | None = None,
+        warm_up_min: float = 0.0,
         rhythms: Iterable[Rhythm] = (),
         rhythm_seed: int = 0,
         rhythm_person: int = 0,
     ) -> None:
-        self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=start_min or 0.0)
+        begins_min = ((start_min or 0.0) - warm_up_min) % MIN_PER_DAY
+        self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=begins_min)
         self._rhythms = tuple(rhythms), rhythm_seed, rhythm_person
         self._integrator = integrator or default_integrator(patient, held=bool(self._rhythms[0]))
         fasting = Scenario(
@@ -177,7 +181,7 @@ class Stepper:
             allow_unusual=allow_unusual,
             start_min=start_min,
         )
-        self._start_min = start_min
+        self._start_min = None if start_min is None else begins_min
         self.start: Final = start_of(patient, fasting)
         self._meal_model = meal_model_of(patient, meal_model)
         self._takes_exercise = takes_exercise(patient)
@@ -202,7 +206,7 @@ class Stepper:
         self._of = fingerprint(
             (patient, self._meal_model, loop.sensor, loop.pump, loop.controller, loop.setpoint_mg_dl)
         )
-        self._of += f" {self._integrator} {start_min}"
+        self._of += f" {self._integrator} {self._start_min}"
         self._of += f" {self._rhythms}" if self._rhythms[0] else ""
         self._key = random_key(key)
         self.last: Sampled | None = None
@@ -429,7 +433,8 @@ def scenario_stepper(
         key=key,
         integrator=integrator,
         meal_model=scenario.meal_model,
-        start_min=None if scenario.start_min is None else (scenario.start_min - scenario.warm_up_min) % MIN_PER_DAY,
+        start_min=scenario.start_min,
+        warm_up_min=scenario.warm_up_min,
         rhythms=scenario.rhythms,
         rhythm_seed=scenario.rhythm_seed,
         rhythm_person=scenario.rhythm_person,

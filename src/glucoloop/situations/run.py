@@ -15,19 +15,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
-from glucoloop.situations.scenarios import (
-    USUAL_DAY,
-    Bouts,
-    BoutTimeSpread,
-    Days,
-    Duration,
-    Habits,
-    IntensitySpread,
-    Meals,
-    ScenarioPart,
-    SizeSpread,
-    TimeSpread,
-)
+from glucoloop.situations.scenarios import USUAL_DAY, DaySettings, ScenarioPart
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.units import MIN_PER_DAY
 
@@ -134,7 +122,7 @@ class ControlledSituation(Situation):
         self.refuse_unusual_pump()
 
 
-class FedSituation(ControlledSituation):
+class FedSituation(DaySettings, ControlledSituation):
     """A situation with controllers, with the meals of a run or of every day and how long that goes on."""
 
     kind: ClassVar = "situation"
@@ -148,15 +136,6 @@ class FedSituation(ControlledSituation):
             rare=True,
         ),
     ] = None
-    days: Days = None
-    duration_min: Duration = None
-    meals: Meals = USUAL_DAY
-    meal_size_spread_pct: SizeSpread = 0.0
-    meal_time_spread_min: TimeSpread = 0.0
-    habits: Habits = ()
-    exercise: Bouts = ()
-    exercise_spread_pct: IntensitySpread = 0.0
-    exercise_time_spread_min: BoutTimeSpread = 0.0
 
     def __post_init__(self) -> None:
         from glucoloop.exercise import refuse_exercise

@@ -26,74 +26,78 @@ USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 """Breakfast, lunch and dinner."""
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
 
-Days = Annotated[
-    int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True)
-]
-Duration = Annotated[float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)]
-Meals = Annotated[
-    tuple[str, ...],
-    _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
-]
-SizeSpread = Annotated[
-    float,
-    _meals("Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True),
-]
-TimeSpread = Annotated[
-    float,
-    _meals(
-        "Largest deviation of a meal's time, drawn for each person and day.",
-        at_least=0.0,
-        below=MIN_PER_DAY,
-        rare=True,
-    ),
-]
-Habits = Annotated[
-    tuple[HabitPart, ...],
-    _meals(
-        "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
-        "it, each changes what the earlier ones leave.",
-        flag="--habit",
-        rare=True,
-    ),
-]
-Bouts = Annotated[
-    tuple[str, ...],
-    _meals(
-        "Exercise: intensity in percent of the largest oxygen uptake above rest, time and duration, like "
-        "50%@14h/30min; repeat it for more.",
-        metavar="%@TIME/DURATION",
-        rare=True,
-    ),
-]
-IntensitySpread = Annotated[
-    float,
-    _meals(
-        "Largest deviation of the intensity of exercise, drawn for each person and day.",
-        at_least=0.0,
-        below=100.0,
-        rare=True,
-    ),
-]
-BoutTimeSpread = Annotated[
-    float,
-    _meals("Largest deviation of its time, drawn for each person and day.", at_least=0.0, below=MIN_PER_DAY, rare=True),
-]
+
+class DaySettings(Part):
+    """Meals, habits and exercise of the days, and their length: what a scenario and a situation both have."""
+
+    days: Annotated[
+        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True)
+    ] = None
+    duration_min: Annotated[
+        float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
+    ] = None
+    meals: Annotated[
+        tuple[str, ...],
+        _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
+    ] = USUAL_DAY
+    meal_size_spread_pct: Annotated[
+        float,
+        _meals(
+            "Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True
+        ),
+    ] = 0.0
+    meal_time_spread_min: Annotated[
+        float,
+        _meals(
+            "Largest deviation of a meal's time, drawn for each person and day.",
+            at_least=0.0,
+            below=MIN_PER_DAY,
+            rare=True,
+        ),
+    ] = 0.0
+    habits: Annotated[
+        tuple[HabitPart, ...],
+        _meals(
+            "Habit of the person, like 'unannounced, probability=0.2' or 'snack, time=21h', see glucoloop list; repeat "
+            "it, each changes what the earlier ones leave.",
+            flag="--habit",
+            rare=True,
+        ),
+    ] = ()
+    exercise: Annotated[
+        tuple[str, ...],
+        _meals(
+            "Exercise: intensity in percent of the largest oxygen uptake above rest, time and duration, like "
+            "50%@14h/30min; repeat it for more.",
+            metavar="%@TIME/DURATION",
+            rare=True,
+        ),
+    ] = ()
+    exercise_spread_pct: Annotated[
+        float,
+        _meals(
+            "Largest deviation of the intensity of exercise, drawn for each person and day.",
+            at_least=0.0,
+            below=100.0,
+            rare=True,
+        ),
+    ] = 0.0
+    exercise_time_spread_min: Annotated[
+        float,
+        _meals(
+            "Largest deviation of its time, drawn for each person and day.",
+            at_least=0.0,
+            below=MIN_PER_DAY,
+            rare=True,
+        ),
+    ] = 0.0
 
 
-class ScenarioPart(Part):
+class ScenarioPart(DaySettings):
     """Declaration of a scenario: the defaults of its settings."""
 
     kind: ClassVar = "scenario"
 
-    days: Days = None
-    duration_min: Duration = None
-    meals: Meals = USUAL_DAY
-    meal_size_spread_pct: SizeSpread = 0.0
-    meal_time_spread_min: TimeSpread = 0.0
-    habits: Habits = ()
-    exercise: Bouts = ()
-    exercise_spread_pct: IntensitySpread = 0.0
-    exercise_time_spread_min: BoutTimeSpread = 0.0
     announce_meals: AnnounceMeals = False
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0

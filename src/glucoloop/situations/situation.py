@@ -204,7 +204,7 @@ class Situation(Part):
                 "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
             )
         meal_model_of(self.nominal, self.gut)
-        refuse_held(self.nominal, held_of_people(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]))
+        refuse_held(self.nominal, held_of_people(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]), self.patient.called)
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(

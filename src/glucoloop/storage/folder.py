@@ -45,6 +45,11 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             stack.enter_context(disk.locked(place.parent / f".{place.name}.lock", path))
             disk.recover(place)
             _refuse_taken(path, place, overwrite=overwrite)
+        except (FileExistsError, NotADirectoryError):
+            raise Refusal(
+                f"the output folder {path} cannot be made, since a part of its path is a file; "
+                "choose another with --out"
+            ) from None
         except OSError as error:
             mend = disk.mend(error, "choose another with --out")
             raise Refusal(f"the output folder {path} cannot be made: {error.strerror}; {mend}") from None

@@ -1,0 +1,62 @@
+"""Prediction covariance that a filter carries along, for a model that is linearised anew at every sample.
+
+The steady covariance of each linearisation is the gain's source. From one sample to the next it changes little, so a
+few steps of the Riccati equation from that of the sample before come near it, without a loop or a solve. It is kept as
+its lower triangle: symmetric as stored, and half as many numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+RICCATI_STEPS: Final = 4
+"""Steps of the Riccati equation at each sample."""
+
+
+def triangle(P: jax.Array) -> jax.Array:
+    """Lower triangle ``(n (n + 1) / 2,)`` of a covariance ``(n, n)``, row by row."""
+    return P[np.tril_indices(P.shape[0])]
+
+
+def whole(packed: jax.Array) -> jax.Array:
+    """Covariance ``(n, n)`` of which the lower triangle is given."""
+    n = _states(packed)
+    row, column = np.maximum(*np.indices((n, n))), np.minimum(*np.indices((n, n)))
+    return packed[row * (row + 1) // 2 + column]
+
+
+def is_covariance(packed: jax.Array) -> jax.Array:
+    """Whether all numbers are finite and no variance is negative."""
+    row = np.arange(_states(packed))
+    return jnp.all(jnp.isfinite(packed)) & jnp.all(packed[row * (row + 3) // 2] >= 0.0)
+
+
+def _states(packed: jax.Array) -> int:
+    return (math.isqrt(8 * packed.shape[0] + 1) - 1) // 2
+
+
+def carried_on(
+    packed: jax.Array, Phi: jax.Array, C: jax.Array, Q: jax.Array, R: jax.Array | float, steps: int = RICCATI_STEPS
+) -> jax.Array:
+    """Prediction covariance some steps of the Riccati equation on, ``P <- Phi (P - P C' C P / (C P C' + R)) Phi' + Q``.
+
+    Parameters
+    ----------
+    packed : (n (n + 1) / 2,)
+        Lower triangle of the covariance of the sample before; the result is one too.
+    Phi, C, Q : (n, n), (n,), (n, n)
+        Transition matrix, row of the reading, and covariance of the process noise.
+    R : ()
+        Variance of a reading, positive.
+    """
+    for _ in range(steps):
+        P = whole(packed)
+        seen = P @ C
+        filtered = P - seen[:, None] * (seen / (C @ seen + R))
+        packed = triangle(Phi @ filtered @ Phi.T + Q)
+    return packed
