@@ -115,11 +115,28 @@ def measured(case: str, people: int, seeds: list[int], text: str) -> list[dict[s
                 "people": int(found.feasible.sum()),
                 **{name: float(np.mean(metrics[name])) for name in REPORTED},
                 "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
+                "below_54_pct": metrics["time_below_54_pct"],
                 "engine": loop.engine,
                 "patient_days_s": prepared.trial.people * DAYS / taken,
             }
         )
     return rows
+
+
+def compared(found: list[list[dict[str, Any]]]) -> None:
+    """Add the share of people who are below 54 mg/dl for longer than under the last controller."""
+    for rows in found:
+        for row, last in zip(rows, found[-1], strict=True):
+            row["longer_below_54_pct"] = 100.0 * float(np.mean(row["below_54_pct"] > last["below_54_pct"]))
+    for row in (row for rows in found for row in rows):
+        del row["below_54_pct"]
+
+
+def line(row: dict[str, Any]) -> str:
+    """Line of the table."""
+    shown = [f"{row[name]:.1f}" for name in (*REPORTED, "ever_below_54_pct", "longer_below_54_pct")]
+    named = [row["case"], row["controller"].partition(",")[0], row["seed"], row["people"], *shown]
+    return "| " + " | ".join(map(str, named)) + " |"
 
 
 def main() -> None:
@@ -131,19 +148,18 @@ def main() -> None:
     parser.add_argument("--controller", action="append", metavar="TEXT", help="by default profile-mpc and basal-bolus")
     asked = parser.parse_args()
     if not asked.json:
-        print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % of people |")
-        print("| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |")
-    rows = []
+        print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % | longer < 54, % |")
+        print("| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    rows: list[dict[str, Any]] = []
     for case in CASES:
         if not any(case.startswith(wanted) for wanted in asked.case or [""]):
             continue
-        for text in asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]:
-            for row in measured(case, asked.people, asked.seed or [1, 2], text):
-                rows.append(row)
-                if not asked.json:
-                    shown = [f"{row[name]:.1f}" for name in (*REPORTED, "ever_below_54_pct")]
-                    named = [case, text.partition(",")[0], row["seed"], row["people"], *shown]
-                    print("| " + " | ".join(map(str, named)) + " |", flush=True)
+        controllers = asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]
+        found = [measured(case, asked.people, asked.seed or [1, 2], text) for text in controllers]
+        compared(found)
+        rows += [row for of_controller in found for row in of_controller]
+        if not asked.json:
+            print("\n".join(map(line, rows[-sum(map(len, found)) :])), flush=True)
     if asked.json:
         print(json.dumps(rows, indent=2))
 

@@ -58,7 +58,7 @@ class ProfileMPCState:
 
 
 @pytree
-class Forecast:
+class ForecastSteps:
     """Steps of a forecast over the blocks of a plan."""
 
     step: Step
@@ -75,7 +75,7 @@ class ProfileMPC:
 
     model: ProfiledModel
     filter: FedFilter
-    forecast: Forecast
+    forecast: ForecastSteps
     costs: OneSided
     glucose_floor_mg_dl: jax.Array | float
     doubt: jax.Array | float
@@ -211,7 +211,7 @@ class ProfileMPC:
         return plan
 
 
-def forecast_of(model: ProfiledModel, sample_time_min: float) -> Forecast:
+def forecast_of(model: ProfiledModel, sample_time_min: float) -> ForecastSteps:
     """Steps over blocks that end with samples."""
     ends = [0.0]
     for wanted in (sample_time_min, *_BLOCK_ENDS_MIN):
@@ -224,7 +224,7 @@ def forecast_of(model: ProfiledModel, sample_time_min: float) -> Forecast:
         number = math.ceil((end - start) / longest - 1e-9)
         lengths += [(end - start) / number] * number
         of_block += [block] * number
-    return Forecast(
+    return ForecastSteps(
         step=model.steps_of(lengths),
         of_block=jnp.asarray(np.eye(len(ends) - 1)[of_block]),
         block_min=jnp.asarray(np.diff(ends)),
