@@ -196,6 +196,7 @@ class ProfileMPC:
 
         for _ in range(_ITERATIONS):
             A, likely = jax.jacfwd(expected, has_aux=True)(plan)
+            A = jnp.minimum(A, 0.0)  # insulin never raises glucose, whatever a forecast far from any person says
             careful = self._glucose(doubted, plan)
             plan = minimise_rates(
                 self.costs,

@@ -50,6 +50,8 @@ ACTION_MIN: Final = 300.0
 _LEAST_U: Final = 0.25
 _MOST_U: Final = 50.0
 _HALVINGS: Final = 20
+_LEAST_SHARE: Final = 0.05
+"""Part of glucose at rest below which a model is not carried: of 120 mg/dl, 6."""
 
 
 @pytree
@@ -90,6 +92,8 @@ class ProfiledModel:
     """Jacobian of the nominal equations at rest, ``(n, n)``."""
     E: jax.Array
     """Effect of appearance, ``(n,)`` per mg/min."""
+    least: jax.Array
+    """Bound ``(n,)`` below which no state of glucose is taken, since equations may have a pole below zero."""
     own_carb_ratio_g_U: jax.Array | float
     """CR_n; NaN where no bolus is right for a meal."""
     own_correction_mg_dl_U: jax.Array | float
@@ -146,10 +150,9 @@ class ProfiledModel:
         """State a step on, under a held rate of insulin and held appearance in the nominal person."""
         u = self.nominal.insulin_mU_min + self.insulin_gain * (insulin_mU_min - self.basal_mU_min)
         fasting = self.nominal.derivative(x, u)
-        middle = x + step.first @ (fasting + self.E * flux_mg_min)
+        middle = jnp.maximum(x + step.first @ (fasting + self.E * flux_mg_min), self.least)
         later: jax.Array = self.nominal.derivative(middle, u) - fasting - self.J @ (middle - x)
-        found: jax.Array = middle + step.second @ later
-        return found
+        return jnp.maximum(middle + step.second @ later, self.least)
 
     def glucose_mg_dl(self, x: jax.Array) -> jax.Array:
         """Glucose of a state."""
@@ -203,6 +206,7 @@ def profiled_model(
         nominal=nominal,
         J=jax.jacfwd(nominal.derivative)(x, u),
         E=jnp.zeros_like(x),
+        least=jnp.full_like(x, -jnp.inf),
         own_carb_ratio_g_U=math.nan,
         own_correction_mg_dl_U=math.nan,
         own_weight_kg=math.nan if weight_kg is None else float(weight_kg),
@@ -211,7 +215,8 @@ def profiled_model(
     E = np.linalg.solve(model.step_of(linear.sample_time_min).first, np.asarray(linear.Psi, float))
     # What rounding alone leaves is no effect.
     model = dataclasses.replace(model, E=jnp.where(np.abs(E) > 1e-9 * np.abs(E).max(), E, 0.0))
-    return _titrated(model, gut)
+    of_glucose = np.isin(np.arange(x.size), model.fed_states())
+    return _titrated(dataclasses.replace(model, least=jnp.where(of_glucose, _LEAST_SHARE * x, -jnp.inf)), gut)
 
 
 def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
