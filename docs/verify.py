@@ -17,6 +17,7 @@ NAMES = {
     "mpc": "MPC",
     "mpc-se": "MPC/SE",
     "nlqdmc-se": "NLQDMC/SE",
+    "profile-mpc": "MPC by profile",
     "meal-mpc": "Meal-aware MPC",
     "imc": "IMC",
     "pid": "PID",

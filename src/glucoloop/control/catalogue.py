@@ -17,6 +17,7 @@ from glucoloop.control.settings import (
     Oref0Settings,
     PIDIFBSettings,
     PIDSettings,
+    ProfileMPCSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
 
@@ -26,6 +27,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
         LinearMPCSettings,
         MPCSESettings,
         NLQDMCSettings,
+        ProfileMPCSettings,
         MealMPCSettings,
         IMCSettings,
         PIDSettings,

@@ -330,6 +330,75 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)
 
 
+class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
+    """Predictive control by the profile of a person, with boluses for announced meals; for insulin under the skin."""
+
+    design: ClassVar = "glucoloop.control.profile_mpc:design"
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    gives_boluses: ClassVar = True
+    slow: ClassVar = True
+
+    straight_beyond_mg_dl: Annotated[
+        float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
+    ] = 5.0
+    low_weight: Annotated[
+        float, About("How many times as dear expected glucose below the target is as above it.", above=0.0)
+    ] = 50.0
+    glucose_floor_mg_dl: Annotated[
+        float,
+        About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 90.0
+    floor_weight: Annotated[
+        float, About("How many times as dear the cautious forecast below the floor is.", at_least=0.0)
+    ] = 20.0
+    doubt: Annotated[
+        float,
+        About("Standard deviations of the content of the gut that the cautious forecast lacks.", at_least=0.0),
+    ] = 1.5
+    disturbance_doubt: Annotated[
+        float,
+        About("Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0),
+    ] = 0.5
+    move_weight: Annotated[float, About("Weight on planned rates away from the basal rate.", at_least=0.0)] = 1.0
+    bolus_weight: Annotated[
+        float, About("The same for the coming sample, unless a meal was announced for it.", at_least=0.0)
+    ] = 0.15
+    automatic_boluses: Annotated[
+        bool,
+        About(
+            "Whether insulin that is wanted at once is a bolus at any time, or with announced meals alone: true or "
+            "false."
+        ),
+    ] = True
+    gut_min: Annotated[
+        float, About("Time from eating to the largest appearance of glucose, in minutes.", above=0.0)
+    ] = 40.0
+    counting_error_pct: Annotated[
+        float, About("Standard deviation of the error of announced carbohydrate, in percent.", at_least=0.0)
+    ] = 30.0
+    meal_noise_g: Annotated[float, About("Standard deviation of what is eaten unannounced in 5 min.", at_least=0.0)] = (
+        6.0
+    )
+    disturbance_noise_mg_min: Annotated[
+        float, About("Standard deviation of the change of the unexplained appearance in 5 min.", at_least=0.0)
+    ] = 10.0
+    disturbance_min: Annotated[
+        float, About("Time constant with which the unexplained appearance fades.", above=0.0)
+    ] = 60.0
+    glucose_noise_mg_min: Annotated[
+        float, About("Standard deviation of further appearance, new at each sample.", at_least=0.0)
+    ] = 10.0
+    measurement_variance: Annotated[
+        float,
+        About("Variance of white noise of a reading, R; 0: that of the sensor, at least 0.25.", at_least=0.0),
+    ] = 0.0
+    sensor_error_mg_dl: Annotated[
+        float, About("Standard deviation of a correlated error of the sensor; 0: none.", at_least=0.0)
+    ] = 0.0
+    sensor_lag_min: SensorLag = 0.0
+
+
 class IMCSettings(ControllerPart, name="imc"):
     """Internal model control with a filter, on a first-order model with dead time."""
 
