@@ -95,6 +95,8 @@ def test_boluses_follow_the_persons_own_ratio():
 def test_people_are_given_the_gains_of_their_profiles():
     told = computed_settings(CONTROLLER)
     assert told["insulin_gain"] == pytest.approx(60.0 / float(CONTROLLER.model.own_correction_mg_dl_U))
+    assert told["believed_correction_mg_dl_U"] == pytest.approx(60.0)
+    assert told["believed_carb_ratio_g_U"] == pytest.approx(20.0)
     many = CONTROLLER.with_profile(Profile(basal_mU_min=jnp.array([5.0, 10.0]), setpoint_mg_dl=120.0))
     np.testing.assert_allclose(many.model.insulin_gain, [BASAL / 5.0, BASAL / 10.0])
 

@@ -36,7 +36,9 @@ SEEN = Observation(
 READINGS = (110.0, 140.0, np.nan, 60.0, 3e38)
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if entry.slow else ()) for name, entry in CONTROLLERS.items()]
+)
 def test_c_gives_the_bits_of_its_definition(name):
     situation = usual_situation()
     case = usual_case(name, situation)

@@ -79,6 +79,25 @@ def test_insulin_and_carbohydrate_act_as_the_profile_says(ratio, factor):
     assert course(model, 0.8 * carbs_g / ratio, carbs_g)[-1] > 125.0
 
 
+@pytest.mark.parametrize("daily_dose_U", [None, 60.0])
+def test_a_profile_in_which_insulin_does_next_to_nothing_is_not_believed(daily_dose_U):
+    profile = Profile(
+        basal_mU_min=10.0,
+        setpoint_mg_dl=120.0,
+        carb_ratio_g_U=1.0,
+        correction_mg_dl_U=2.0,
+        total_daily_dose_U=daily_dose_U,
+    )
+    model = MODEL.with_profile(profile)
+    daily_U = daily_dose_U or 28.8  # twice 10 mU/min for a day
+    factor = model.insulin_gain * model.own_correction_mg_dl_U
+    ratio = model.insulin_gain * model.own_carb_ratio_g_U / model.meal_gain
+    assert float(factor) == pytest.approx(0.43 * 1800.0 / daily_U)
+    assert float(ratio) == pytest.approx(0.29 * 500.0 / daily_U)
+    sensitive = MODEL.with_profile(dataclasses.replace(profile, correction_mg_dl_U=500.0))
+    assert float(sensitive.insulin_gain) == pytest.approx(500.0 / float(model.own_correction_mg_dl_U))
+
+
 def test_a_reaction_is_the_factor_times_the_basal_rate_apart():
     """Small doses of two people whose factors differ by a factor of two move glucose by amounts that do so, too."""
     models = [

@@ -95,8 +95,16 @@ class ProfileMPC:
         return dataclasses.replace(self, model=self.model.with_profile(profile))
 
     def settled(self) -> dict[str, Any]:
-        """Gains of insulin and of meals in the person, relative to the nominal person's."""
-        return {"insulin_gain": self.model.insulin_gain, "meal_gain": self.model.meal_gain}
+        """Gains of insulin and of meals in the person, relative to the nominal person's, and what they come from.
+
+        The factor and the ratio are those that the model believes, which may be more than the profile's.
+        """
+        return {
+            "insulin_gain": self.model.insulin_gain,
+            "meal_gain": self.model.meal_gain,
+            "believed_correction_mg_dl_U": self.model.insulin_gain * self.model.own_correction_mg_dl_U,
+            "believed_carb_ratio_g_U": self.model.insulin_gain / self.model.meal_gain * self.model.own_carb_ratio_g_U,
+        }
 
     def init(self, observation: Observation) -> ProfileMPCState:
         """State of a controller whose person rests under the basal rate."""
@@ -188,7 +196,8 @@ class ProfileMPC:
         most = jnp.append(up, later + highest)
         # a bolus for a meal costs nothing by its size
         first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic else self.move_weight)
-        preference = self.model.insulin_gain**2 * blocks * jnp.append(first, later + self.move_weight)
+        relative = self.model.insulin_gain / self.model.nominal.insulin_mU_min
+        preference = relative**2 * blocks * jnp.append(first, later + self.move_weight)
 
         def expected(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
             glucose = self._glucose(estimate, plan)
@@ -251,12 +260,15 @@ def design_profile_mpc(
     part of the unexplained appearance is not there. The rates u of blocks over eight hours, not below zero and
     within the pump's limits, minimise::
 
-        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2  +  sum_j w_j (u_j - u_b)^2 / 2
+        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2
+            + sum over j of  w_j/2 (g_u (u_j - u_b) / u_n)^2
 
     where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
-    a high peak asks for no more insulin than a lower one that lasts as long. What is wanted at once, beyond the rate
-    that follows, is a bolus: with an announced meal, and at other times if the pump can give one so small and
-    `automatic_boluses` allows it. The boluses that the pump reports are part of what was delivered.
+    a high peak asks for no more insulin than a lower one that lasts as long. Rates are weighed as multiples of what the
+    basal rate does in the nominal person, so that one weight is right for families who need much or little insulin.
+    What is wanted at once, beyond the rate that follows, is a bolus: with an announced meal, and at other times if the
+    pump can give one so small and `automatic_boluses` allows it. The boluses that the pump reports are part of what was
+    delivered.
 
     ============  ===========================================================  ======
     variable      meaning                                                      size
@@ -265,6 +277,9 @@ def design_profile_mpc(
     ``G_c``       the same with what is uncertain left out                     (14,)
     ``u``         rates of the blocks                                          (10,)
     ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
+    ``u_b``       basal rate of the person                                     ()
+    ``u_n``       that of the nominal person                                   ()
+    ``g_u``       gain of insulin relative to the nominal person's             ()
     ============  ===========================================================  ======
 
     The program is solved in a fixed number of rounds (`optimize.bounded_rates`), for two linearisations at each sample,

@@ -360,10 +360,12 @@ class ProfileMPCSettings(ControllerPart, name="profile-mpc"):
         float,
         About("Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0),
     ] = 0.5
-    move_weight: Annotated[float, About("Weight on planned rates away from the basal rate.", at_least=0.0)] = 1.0
+    move_weight: Annotated[
+        float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0)
+    ] = 45.0
     bolus_weight: Annotated[
         float, About("The same for the coming sample, unless a meal was announced for it.", at_least=0.0)
-    ] = 0.15
+    ] = 7.0
     automatic_boluses: Annotated[
         bool,
         About(

@@ -11,6 +11,15 @@ insulin lowers glucose, and carbohydrate raises it, as the profile has it. CF_n 
 itself, titrated on it as `experiments.titration` titrates people. What the profile does not hold is told from basal
 rate and weight: who needs more insulin at rest answers less to it, and who weighs more has more room for glucose.
 
+Insulin is not believed to do next to nothing, since a model in which it does gives far too much of it. With the total
+daily dose D, by default twice the daily basal dose, the numbers of the profile are taken to be at least shares of those
+by the rules of Walsh et al. (2011)::
+
+    CF = max(CF_profile, 0.43 * 1800 / D),    CR = max(CR_profile, 0.29 * 500 / D)
+
+The shares are the least that a titration found among virtual people whose basal rate fits the rest of their parameters.
+From above nothing is bounded, since who is taken to be too sensitive is given too little insulin, and not too much.
+
 The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at rest, which is
 exact where they are linear, as insulin under the skin is, so that steps of half an hour are possible::
 
@@ -19,6 +28,8 @@ exact where they are linear, as insulin under the skin is, so that steps of half
 References
 ----------
 M. Hochbruck, A. Ostermann, "Exponential integrators", Acta Numerica 19, 2010, 209-286 (the method ETD2RK).
+J. Walsh, R. Roberts, T. Bailey, "Guidelines for optimal bolus calculator settings in adults", J. Diabetes Sci. Technol.
+5(1), 2011, 129-135 (the rules of 500 and 1800).
 """
 
 from __future__ import annotations
@@ -38,7 +49,7 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import NonlinearModel, reading_of
 from glucoloop.models.state_space import LinearModel
-from glucoloop.profile import Profile
+from glucoloop.profile import CARB_RULE, CORRECTION_RULE, Profile
 from glucoloop.refusal import Refusal
 from glucoloop.units import MG_PER_G, MIN_PER_H, MU_PER_U
 
@@ -47,6 +58,10 @@ Matrix = npt.NDArray[np.float64]
 MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Meal, and time after which insulin has acted, of the titration of `experiments.titration`."""
+LEAST_CORRECTION_SHARE: Final = 0.43
+"""Least correction factor that is believed, relative to that by the rule of 1800."""
+LEAST_CARB_SHARE: Final = 0.29
+"""Least carbohydrate ratio that is believed, relative to that by the rule of 500."""
 _LEAST_U: Final = 0.25
 _MOST_U: Final = 50.0
 _HALVINGS: Final = 20
@@ -114,6 +129,9 @@ class ProfiledModel:
             unknown if value is None else jnp.asarray(value, float)
             for value in (profile.carb_ratio_g_U, profile.correction_mg_dl_U, profile.weight_kg)
         )
+        # a number that is not known stays NaN
+        ratio = jnp.maximum(ratio, LEAST_CARB_SHARE * CARB_RULE / profile.daily_dose_U())
+        factor = jnp.maximum(factor, LEAST_CORRECTION_SHARE * CORRECTION_RULE / profile.daily_dose_U())
         by_factor, by_basal = factor / self.own_correction_mg_dl_U, self.nominal.insulin_mU_min / basal
         insulin_gain = _first_known(by_factor, by_basal, 1.0)
         by_ratio, by_weight = insulin_gain * self.own_carb_ratio_g_U / ratio, self.own_weight_kg / weight
