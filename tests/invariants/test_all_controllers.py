@@ -332,8 +332,8 @@ def test_after_readings_that_are_no_numbers_it_works_as_before(variant, controll
         assert np.all(np.asarray(doses[8:]) > 26.0)
         assert np.all(np.asarray(doses[8:]) <= np.asarray(expected[8:]) + 5.0)
     elif VARIANTS[variant][0] == "profile-mpc":
-        # What may have been eaten meanwhile makes the first readings count for more, and nothing else does: when the gap
-        # ends the state is the same but for the covariance, which is larger.
+        # What may have been eaten meanwhile makes the first readings count for more, and nothing else does: when the
+        # gap ends the state is the same but for the covariance, which is larger.
         np.testing.assert_allclose(doses[:8], 25.0, atol=1e-3)
         known, unknown = (without_covariance(state, 7) for state in (known_states, states))
         for one, other in zip(jax.tree.leaves(known[0]), jax.tree.leaves(unknown[0]), strict=True):
