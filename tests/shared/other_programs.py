@@ -22,6 +22,7 @@ PROGRAMS = {
         "six",
     ),
     "error-grids": ("error-grids==0.1.0",),
+    "cgm-format": ("cgm-format==0.13.0",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""
 
