@@ -7,6 +7,7 @@ python benchmarks/records.py --readings 100000
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 import time
@@ -36,12 +37,16 @@ def processor_time(work) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--readings", type=int, default=1_000_000)
+    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clarity.csv"
         path.write_text(clarity(asked.readings))
         bare = processor_time(lambda: pl.read_csv(path, infer_schema=False))
         whole = processor_time(lambda: gl.read_record(path))
+    if asked.json:
+        print(json.dumps({"readings": asked.readings, "seconds": whole, "bare_csv_seconds": bare}))
+        return
     print(f"{asked.readings} readings: {whole:.2f} s of processor time, {whole / bare:.1f} times that of a bare CSV.")
 
 

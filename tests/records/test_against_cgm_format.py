@@ -1,6 +1,7 @@
 """Readings, boluses and carbohydrate are those that cgm-format, an independent reader, finds in the same files."""
 
 import pytest
+
 from device_files import START, carelink, clarity, every, glucose, libre, nightscout_entries
 from other_programs import answer_of
 

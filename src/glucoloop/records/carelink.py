@@ -16,7 +16,7 @@ from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, extract_frame, with_basal
-from glucoloop.records.file_text import DELIMITERS, CellTable, FileText, table_of
+from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -91,7 +91,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     found = extract_frame(
         frame,
         times,
-        cut=sections[-1][1].cut,
+        pl.concat([table.spoilt for _, table in sections]),
         glucose=pl.col("glucose"),
         carbs=pl.coalesce("carbs", meal),
         bolus=pl.col("bolus"),
