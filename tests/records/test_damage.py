@@ -90,6 +90,8 @@ def test_nothing_but_junk(tmp_path, junk):
 @pytest.mark.parametrize("name", TABLES)
 @QUICK
 @given(quotes=st.sets(st.integers(0, 20_000), min_size=1, max_size=5))
+@example(quotes={0, 1})
+@example(quotes={0, 2101})
 def test_quotes_that_do_not_close_swallow_no_row(tmp_path, name, quotes):
     lines = FILES[name].splitlines()
     head = {"clarity": 1, "libre": 2}[name]
@@ -147,6 +149,17 @@ def test_notes_of_several_files_name_the_file(read):
     assert [note[:8] for note in record.notes if "no number." in note] == ["File 1: ", "File 2: "]
 
 
+def test_a_note_of_two_lines_is_one_row(read):
+    note = (
+        "FreeStyle LibreLink,X,13-03-2024 00:09,6,,,,,,,,,,",
+        '"a walk, then, oddly,\nsleep, and, later, more"',
+        ",,,,,",
+    )
+    record = read(FILES["libre"] + "".join(note) + "\n")
+    assert record.rows == 31
+    assert record.left_out == {"notes and other entries": 1}
+
+
 def test_another_unit_than_is_said_is_refused(refused):
     lines = [line.replace(f"G6,{glucose(n - 5)},", "G6,5.5,") for n, line in enumerate(clarity(30).splitlines())]
     assert refused("\n".join(lines)) == (
@@ -189,8 +202,8 @@ def test_a_folder_a_missing_file_and_none_are_refused(tmp_path):
 
 def test_a_file_without_anything_to_use_says_what_it_has(refused):
     assert refused(clarity(0)) == (
-        "nothing in it can be used: it has 4 rows, of which 4 rows about the patient and the devices; give a file with "
-        "readings, meals or insulin"
+        "nothing in it can be used: it has 4 rows, of which rows about the patient and the devices (4); give a file "
+        "with readings, meals or insulin"
     )
 
 

@@ -61,7 +61,7 @@ def record_of(frames: Sequence[pl.DataFrame], account: Account) -> DeviceRecord:
     """Record of one person from the settled rows of one file or several; Refusal if there is nothing to use."""
     frame = pl.concat(frames)
     if not frame.height:
-        seen = ", ".join(f"{count} {reason}" for reason, count in account.left_out.items())
+        seen = ", ".join(f"{reason} ({count})" for reason, count in account.left_out.items())
         raise Refusal(
             f"nothing in it can be used: it has {how_many(account.rows, 'row')}{f', of which {seen}' if seen else ''}; "
             "give a file with readings, meals or insulin"
