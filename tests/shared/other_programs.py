@@ -23,6 +23,7 @@ PROGRAMS = {
     ),
     "error-grids": ("error-grids==0.1.0",),
     "cgm-format": ("cgm-format==0.13.0",),
+    "pyloopkit": ("pyloopkit-test==0.0.15",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""
 
