@@ -1,13 +1,25 @@
 """Damaged and odd files: a sentence, never a traceback, and never a row lost in silence."""
 
 import itertools
+import json
 
 import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 
 import glucoloop as gl
-from device_files import START, carelink, clarity, every, glucose, libre, nightscout_entries, ohio, tidepool
+from device_files import (
+    START,
+    carelink,
+    clarity,
+    every,
+    glucose,
+    libre,
+    nightscout_entries,
+    nightscout_treatments,
+    ohio,
+    tidepool,
+)
 
 SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
 FILES = {
@@ -18,6 +30,9 @@ FILES = {
     "tidepool": tidepool(30),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
+TEMPORARY = [
+    (time, {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30, "percent": -50}) for time in every(20, 10)
+]
 BYTES = {name: text.encode() for name, text in FILES.items()}
 TABLES = ("clarity", "libre")
 QUICK = settings(
@@ -73,6 +88,24 @@ def test_binary_junk_within(tmp_path, name, place, junk):
     whole = BYTES[name]
     at = place % len(whole)
     read_or_refused(tmp_path / "junk", whole[:at] + junk + whole[at + len(junk) :])
+
+
+ODD = st.one_of(
+    *(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), st.lists(st.integers(), max_size=2)),
+    st.sampled_from([1e300, -1e14, 10**13, "2024-02-30T00:00:00Z", "12/12/12 12:12", "Temp Basal", {}]),
+)
+
+
+@pytest.mark.parametrize("name", ["nightscout", "tidepool", "treatments"])
+@QUICK
+@given(odd=st.lists(st.tuples(st.integers(0, 29), st.integers(0, 20), ODD), min_size=1, max_size=6))
+def test_odd_values_in_json(tmp_path, name, odd):
+    items = json.loads(FILES.get(name) or nightscout_treatments(*TEMPORARY))
+    for row, key, value in odd:
+        item = items[row % len(items)]
+        item[list(item)[key % len(item)]] = value
+    record = read_or_refused(tmp_path / "odd", json.dumps(items).encode())
+    assert record is None or record.rows == len(items)
 
 
 @QUICK

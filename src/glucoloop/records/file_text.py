@@ -1,4 +1,4 @@
-"""FileText of a file: its text whatever the encoding, and that text as a table or as JSON."""
+"""Text of a file whatever its encoding, and that text as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FileText:
     @functools.cached_property
     def head(self) -> tuple[str, ...]:
         """First lines of the text."""
-        return tuple(self.text[:_HEAD].splitlines()[:60])
+        return tuple(self.text[:_HEAD].split("\n")[:60])
 
     @functools.cached_property
     def json(self) -> Any:
@@ -62,7 +62,7 @@ class FileText:
         return None
 
     def table(self, place: tuple[int, str]) -> CellTable:
-        """CellTable that begins with the header at a place that `header` found."""
+        """Table that begins with the header at a place that `header` found."""
         number, delimiter = place
         at = 0
         for _ in range(number):
