@@ -41,7 +41,10 @@ class Command:
         wrapped = functools.partial(textwrap.wrap, break_on_hyphens=False, break_long_words=False)
         width = width_of_text()
         arguments = [option for option in self.options if option.is_argument]
-        names = [option.flag if option.required else f"[{option.flag}]" for option in arguments]
+        flags = [f"{option.flag}{'...' * option.many}" for option in arguments]
+        names = [
+            flag if option.required else f"[{flag}]" for flag, option in zip(flags, arguments, strict=True)
+        ]
         lines = [" ".join(["Usage: glucoloop", self.name, *names, "[OPTIONS]"]), ""]
         examples: list[str] = []
         for paragraph in self.intro.split("\n\n"):
@@ -89,7 +92,8 @@ class _Parser(argparse.ArgumentParser):
         self._by_flag = {option.flag: option for option in options}
         for option in options:
             if option.is_argument:
-                self.add_argument(option.key, nargs=None if option.required else "?", metavar=option.flag)
+                nargs = "+" if option.many else None if option.required else "?"
+                self.add_argument(option.key, nargs=nargs, metavar=option.flag)
             elif option.metavar is None:
                 self.add_argument(option.flag, dest=option.key, action=_Once, nargs=0, const=True)
                 if option.setting is not None:
