@@ -28,7 +28,7 @@ from glucoloop.report._style import RANGE_COLOURS
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.columns import MetricRow, in_other_unit
 from glucoloop.report.template import render
-from glucoloop.shown_units import other_number
+from glucoloop.shown_units import in_both_units, other_number
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 LEAST_DAYS: Final = 14.0
@@ -38,11 +38,12 @@ MOST_IN_FULL: Final = 6
 """Largest number of records that each have their profile; of more there is a row for each."""
 _MOST_DAYS: Final = 28
 _MOST_EPISODES: Final = 40
-_MINUTES: Final = int(MIN_PER_DAY)
 _AXIS_MG_DL: Final = (40.0, 300.0)
 _LARGEST_MG_DL: Final = 400.0
 _DAY_SIZE: Final = (240, 90)
-_EPISODE_WORDS: Final = {kind: f"{'below' if bound < 100 else 'above'} {bound:g} mg/dl" for kind, bound in BOUNDS_MG_DL.items()}
+_EPISODE_WORDS: Final = {
+    kind: f"{'below' if bound < 100 else 'above'} {bound:g} mg/dl" for kind, bound in BOUNDS_MG_DL.items()
+}
 
 
 class Goal(NamedTuple):
@@ -242,7 +243,6 @@ def _record(record: ReportedRecord, goals: Goals) -> dict[str, Any]:
         "parts_of_day": list(_parts_of_day(readings, goals)),
         "counts": [_count(kind, of, record.numbers["days"]) for kind, of in found.items()],
         "listed": _listed(readings, [*found["low"], *found["very_high"]]),
-        "rows": number_rows([record]),
     }
 
 
@@ -349,7 +349,9 @@ def _path(t_min: Floats, glucose: Floats) -> str:
     starts = np.diff(t, prepend=-np.inf) > max(LONGEST_FILLED_MIN, every)
     x = _DAY_SIZE[0] * t / MIN_PER_DAY
     points = zip(starts.tolist(), x.tolist(), values.tolist(), strict=True)
-    return "".join(f"{'M' if new else 'L'}{right:.1f} {_up(value)}{'h0.1' if new else ''}" for new, right, value in points)
+    return "".join(
+        f"{'M' if new else 'L'}{right:.1f} {_up(value)}{'h0.1' if new else ''}" for new, right, value in points
+    )
 
 
 def _parts_of_day(readings: Readings, goals: Goals) -> Iterator[list[Any]]:
@@ -362,11 +364,17 @@ def _parts_of_day(readings: Readings, goals: Goals) -> Iterator[list[Any]]:
         yield [name, *cells, *(percent(of[one.result]) for one in goals.ranges)]
 
 
-def _count(kind: str, found: Sequence[GlucoseEpisode], days: float) -> list[str]:
+def _either(text: str) -> tuple[str, str, str]:
+    """A text in mg/dl, the same in mmol/l, and the unit of the first."""
+    other = "".join(other if unit else same for unit, same, other in in_both_units(text))
+    return text, other, "mg/dl"
+
+
+def _count(kind: str, found: Sequence[GlucoseEpisode], days: float) -> list[Any]:
     mean = _minutes(sum(one.duration_min for one in found) / len(found)) if found else "none"
     per_week = f"{7.0 * len(found) / days:.1f}"
     more = [str(sum(one.extended for one in found)) if kind == "low" else "", str(sum(one.nocturnal for one in found))]
-    return [_EPISODE_WORDS[kind], str(len(found)), per_week, mean, *more]
+    return [_either(_EPISODE_WORDS[kind]), str(len(found)), per_week, mean, *more]
 
 
 def _minutes(duration_min: float) -> str:
@@ -380,6 +388,6 @@ def _listed(readings: Readings, found: Sequence[GlucoseEpisode]) -> dict[str, An
     for one in latest[:_MOST_EPISODES]:
         extreme = f"{one.extreme_mg_dl:.0f}"
         other = other_number(extreme, one.extreme_mg_dl, "mg/dl")
-        cells = [_EPISODE_WORDS[one.kind], _minutes(one.duration_min), (extreme, other, "mg/dl")]
+        cells = [_either(_EPISODE_WORDS[one.kind]), _minutes(one.duration_min), (extreme, other, "mg/dl")]
         rows.append([readings.moment(one.t_min), *cells])
     return {"rows": rows, "all": how_many(len(found), "episode")}

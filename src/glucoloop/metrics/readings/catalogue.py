@@ -161,4 +161,8 @@ def numbers_of(readings: Readings) -> dict[str, float]:
     >>> numbers["time_70_180_pct"], numbers["mean_mg_dl"]
     (50.0, 125.0)
     """
-    return {name: value for measure in MEASURES for name, value in measure.of(readings).items()}
+    found = {}
+    for measure in MEASURES:
+        values = measure.of(readings)
+        found.update({result.name: values[result.name] for result in measure.results})
+    return found

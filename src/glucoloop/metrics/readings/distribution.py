@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop.metrics.formulas import glycemia_risk_index, gmi_pct, symmetric_glucose
 from glucoloop.metrics.readings.series import Floats, Readings
@@ -52,7 +53,7 @@ def times_in_ranges(readings: Readings) -> Numbers:
     """Percentages of the readings in ranges; 70, 180, 140, 63 and 250 mg/dl belong to the range they end or begin."""
     glucose = readings.glucose_mg_dl
 
-    def share(inside: object) -> float:
+    def share(inside: npt.NDArray[np.bool_]) -> float:
         return 100.0 * float(np.count_nonzero(inside)) / glucose.size
 
     below_54, below_70 = share(glucose < 54.0), share(glucose < 70.0)

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from glucoloop.metrics.readings.series import Floats, Readings
 from glucoloop.units import MIN_PER_DAY
@@ -70,7 +71,7 @@ def episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
     return found
 
 
-def _spans(beyond: np.ndarray, in_a_row: int) -> Iterator[tuple[int, int]]:  # type: ignore[type-arg]
+def _spans(beyond: npt.NDArray[np.bool_], in_a_row: int) -> Iterator[tuple[int, int]]:
     """First place of each episode, and the first place after it."""
     edges = np.flatnonzero(np.diff(beyond.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     begin, last = None, 0
@@ -82,7 +83,7 @@ def _spans(beyond: np.ndarray, in_a_row: int) -> Iterator[tuple[int, int]]:  # t
             begin = low
         last = high
     if begin is not None:
-        yield begin, last
+        yield begin, last if beyond.size - last >= in_a_row else beyond.size
 
 
 def episode_counts(readings: Readings) -> Mapping[str, float]:

@@ -55,7 +55,8 @@ def amplitude(readings: Readings) -> Mapping[str, float]:
 
     Where a moving average of 25 min crosses one of 160 min, a rise or a fall is taken to begin; between two crossings
     the greatest or the least glucose itself is a peak or a nadir. Of peaks and nadirs, those that are not more than one
-    standard deviation from the next are passed over. Gaps of more than 45 min part the record.
+    standard deviation from the next are passed over. Gaps of more than 45 min part the record, and both ends of a part
+    count as turns.
 
     References
     ----------

@@ -40,9 +40,9 @@ class Grid:
     glucose_mg_dl: Floats
 
     def lagged(self, minutes: float) -> Floats:
-        """Differences of glucose from that so many minutes earlier, where both are known."""
-        lag = round(minutes / self.step_min)
-        if lag >= self.glucose_mg_dl.size:
+        """Differences of glucose from that so many minutes earlier, where both are known; none between steps."""
+        lag, between = divmod(round(minutes), round(self.step_min))
+        if between or lag >= self.glucose_mg_dl.size:
             return np.empty(0)
         difference = self.glucose_mg_dl[lag:] - self.glucose_mg_dl[:-lag]
         return difference[np.isfinite(difference)]
@@ -89,15 +89,14 @@ class Readings:
         if t.shape != glucose.shape or t.ndim != 1:
             raise Refusal(f"times of shape {t.shape} and glucose of shape {glucose.shape} do not match")
         there = np.isfinite(t) & np.isfinite(glucose)
-        t, places = np.unique(t[there], return_inverse=True)
+        t, first, places = np.unique(t[there], return_index=True, return_inverse=True)
         if t.size < _LEAST_READINGS:
             raise Refusal(
                 f"the record has {t.size} reading{'s' * (t.size != 1)} of glucose at different times, and no metric "
                 "can be computed; the consensus asks for 14 days with 70 % of the readings"
             )
         glucose = glucose[there]
-        if places.size > t.size:
-            glucose = np.bincount(places, glucose) / np.bincount(places)
+        glucose = glucose[first] if places.size == t.size else np.bincount(places, glucose) / np.bincount(places)
         if glucose.min() <= 0.0:
             raise Refusal(f"a reading of {glucose.min():g} mg/dl is not possible; leave it empty if it is missing")
         if t[-1] - t[0] > _MOST_DAYS * MIN_PER_DAY:
