@@ -26,6 +26,7 @@ from . import plausible as plausible
 from . import printable as printable
 from . import profile as profile
 from . import pumps as pumps
+from . import records as records
 from . import refusal as refusal
 from . import report as report
 from . import rhythms as rhythms
@@ -70,6 +71,7 @@ from .patients import virtual_people as virtual_people
 from .pumps import LimitedPump as LimitedPump
 from .pumps import dose_limits as dose_limits
 from .pumps import with_resolution as with_resolution
+from .records import read_record as read_record
 from .refusal import Refusal as Refusal
 from .report import plot as plot
 from .rhythms import rhythm as rhythm

@@ -1,0 +1,180 @@
+"""Content of a file: its text whatever the encoding, and that text as a table or as JSON."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from glucoloop.refusal import Refusal
+
+LARGEST_BYTES: Final = 2_000_000_000
+DELIMITERS: Final = (",", ";", "\t")
+_HEAD: Final = 20_000
+"""Number of letters in which the beginning of a file is looked at."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """Text of a file, and what had to be done to read it."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+    @functools.cached_property
+    def head(self) -> tuple[str, ...]:
+        """First lines of the text."""
+        return tuple(self.text[:_HEAD].splitlines()[:60])
+
+    @functools.cached_property
+    def json(self) -> Any:
+        """Value of the text as JSON, or None if it is none."""
+        if self.text[:_HEAD].lstrip()[:1] not in ("[", "{"):
+            return None
+        try:
+            return json.loads(self.text, parse_constant=lambda _: None)
+        except (ValueError, RecursionError):
+            return None
+
+    def header(self, *names: str, whole: bool = False) -> tuple[int, str] | None:
+        """Number of the first line with fields that begin with these names, and its delimiter; None if there is none.
+
+        With `whole` the fields have to be these names.
+        """
+        wanted = [name.casefold() for name in names]
+        for number, line in enumerate(self.head):
+            for delimiter in DELIMITERS:
+                fields = [" ".join(text.strip().strip('"').split()).casefold() for text in line.split(delimiter)]
+                if all(
+                    any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted
+                ):
+                    return number, delimiter
+        return None
+
+    def table(self, place: tuple[int, str]) -> Table:
+        """Table that begins with the header at a place that `header` found."""
+        number, delimiter = place
+        return table_of("\n".join(self.text.split("\n")[number:]), delimiter)
+
+    def objects(self) -> list[Any]:
+        """Items of a list in JSON; Refusal if the text is none."""
+        if not isinstance(self.json, list):
+            raise Refusal("it is no whole list in JSON; export it again")
+        return self.json
+
+
+def content_of(data: bytes) -> Content:
+    """Text of a file in UTF-8, UTF-16 or Windows-1252; Refusal for what is no text."""
+    if not data.strip():
+        raise Refusal("it is empty; give the file as it was exported")
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        try:
+            return _without_nul(data.decode("utf-16"), ())
+        except UnicodeDecodeError:
+            raise Refusal("it begins as UTF-16 and is cut off or damaged; export it again") from None
+    try:
+        return _without_nul(data.decode("utf-8-sig"), ())
+    except UnicodeDecodeError:
+        notes = ("The file is not in UTF-8; it was read as Windows-1252.",)
+        return _without_nul(data.decode("cp1252", errors="replace"), notes)
+
+
+def _without_nul(text: str, notes: tuple[str, ...]) -> Content:
+    if "\0" in text[:_HEAD] or "\0" in text:
+        raise Refusal("it is not text; give the file as it was exported, unzipped")
+    return Content(text.replace("\r\n", "\n").replace("\r", "\n"), notes)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Bytes of a file that the user named; Refusal with the mend where it cannot be read."""
+    if "\0" in str(path):
+        raise Refusal("its name holds a NUL character, which no file has; leave it out")
+    try:
+        if path.is_dir():
+            raise Refusal("it is a folder; name a file in it")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise Refusal(f"it cannot be read: {error.strerror}; give the path of a file that can") from None
+    if len(data) > LARGEST_BYTES:
+        raise Refusal(f"it is larger than {LARGEST_BYTES} bytes; divide it")
+    return data
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a table as texts, its blank lines left out."""
+
+    frame: pl.DataFrame
+    notes: tuple[str, ...] = ()
+
+    def column(self, *starts: str) -> str | None:
+        """Name of the first column that begins with one of the texts, in any case; None if there is none."""
+        for start in starts:
+            for name in self.frame.columns:
+                if name.casefold().startswith(start.casefold()):
+                    return name
+        return None
+
+    def texts(self, name: str | None) -> pl.Expr:
+        """Cells of a column without blanks around them; null for an empty cell, and for a column that is not there."""
+        if name is None:
+            return pl.lit(None, pl.String)
+        cell = pl.col(name).str.strip_chars(' \u00a0"')
+        return pl.when(cell != "").then(cell)
+
+
+def table_of(lines: str, delimiter: str) -> Table:
+    """Table of a text whose first line names the columns; Refusal if it is none."""
+    notes: list[str] = []
+    names = _names(lines.partition("\n")[0], delimiter)
+    frame = _frame(lines, delimiter, names, '"')
+    swallowed = frame is not None and _swallows_rows(frame, delimiter, len(names))
+    if frame is None or swallowed:
+        frame = _frame(lines, delimiter, names, None)
+        notes.append("Quotes in the file do not close; it was read as if there were none.")
+    if frame is None:
+        raise Refusal("it is no whole table; export it again")
+    return Table(
+        frame.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all().str.strip_chars() == ""))), tuple(notes)
+    )
+
+
+def _names(line: str, delimiter: str) -> list[str]:
+    """Names of columns, each its own."""
+    names: list[str] = []
+    for text in line.split(delimiter):
+        name = " ".join(text.strip().strip('"').split())
+        names.append(name if name and name not in names else f"{name} ({len(names) + 1})")
+    return names
+
+
+def _frame(lines: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
+    body = lines.partition("\n")[2]
+    schema = dict.fromkeys(names, pl.String())
+    if not body.strip():
+        return pl.DataFrame(schema=schema)
+    try:
+        return pl.read_csv(
+            io.BytesIO(body.encode()),
+            has_header=False,
+            separator=delimiter,
+            quote_char=quote,
+            schema=schema,
+            truncate_ragged_lines=True,
+        )
+    except pl.exceptions.PolarsError:
+        return None
+
+
+def _swallows_rows(frame: pl.DataFrame, delimiter: str, columns: int) -> bool:
+    """Whether a quoted cell holds what looks like rows of the table."""
+    looks = rf"(?s)\n(?:[^{delimiter}\n]*{delimiter}){{{max(2, columns // 2)}}}"
+    cells: Iterable[pl.Expr] = (pl.col(name).str.contains(looks).any() for name in frame.columns)
+    return bool(frame.select(pl.any_horizontal(*cells).fill_null(False)).item()) if frame.height else False

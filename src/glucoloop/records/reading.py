@@ -1,0 +1,78 @@
+"""Reading of files: which reader takes each, and the record of what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from glucoloop.parts.setting import choices_text
+from glucoloop.records.asked import Asked
+from glucoloop.records.content import Content, content_of, read_bytes
+from glucoloop.records.extract import Extract
+from glucoloop.records.readers import READERS, ReaderPart
+from glucoloop.records.record import PARQUET, DeviceRecord, record_from_parquet
+from glucoloop.records.tidy import record_of
+from glucoloop.refusal import Refusal
+
+
+def read_files(paths: Sequence[Path], reader: str | None, asked: Asked) -> DeviceRecord:
+    """Record of a person from all files; a Refusal names the file that it is about."""
+    chosen = None if reader is None else READERS.choose(reader)
+    extracts: list[Extract] = []
+    for number, path in enumerate(paths, 1):
+        try:
+            data = read_bytes(path)
+            if data.startswith(PARQUET):
+                if len(paths) > 1:
+                    raise Refusal("it is a record that was read before; read it alone, or the first files together")
+                return record_from_parquet(data)
+            content = content_of(data)
+            extract = (chosen or _reader_of(content, asked)).rows(content, asked)
+            file = f"File {number}: " if len(paths) > 1 else ""
+            notes = tuple(f"{file}{note}" for note in (*content.notes, *extract.notes))
+            extracts.append(replace(extract, notes=notes))
+            if len(paths) == 1:
+                return record_of(extracts, asked)
+        except Refusal as error:
+            raise Refusal(f"{path}: {error}") from None
+    return record_of(extracts, asked)
+
+
+def _reader_of(content: Content, asked: Asked) -> ReaderPart:
+    """Reader that takes a file; Refusal if there is none, or more than one."""
+    if asked.columns:
+        return READERS.choose("table")
+    readers = [READERS.choose(name) for name in READERS.names()]
+    found = [reader for reader in readers if reader.recognised(content)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = [reader.name for reader in found]
+        raise Refusal(f"it could be read by {' and by '.join(names)}; say which with reader={names[0]} (--reader)")
+    raise Refusal(
+        f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}; for any other table "
+        "name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
+    )
+
+
+def _seen(content: Content) -> str:
+    """Words on what a file holds, without anything from its cells."""
+    text = content.text.lstrip()
+    if text[:1] in ("[", "{"):
+        value = content.json
+        if value is None:
+            return "it begins like JSON and is no whole JSON"
+        keys = sorted(value if isinstance(value, dict) else (value[0] if value and isinstance(value[0], dict) else ()))
+        named = f" with the keys {', '.join(map(str, keys[:8]))}" if keys else ""
+        return f"it is JSON, {'one object' if isinstance(value, dict) else 'a list'}{named}"
+    if text.startswith("<"):
+        return "it is XML or HTML"
+    lines = content.text.count("\n") + 1
+    delimiter, most = max(((sign, content.head[0].count(sign)) for sign in (",", ";", "\t")), key=lambda pair: pair[1])
+    names = {",": "commas", ";": "semicolons", "\t": "tabs"}
+    return (
+        f"it is text of {lines} lines, the first of {most + 1} fields by {names[delimiter]}"
+        if most
+        else (f"it is text of {lines} lines without commas, semicolons or tabs in the first")
+    )
