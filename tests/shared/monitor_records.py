@@ -18,7 +18,9 @@ def with_gaps(days, seed, interval_min=5.0):
     rng = np.random.default_rng(seed)
     t_min = interval_min * np.arange(int(1440 * days / interval_min))
     meals = sum(70.0 * rng.uniform(0.4, 1.4) * np.exp(-(((t_min - at) / 70.0) ** 2)) for at in _meals(days, rng))
-    glucose = np.round(np.clip(115.0 + meals + 18.0 * np.sin(t_min / 371.0) + 4.0 * rng.normal(size=t_min.size), 40, 400))
+    glucose = np.round(
+        np.clip(115.0 + meals + 18.0 * np.sin(t_min / 371.0) + 4.0 * rng.normal(size=t_min.size), 40, 400)
+    )
     there = rng.random(t_min.size) > 0.03
     for begin in rng.uniform(0.0, t_min[-1], 2 * days):
         there &= (t_min < begin) | (t_min > begin + rng.choice([20.0, 50.0, 200.0]))

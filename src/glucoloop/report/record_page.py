@@ -23,7 +23,7 @@ from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, ep
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day, day_profile
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.metrics.settings import Result
-from glucoloop.printable import how_many, percent
+from glucoloop.printable import how_many, percent, the_first
 from glucoloop.report._style import RANGE_COLOURS
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.columns import MetricRow, in_other_unit
@@ -37,6 +37,7 @@ LEAST_ACTIVE_PCT: Final = 70.0
 MOST_IN_FULL: Final = 6
 """Largest number of records that each have their profile; of more there is a row for each."""
 _MOST_DAYS: Final = 28
+_MOST_WARNED: Final = 3
 _MOST_EPISODES: Final = 40
 _AXIS_MG_DL: Final = (40.0, 300.0)
 _LARGEST_MG_DL: Final = 400.0
@@ -156,14 +157,27 @@ class ReportedRecord:
         return first if first == last else f"{first} to {last}"
 
     @property
-    def warning(self) -> str:
-        """Sentence on a record that is too short or has too many gaps; empty for one that is not."""
-        days, active = self.numbers["days"], self.numbers["active_pct"]
-        if days >= LEAST_DAYS - 0.5 and active >= LEAST_ACTIVE_PCT:
-            return ""
-        return (
-            f"{self.label} has {days:.1f} days with {percent(active)} of the readings. The consensus asks for at "
-            f"least {LEAST_DAYS:g} days with {LEAST_ACTIVE_PCT:g} %, so these numbers may not stand for other days."
+    def sufficient(self) -> bool:
+        """Whether it is as long, in whole days, and as complete as the consensus asks for."""
+        return round(self.numbers["days"]) >= LEAST_DAYS and self.numbers["active_pct"] >= LEAST_ACTIVE_PCT
+
+
+def warnings(records: Sequence[ReportedRecord]) -> Iterator[str]:
+    """Sentences on records that are too short or have too many gaps."""
+    short = [record for record in records if not record.sufficient]
+    asked = f"at least {LEAST_DAYS:g} days with {LEAST_ACTIVE_PCT:g} % of the readings"
+    if len(short) > _MOST_WARNED:
+        yield (
+            f"{len(short)} of {len(records)} records are shorter than the consensus asks for, or have more gaps: "
+            f"{the_first([record.label for record in short])}. It asks for {asked}, so the numbers of these may not "
+            "stand for other days."
+        )
+        return
+    for record in short:
+        days, active = record.numbers["days"], percent(record.numbers["active_pct"])
+        yield (
+            f"{record.label} has {days:.1f} days with {active} of the readings. The consensus asks for {asked}, so "
+            "these numbers may not stand for other days."
         )
 
 
@@ -186,7 +200,7 @@ def record_page(records: Sequence[ReportedRecord], goals: Goals, title: str = "A
         goals=goals,
         labels=[record.label for record in records],
         records=[_record(record, goals) for record in records] if full else [],
-        warnings=[record.warning for record in records if record.warning],
+        warnings=list(warnings(records)),
         heads=[heading for heading, _ in _short(records[0])],
         short=[[record.label, *(text for _, text in _short(record))] for record in records],
         rows=number_rows(records) if full else [],
@@ -249,7 +263,7 @@ def _record(record: ReportedRecord, goals: Goals) -> dict[str, Any]:
 def _statistics(record: ReportedRecord) -> Iterator[tuple[str, str, str, str, bool | None]]:
     """Name, value, value in the other unit, goal, and whether the goal is reached, of the first numbers of the page."""
     of = record.numbers
-    yield "Days", f"{of['days']:.1f}", "", "14 or more", of["days"] >= LEAST_DAYS - 0.5
+    yield "Days", f"{of['days']:.1f}", "", "14 or more", round(of["days"]) >= LEAST_DAYS
     yield "Time active", percent(of["active_pct"]), "", "70 % or more", of["active_pct"] >= LEAST_ACTIVE_PCT
     mean = f"{of['mean_mg_dl']:.0f}"
     yield "Mean glucose", f"{mean} mg/dl", f"{other_number(mean, of['mean_mg_dl'], 'mg/dl')} mmol/l", "", None

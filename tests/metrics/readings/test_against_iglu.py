@@ -1,4 +1,4 @@
-"""Metrics of a record against iglu-python, the Python form of the R package iglu, on its records and on generated ones."""
+"""Metrics of a record against iglu-python, the Python form of iglu of R, on its records and on generated ones."""
 
 import csv
 import datetime as dt
@@ -7,12 +7,11 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from monitor_records import on_edges, with_gaps
-from other_programs import answer_of, installed
-
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.episodes import episodes
 from glucoloop.metrics.readings.series import Readings
+from monitor_records import on_edges, with_gaps
+from other_programs import answer_of, installed
 
 pytestmark = pytest.mark.long
 

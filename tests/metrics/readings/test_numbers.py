@@ -7,8 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor_records import on_edges, with_gaps
-
 from glucoloop.metrics.formulas import gmi_pct
 from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
@@ -16,6 +14,7 @@ from glucoloop.metrics.readings.excursions import amplitude, turning_points
 from glucoloop.metrics.readings.profile import by_day, by_time_of_day, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
+from monitor_records import on_edges, with_gaps
 
 
 @st.composite

@@ -16,6 +16,7 @@ from glucoloop.studies.study import PlainStudy
 _LAST: Final = "last-"
 _MOST_DAYS: Final = 3660
 _report = functools.partial(Option, panel="Report")
+_reading = functools.partial(Option, panel="Reading")
 
 
 class Period(NamedTuple):
@@ -83,6 +84,23 @@ class RecordRequest(Part):
             default="Record 1, Record 2 and so on",
         ),
     ] = ()
+    reader: Annotated[
+        str | None, _reading("Reader of the files, where it cannot be seen: `glucoloop list readers`.")
+    ] = None
+    dates: Annotated[
+        Literal["day-first", "month-first"] | None, _reading("Order of day and month, where a file leaves it open.")
+    ] = None
+    glucose_unit: Annotated[
+        Literal["mg/dl", "mmol/l"] | None, _reading("Unit of glucose, where a file does not say it.")
+    ] = None
+    time_zone: Annotated[
+        str | None, _reading("Time zone of the person, like Europe/Berlin, where a file tells times in UTC.")
+    ] = None
+    columns: Annotated[
+        str | None,
+        _reading("Columns of any other table, like time=Zeit,glucose_mg_dl=BZ.", metavar="NAMES"),
+    ] = None
+    scans: Annotated[bool, _reading("Keep scans of a Libre beside the readings that it stores by itself.")] = False
     goals: Annotated[
         Literal["adult", "older", "pregnancy"],
         _report("Goals of the consensus: for adults, for older people or those at high risk, or in pregnancy."),

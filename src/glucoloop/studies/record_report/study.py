@@ -15,10 +15,11 @@ from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, episodes
 from glucoloop.metrics.readings.profile import by_day, day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.printable import percent
+from glucoloop.printable import how_many, percent
+from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
-from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, number_rows, record_page
+from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, number_rows, record_page, warnings
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
 from glucoloop.studies.record_report.simulated import simulated_courses
@@ -41,7 +42,7 @@ def found(asked: RecordRequest, progress: Callable[[str], None]) -> Findings:
     plain = {
         "records": [_plain(record) for record in records],
         "goals": asked.goals,
-        "notes": [record.warning for record in records if record.warning],
+        "notes": list(warnings(records)),
     }
     return Findings(plain, _tables(records), records)
 
@@ -56,20 +57,28 @@ def _sources(asked: RecordRequest) -> Iterator[Source]:
                 own = f"{label}, {case}" if asked.labels or len(asked.files) > 1 else case
                 yield own if len(courses) > 1 else label, readings, ("A simulated course; its first minute is 0 h.",)
         else:
-            yield _read(path, label)
+            yield _read(asked, path, label)
 
 
-def _read(path: Path, label: str) -> Source:
+def _read(asked: RecordRequest, path: Path, label: str) -> Source:
     """A record of a monitor."""
-    from glucoloop.records import read_record
-
-    record = read_record(path)
-    frame = record.frame
+    record = read_record(
+        path,
+        reader=asked.reader,
+        dates=asked.dates,
+        glucose_unit=asked.glucose_unit,
+        time_zone=asked.time_zone,
+        columns=asked.columns,
+        scans=asked.scans,
+    )
+    read = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
     try:
-        readings = Readings.of_times(frame["time"].to_numpy(), frame["glucose_mg_dl"].cast(pl.Float64).to_numpy())
+        readings = Readings.of_times(read["time"].to_numpy(), read["glucose_mg_dl"].to_numpy())
     except Refusal as error:
         raise Refusal(f"{path}: {error}") from None
-    return label, readings, tuple(record.notes)
+    averaged = read.height - readings.t_min.size
+    more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
+    return label, readings, (*record.notes, *more)
 
 
 def within(readings: Readings, period: Period, label: str) -> Readings:
@@ -94,7 +103,7 @@ def within(readings: Readings, period: Period, label: str) -> Readings:
 
 
 def _plain(record: ReportedRecord) -> dict[str, Any]:
-    about = {"label": record.label, "days_reported": record.dates, "sufficient": not record.warning}
+    about = {"label": record.label, "days_reported": record.dates, "sufficient": record.sufficient}
     return {**about, **record.numbers, "gri_zone": gri_zone(record.numbers["gri"]), "read": list(record.notes)}
 
 
