@@ -48,7 +48,7 @@ _EPISODE_WORDS: Final = {
 
 
 class Goal(NamedTuple):
-    """What the consensus aims at for a number: less, or more, than a bound."""
+    """Goal of the consensus for a number: less, or more, than a bound."""
 
     bound: float
     more: bool = False
@@ -56,7 +56,7 @@ class Goal(NamedTuple):
     @property
     def text(self) -> str:
         """The goal in words."""
-        return f"{'more' if self.more else 'less'} than {self.bound:g} %"
+        return f"{'more' if self.more else 'less'} than {self.bound:g}\N{NO-BREAK SPACE}%"
 
     def reached(self, value: float) -> bool:
         """Whether a value is as aimed at."""
@@ -79,7 +79,7 @@ class Goals:
     name: str
     target_mg_dl: tuple[float, float]
     ranges: tuple[GlucoseRange, ...]
-    """From the highest on; together they are all readings."""
+    """Ranges from the highest on; together they hold all readings."""
     goals: Mapping[str, Goal]
 
 

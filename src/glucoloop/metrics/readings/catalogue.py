@@ -16,7 +16,7 @@ from glucoloop.metrics.settings import Result, result_named
 
 
 @dataclass(frozen=True)
-class Measure:
+class RecordMeasure:
     """A metric of a record."""
 
     section: str
@@ -44,7 +44,7 @@ def _episodes(kind: str, where: str) -> Result:
 
 
 MEASURES: Final = (
-    Measure(
+    RecordMeasure(
         "Sufficiency",
         distribution.sufficiency,
         (
@@ -53,7 +53,7 @@ MEASURES: Final = (
             Result("active_pct", "Readings in percent of those expected.", "Time active", "%"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Glycemia",
         distribution.mean_and_variation,
         (
@@ -63,7 +63,7 @@ MEASURES: Final = (
             _shared("gmi_pct", "Glucose management indicator, 3.31 + 0.02392 mean."),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Times in ranges",
         distribution.times_in_ranges,
         (
@@ -81,7 +81,7 @@ MEASURES: Final = (
             _share("time_54_63_pct", "from 54 to 62 mg/dl", exact="of 54 or more and below 63 mg/dl"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Risk",
         distribution.glycemia_risk,
         (
@@ -90,7 +90,7 @@ MEASURES: Final = (
             Result("gri_hyper_pct", "Its component of high glucose.", "  component of high glucose", "%"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Risk",
         distribution.risk_indices,
         (
@@ -100,7 +100,7 @@ MEASURES: Final = (
             Result("adrr", "Average daily risk range.", "Average daily risk range"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Episodes",
         episodes.episode_counts,
         (
@@ -112,7 +112,7 @@ MEASURES: Final = (
             _episodes("very_high", "above 250"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Variability",
         excursions.amplitude,
         (
@@ -124,7 +124,7 @@ MEASURES: Final = (
             ),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Variability",
         excursions.lagged_differences,
         (
@@ -136,7 +136,7 @@ MEASURES: Final = (
             Result("mag_mg_dl_h", "Mean absolute change in an hour.", "Mean absolute change (MAG)", "mg/dl per h"),
         ),
     ),
-    Measure(
+    RecordMeasure(
         "Quality",
         distribution.quality,
         (

@@ -30,7 +30,7 @@ NIGHT_ENDS_MIN: Final = 360.0
 
 
 class GlucoseEpisode(NamedTuple):
-    """One episode."""
+    """One episode of low or high glucose."""
 
     kind: str
     """One of `BOUNDS_MG_DL`."""

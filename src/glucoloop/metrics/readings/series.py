@@ -31,7 +31,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Grid:
+class GlucoseGrid:
     """Glucose at equal steps from midnight of the first day, NaN in gaps."""
 
     step_min: float
@@ -150,7 +150,7 @@ class Readings:
         return 1 + int(np.maximum(steps, 1.0).sum())
 
     @functools.cache  # noqa: B019 (a record is read, reported and gone)
-    def grid(self, step_min: float | None = None) -> Grid:
+    def grid(self, step_min: float | None = None) -> GlucoseGrid:
         """Glucose at equal steps, interpolated between readings at most 45 min apart; by default at the interval."""
         step = step_min or self.interval_min
         first, last = int(np.ceil(self.t_min[0] / step)), int(np.floor(self.t_min[-1] / step))
@@ -159,4 +159,4 @@ class Readings:
         after = np.searchsorted(self.t_min, t, side="left").clip(1, self.t_min.size - 1)
         gap = self.t_min[after] - self.t_min[after - 1]
         inside = (t > self.t_min[after - 1]) & (t < self.t_min[after])
-        return Grid(step, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))
+        return GlucoseGrid(step, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.part import Part
-from glucoloop.printable import is_printable
+from glucoloop.printable import how_many, is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
@@ -109,7 +109,7 @@ class RecordRequest(Part):
     def __post_init__(self) -> None:
         if self.labels and len(self.labels) != len(self.files):
             raise Refusal(
-                f"--label is given {len(self.labels)} times for {len(self.files)} files; give one for each file"
+                f"--label is given {len(self.labels)} times for {how_many(len(self.files), 'file')}; give one for each"
             )
         if len(set(self.labels)) < len(self.labels):
             raise Refusal("a --label is given twice; give each file its own")

@@ -173,7 +173,7 @@ def _rows_table(records: Sequence[ReportedRecord]) -> Any:
 
 
 def drawn(asked: RecordRequest, found: Findings) -> dict[str, bytes]:
-    """The page."""
+    """Page of the records, by the name of its file."""
     return {"report.html": record_page(found.extra, GOALS[asked.goals]).encode()}
 
 
