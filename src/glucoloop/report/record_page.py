@@ -19,7 +19,7 @@ import numpy as np
 
 from glucoloop.metrics.readings.catalogue import MEASURES
 from glucoloop.metrics.readings.distribution import gri_zone
-from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, episodes
+from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile, by_time_of_day, day_profile
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.metrics.settings import Result
@@ -242,7 +242,7 @@ def _short(record: ReportedRecord) -> Iterator[tuple[str, Any]]:
 def _record(record: ReportedRecord, goals: Goals) -> dict[str, Any]:
     readings = record.readings
     profile = day_profile(readings)
-    found = {kind: episodes(readings, kind) for kind in BOUNDS_MG_DL}
+    found = {kind: glucose_episodes(readings, kind) for kind in BOUNDS_MG_DL}
     days = np.unique(readings.day)
     return {
         "of": record,

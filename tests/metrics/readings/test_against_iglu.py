@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.metrics.readings.catalogue import numbers_of
-from glucoloop.metrics.readings.episodes import episodes
+from glucoloop.metrics.readings.episodes import glucose_episodes
 from glucoloop.metrics.readings.series import Readings
 from monitor_records import on_edges, with_gaps
 from other_programs import answer_of, installed
@@ -139,7 +139,7 @@ def test_amplitude(name, ours, theirs):
 )
 def test_episodes(name, kind, level, ours, theirs):
     """As many, and as long on the average."""
-    found = episodes(ours[name], kind)
+    found = glucose_episodes(ours[name], kind)
     count, mean_min = theirs[name][level]
     assert len(found) == count
     if count:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, episode_counts, episodes
+from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, episode_counts, glucose_episodes
 from glucoloop.metrics.readings.series import Readings
 
 
@@ -17,25 +17,25 @@ def course(*pieces, interval_min=5.0):
 
 @pytest.mark.parametrize(("low", "expected"), [(2, 0), (3, 1)])
 def test_an_episode_begins_after_a_quarter_of_an_hour(low, expected):
-    assert len(episodes(course((100.0, 6), (69.0, low), (100.0, 6)), "low")) == expected
+    assert len(glucose_episodes(course((100.0, 6), (69.0, low), (100.0, 6)), "low")) == expected
 
 
 @pytest.mark.parametrize(("between", "expected"), [(2, [50.0]), (3, [20.0, 20.0])])
 def test_an_episode_ends_after_a_quarter_of_an_hour(between, expected):
-    found = episodes(course((100.0, 6), (65.0, 4), (70.0, between), (65.0, 4), (100.0, 6)), "low")
+    found = glucose_episodes(course((100.0, 6), (65.0, 4), (70.0, between), (65.0, 4), (100.0, 6)), "low")
     assert [one.duration_min for one in found] == expected
 
 
 def test_the_bounds_themselves_are_in_no_episode():
     for kind, bound in BOUNDS_MG_DL.items():
         beyond = -1.0 if bound < 100.0 else 1.0
-        assert not episodes(course((120.0, 3), (bound, 9), (120.0, 3)), kind)
-        [one] = episodes(course((120.0, 3), (bound + beyond, 9), (120.0, 3)), kind)
+        assert not glucose_episodes(course((120.0, 3), (bound, 9), (120.0, 3)), kind)
+        [one] = glucose_episodes(course((120.0, 3), (bound + beyond, 9), (120.0, 3)), kind)
         assert (one.t_min, one.duration_min, one.extreme_mg_dl) == (615.0, 45.0, bound + beyond)
 
 
 def test_a_single_reading_of_a_quarter_of_an_hour_is_an_episode():
-    [one] = episodes(course((100.0, 3), (60.0, 1), (100.0, 3), interval_min=15.0), "low")
+    [one] = glucose_episodes(course((100.0, 3), (60.0, 1), (100.0, 3), interval_min=15.0), "low")
     assert one.duration_min == 15.0
 
 
@@ -55,7 +55,7 @@ def test_the_night_is_from_0_to_6_h(begin_min, nocturnal):
 @pytest.mark.parametrize(("gap_min", "expected"), [(45.0, 1), (46.0, 2)])
 def test_a_long_gap_parts_an_episode(gap_min, expected):
     t_min = np.concatenate([5.0 * np.arange(7), 30.0 + gap_min + 5.0 * np.arange(7)])
-    assert len(episodes(Readings.of(t_min, np.full(14, 60.0)), "low")) == expected
+    assert len(glucose_episodes(Readings.of(t_min, np.full(14, 60.0)), "low")) == expected
 
 
 @given(st.lists(st.sampled_from([50.0, 60.0, 70.0, 100.0, 200.0, 300.0]), min_size=8, max_size=200))
@@ -69,4 +69,4 @@ def test_episodes_are_those_of_a_count_reading_by_reading(glucose):
             in_a_row = in_a_row + 1 if beyond != going else 0
             if in_a_row == 3:
                 begun, going, in_a_row = begun + (not going), not going, 0
-        assert len(episodes(readings, kind)) == begun
+        assert len(glucose_episodes(readings, kind)) == begun

@@ -52,7 +52,7 @@ class GlucoseEpisode(NamedTuple):
         return self.t_min % MIN_PER_DAY < NIGHT_ENDS_MIN
 
 
-def episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
+def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
     """Episodes beyond one of `BOUNDS_MG_DL`, in the order of time."""
     bound = BOUNDS_MG_DL[kind]
     grid = readings.grid()
@@ -88,9 +88,9 @@ def _spans(beyond: npt.NDArray[np.bool_], in_a_row: int) -> Iterator[tuple[int, 
 
 def episode_counts(readings: Readings) -> Mapping[str, float]:
     """Numbers of episodes of each level, of extended ones, and of those below 70 mg/dl that began at night."""
-    low = episodes(readings, "low")
+    low = glucose_episodes(readings, "low")
     return {
-        **{f"{kind}_events": float(len(episodes(readings, kind))) for kind in BOUNDS_MG_DL},
+        **{f"{kind}_events": float(len(glucose_episodes(readings, kind))) for kind in BOUNDS_MG_DL},
         "extended_low_events": float(sum(one.extended for one in low)),
         "nocturnal_low_events": float(sum(one.nocturnal for one in low)),
     }

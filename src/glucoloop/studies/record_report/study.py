@@ -12,7 +12,7 @@ import polars as pl
 
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
-from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, episodes
+from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, glucose_episodes
 from glucoloop.metrics.readings.profile import by_day, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.printable import how_many, percent
@@ -118,7 +118,7 @@ def _tables(records: Sequence[ReportedRecord]) -> dict[str, pl.DataFrame]:
         (one.label, kind, one.readings.moment(ep.t_min), ep.duration_min, ep.extreme_mg_dl, ep.extended, ep.nocturnal)
         for one in records
         for kind in BOUNDS_MG_DL
-        for ep in episodes(one.readings, kind)
+        for ep in glucose_episodes(one.readings, kind)
     ]
     return {
         "metrics.csv": metrics,
