@@ -1,8 +1,8 @@
 """CSV of CareLink, of pumps and sensors of Medtronic.
 
-The file has a section for each device, which begins with a line of dashes and a header. Numbers have a point or a comma.
-A bolus is logged twice, as it was selected and as it was delivered; the delivered dose counts. Sensors read from 40 to
-400 mg/dl.
+The file has a section for each device, which begins with a line of dashes and a header. Numbers have a point or a
+comma. A bolus is logged twice, as it was selected and as it was delivered; the delivered dose counts. Sensors read from
+40 to 400 mg/dl.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Final
 import polars as pl
 
 from glucoloop.parts.number_text import number_of
-from glucoloop.records.asked import Asked
+from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.content import DELIMITERS, Content, Table, table_of
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, extract_frame, with_basal
+from glucoloop.records.file_text import DELIMITERS, CellTable, FileText, table_of
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -45,12 +45,12 @@ _RUNNING: Final = "NORMAL"
 """Word of the state of a pump that delivers again."""
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file has a header of CareLink."""
     return content.header(*_HEADER) is not None
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of all sections of an export of CareLink."""
     place = content.header(*_HEADER)
     if place is None:
@@ -69,7 +69,7 @@ def rows(content: Content, asked: Asked) -> Extract:
     frame = pl.concat(parts).with_columns(
         pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
     )
-    times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), asked)
+    times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
     meal = pl.col("marker").str.extract(r"(?i)^Meal: *([0-9.,]+) *g")
     known = pl.col("marker").str.extract(r"(?i)^(Insulin|Meal|Exercise|BG)\b").str.to_lowercase()
     words = {"insulin": "event markers of insulin of an unknown kind", "meal": "event markers of meals without grams"}
@@ -92,6 +92,7 @@ def rows(content: Content, asked: Asked) -> Extract:
     found = extract_frame(
         frame,
         times,
+        cut=sections[-1][1].cut,
         glucose=pl.col("glucose"),
         carbs=pl.coalesce("carbs", meal),
         bolus=pl.col("bolus"),
@@ -106,9 +107,9 @@ def rows(content: Content, asked: Asked) -> Extract:
     return Extract(frame=with_basal(found, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
 
 
-def _sections(text: str, delimiter: str) -> list[tuple[str, Table]]:
+def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:
     """Kind of device and table of each section; the lines before the first one are about the person."""
-    found: list[tuple[str, Table]] = []
+    found: list[tuple[str, CellTable]] = []
     device, lines = "Medtronic", list[str]()
     for line in [*text.split("\n"), _RULE]:
         if line.lstrip('"').startswith(_RULE) and not re.match(rf"{_RULE}[^{delimiter}]*{delimiter}\d", line):
@@ -120,7 +121,7 @@ def _sections(text: str, delimiter: str) -> list[tuple[str, Table]]:
     return [(device, table) for device, table in found if delimiter in DELIMITERS]
 
 
-def _units(table: Table) -> list[str]:
+def _units(table: CellTable) -> list[str]:
     column = (table.column("Sensor Glucose (") or "").casefold()
     return [unit for unit in ("mg/dl", "mmol/l") if unit in column]
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked
-from glucoloop.records.content import Content
+from glucoloop.records.answers import Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.file_text import FileText
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -34,12 +34,12 @@ _KINDS: Final = {
 }
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file has the header of Clarity."""
     return any(content.header(*names) for names in _HEADERS)
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of an export of Clarity."""
     place = next((found for names in _HEADERS if (found := content.header(*names))), None)
     if place is None:
@@ -56,7 +56,7 @@ def rows(content: Content, asked: Asked) -> Extract:
         insulin=table.texts(table.column("Insulin")),
         carbs=table.texts(table.column("Carb", "Kohlenhydrat")),
     )
-    times, notes = times_of(frame["time"], asked)
+    times, notes = times_of(frame["time"], answers)
     insulin = pl.col("type") == "Insulin"
     fast = pl.col("subtype").is_null() | pl.col("subtype").str.to_lowercase().is_in(_FAST)
     head = pl.col("time").is_null() & ~pl.col("type").is_in((*_READINGS, "Insulin", *_CARBS))
@@ -72,6 +72,7 @@ def rows(content: Content, asked: Asked) -> Extract:
         frame=extract_frame(
             frame,
             times,
+            cut=table.cut,
             glucose=pl.when(pl.col("type").is_in(_READINGS)).then("glucose"),
             carbs=pl.when(pl.col("type").is_in(_CARBS)).then("carbs"),
             bolus=pl.when(insulin & fast).then("insulin"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -9,6 +10,7 @@ from typing import Any, Final
 import polars as pl
 
 VALUES: Final = ("glucose", "carbs", "bolus", "basal")
+_LARGEST: Final = 1e30
 _TYPES: Final = {"out_of_range": pl.String(), "device": pl.String(), "kind": pl.String()}
 
 
@@ -30,11 +32,18 @@ class Extract:
     """Limits of the sensor, which stand for the words low and high."""
 
 
-def extract_frame(source: pl.DataFrame, times: pl.DataFrame, **columns: pl.Expr) -> pl.DataFrame:
-    """Frame of an extract from the rows of a source, their times, and expressions of the columns it has."""
+def extract_frame(source: pl.DataFrame, times: pl.DataFrame, *, cut: bool = False, **columns: pl.Expr) -> pl.DataFrame:
+    """Frame of an extract from the rows of a source, their times, and expressions of the columns it has.
+
+    With `cut` the last row is cut off, and nothing in it counts.
+    """
     missing = {name: pl.lit(None, pl.Float64) for name in VALUES if name not in columns}
     words = {name: pl.lit(None, kind) for name, kind in _TYPES.items() if name not in columns}
     every = {**columns, **missing, **words}
+    if cut:
+        whole = pl.int_range(pl.len()) < source.height - 1
+        every = {name: pl.when(whole).then(value) for name, value in every.items()}
+        every["kind"] = pl.when(whole).then(every["kind"]).otherwise(pl.lit("a last row that is cut off"))
     return source.with_columns(**every).select(
         pl.int_range(pl.len(), dtype=pl.Int64).alias("row"), times["time"], times["utc_offset_min"], *every
     )
@@ -46,11 +55,18 @@ def cells(values: Iterable[Any]) -> pl.Series:
     return pl.Series(list(texts), dtype=pl.String)
 
 
+def finite(value: object) -> float | None:
+    """A finite number of JSON; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) < _LARGEST and not math.isnan(value) else None
+
+
 def with_basal(frame: pl.DataFrame, rates: list[tuple[int, Any, float]]) -> pl.DataFrame:
     """Rows of an extract and those of basal rates: row of the file, time and rate [U/h] of each."""
-    schema = {"row": pl.Int64, "time": pl.Datetime("us"), "basal": pl.Float64}
+    schema = {"row": pl.Int64(), "time": pl.Datetime("us"), "basal": pl.Float64()}
     table = pl.DataFrame(rates, schema=schema, orient="row")
-    whose = frame.select("row", "utc_offset_min").unique("row", keep="first")
+    whose = frame.select("row", "utc_offset_min", "device").unique("row", keep="first")
     table = table.join(whose, on="row", how="left", maintain_order="left")
     bare = frame.filter(
         pl.col("row").is_in(table["row"].implode()) & pl.all_horizontal(pl.col("glucose", "carbs", "bolus").is_null())

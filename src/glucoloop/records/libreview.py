@@ -11,10 +11,10 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked
-from glucoloop.records.content import Content
+from glucoloop.records.answers import Answers
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.file_text import FileText
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -26,12 +26,12 @@ _HISTORIC, _SCAN, _INSULIN, _FOOD = "0", "1", "4", "5"
 _KINDS: Final = {"2": "strips", "3": "entries of other kinds", "6": "notes and other entries"}
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file has the header of LibreView."""
     return any(content.header(*names) for names in _HEADERS)
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of an export of LibreView."""
     place = next((found for names in _HEADERS if (found := content.header(*names))), None)
     if place is None:
@@ -49,9 +49,9 @@ def rows(content: Content, asked: Asked) -> Extract:
         slow=table.texts(table.column("Long-Acting Insulin Value", "Long-Acting Insulin (", "Depotinsulin (")),
         carbs=table.texts(table.column("Carbohydrates (grams)", "Kohlenhydrate (Gramm)")),
     )
-    times, notes = times_of(frame["time"], asked)
+    times, notes = times_of(frame["time"], answers)
     kind = pl.col("type")
-    keep_scans = asked.scans or not frame.filter(kind == _HISTORIC)["historic"].is_not_null().any()
+    keep_scans = answers.scans or not frame.filter(kind == _HISTORIC)["historic"].is_not_null().any()
     no_value = (
         pl.when((kind == _SCAN) & (not keep_scans))
         .then(pl.lit("scans, beside the readings that the sensor stores"))
@@ -63,19 +63,18 @@ def rows(content: Content, asked: Asked) -> Extract:
         .then(pl.lit("meals without grams of carbohydrate"))
         .when(~kind.is_in((_HISTORIC, _SCAN)))
         .then(kind.replace_strict(_KINDS, default="rows of an unknown type", return_dtype=pl.String))
-        .when((kind == _SCAN) & pl.lit(keep_scans))
+        .when((kind == _SCAN) & keep_scans)
         .then(pl.lit("scans without a reading"))
     )
     both = frame.filter((kind == _INSULIN) & pl.col("rapid").is_not_null() & pl.col("slow").is_not_null()).height
     if both:
         notes.append(f"{both} rows have rapid-acting and long-acting insulin; the long-acting dose was not used.")
-    glucose = pl.when(kind == _HISTORIC).then("historic")
-    if keep_scans:
-        glucose = glucose.when(kind == _SCAN).then("scan")
+    glucose = pl.when(kind == _HISTORIC).then("historic").when((kind == _SCAN) & keep_scans).then("scan")
     return Extract(
         frame=extract_frame(
             frame,
             times,
+            cut=table.cut,
             glucose=glucose,
             carbs=pl.when(kind == _FOOD).then("carbs"),
             bolus=pl.when(kind == _INSULIN).then("rapid"),

@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked
+from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.content import Content
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
+from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
+from glucoloop.records.file_text import FileText
 from glucoloop.records.times import TIME, from_utc, times_of
 
 _LOW_CODE, _HIGH_CODE = 39, 401
@@ -23,7 +23,7 @@ _KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
 _TEMPORARY: Final = "Temp Basal"
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file is a list of entries or treatments."""
     items = content.json
     if not isinstance(items, list):
@@ -32,11 +32,11 @@ def recognised(content: Content) -> bool:
     return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of entries or treatments."""
     items = [item if isinstance(item, dict) else {} for item in content.objects()]
-    instants, offsets, notes = _instants(items, asked)
-    times, more = from_utc(instants, offsets, asked)
+    instants, offsets, notes = _instants(items, answers)
+    times, more = from_utc(instants, offsets, answers)
     source = pl.DataFrame(
         {
             "sgv": cells(item.get("sgv") if item.get("type", "sgv") == "sgv" else None for item in items),
@@ -83,12 +83,12 @@ def rows(content: Content, asked: Asked) -> Extract:
     return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=(*notes, *more))
 
 
-def _instants(items: list[dict[str, Any]], asked: Asked) -> tuple[pl.Series, pl.Series, list[str]]:
+def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series, pl.Series, list[str]]:
     """Instant in UTC and offset [min] of each item, from its number of milliseconds or its text."""
     numbers = [_whole(item.get("date", item.get("mills"))) for item in items]
     instants = pl.Series(numbers, dtype=pl.Int64).cast(pl.Datetime("ms")).cast(TIME)
     texts = cells(item.get("created_at") or item.get("dateString") or item.get("timestamp") for item in items)
-    read, notes = times_of(texts, asked)
+    read, notes = times_of(texts, answers)
     shift = pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
     told = read.select(pl.col("time") - shift).to_series()
     offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
@@ -103,8 +103,8 @@ def _instants(items: list[dict[str, Any]], asked: Asked) -> tuple[pl.Series, pl.
 
 def _whole(value: object) -> int | None:
     """A number of JSON as a whole one, in the range of times; None for anything else."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return int(value) if number and abs(value) < 1e14 else None  # type: ignore[call-overload,arg-type]
+    number = finite(value)
+    return int(number) if number is not None and abs(number) < 1e14 else None
 
 
 def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEvent]:
@@ -113,8 +113,8 @@ def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEv
     for row, (item, time) in enumerate(zip(items, times, strict=True)):
         if item.get("eventType") != _TEMPORARY or time is None:
             continue
-        minutes, absolute, percent = (_float(item.get(name)) for name in ("duration", "absolute", "percent"))
-        absolute = _float(item.get("rate")) if absolute is None else absolute
+        minutes, absolute, percent = (finite(item.get(name)) for name in ("duration", "absolute", "percent"))
+        absolute = finite(item.get("rate")) if absolute is None else absolute
         if minutes is not None and minutes <= 0.0:
             events.append(BasalEvent(row=row, time=time, what="end"))
         elif minutes is not None and absolute is not None:
@@ -122,8 +122,3 @@ def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEv
         elif minutes is not None and percent is not None:
             events.append(BasalEvent(row=row, time=time, what="percent", value=100.0 + percent, minutes=minutes))
     return events
-
-
-def _float(value: object) -> float | None:
-    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if number else None  # type: ignore[arg-type]

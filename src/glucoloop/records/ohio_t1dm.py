@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 import polars as pl
 
 from glucoloop.parts.number_text import number_of
-from glucoloop.records.asked import DAY_FIRST, Asked
+from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.content import Content
 from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
+from glucoloop.records.file_text import FileText
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 from glucoloop.units import S_PER_MIN
@@ -35,12 +35,12 @@ _KINDS: Final = {
 _SPREAD: Final = ("square", "dual")
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file is XML with the lists of the data set."""
     return content.text.lstrip().startswith("<") and "<glucose_level" in content.text
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of all lists of events."""
     if "<!DOCTYPE" in content.text or "<!ENTITY" in content.text:
         raise Refusal("it defines its own kinds of XML, which no file of OhioT1DM does; give the file as it came")
@@ -53,15 +53,14 @@ def rows(content: Content, asked: Asked) -> Extract:
         (child.tag, event.attrib) for child in root for event in child if event.tag == "event"
     ]
     begun = cells(about.get("ts_begin", about.get("ts", about.get("tbegin"))) for _, about in events)
-    times, notes = times_of(begun, asked, usual=DAY_FIRST)
-    ends, _ = times_of(cells(about.get("ts_end") for _, about in events), asked, usual=DAY_FIRST)
-    of = lambda tag, key: cells(about.get(key) if name == tag else None for name, about in events)  # noqa: E731
+    times, notes = times_of(begun, answers, usual=DAY_FIRST)
+    ends, _ = times_of(cells(about.get("ts_end") for _, about in events), answers, usual=DAY_FIRST)
     source = pl.DataFrame(
         {
             "tag": cells(tag for tag, _ in events),
-            "value": of("glucose_level", "value"),
-            "dose": of("bolus", "dose"),
-            "grams": of("meal", "carbs"),
+            "value": _of(events, "glucose_level", "value"),
+            "dose": _of(events, "bolus", "dose"),
+            "grams": _of(events, "meal", "carbs"),
         }
     )
     found = extract_frame(
@@ -81,6 +80,11 @@ def rows(content: Content, asked: Asked) -> Extract:
         notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
     rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
     return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=tuple(notes))
+
+
+def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Series:
+    """Attribute of the events of one list, null for the others."""
+    return cells(about.get(key) if name == tag else None for name, about in events)
 
 
 def _basal_events(

@@ -1,7 +1,7 @@
 """Readers of records: name of each, and the module that knows its files.
 
-A reader is one module with two functions, ``recognised(content)`` and ``rows(content, asked)``, and one class, entered
-in `READERS` or by the entry point of another package in the group ``glucoloop.readers``.
+A reader is one module with two functions, ``recognised(content)`` and ``rows(content, answers)``, and one class,
+entered in `READERS` or by the entry point of another package in the group ``glucoloop.readers``.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from glucoloop.parts.code import loaded
 from glucoloop.parts.part import Part
 
 if TYPE_CHECKING:
-    from glucoloop.records.asked import Asked
-    from glucoloop.records.content import Content
+    from glucoloop.records.answers import Answers
     from glucoloop.records.extract import Extract
+    from glucoloop.records.file_text import FileText
 
 
 class ReaderPart(Part):
@@ -25,13 +25,13 @@ class ReaderPart(Part):
     home: ClassVar[str] = ""
     """Module of its two functions."""
 
-    def recognised(self, content: Content) -> bool:
+    def recognised(self, content: FileText) -> bool:
         """Whether a file is one of its kind."""
         return bool(loaded(f"{self.home}:recognised")(content))
 
-    def rows(self, content: Content, asked: Asked) -> Extract:
+    def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a file, every one of them; Refusal where it leaves something open that was not given."""
-        found: Extract = loaded(f"{self.home}:rows")(content, asked)
+        found: Extract = loaded(f"{self.home}:rows")(content, answers)
         return found
 
 

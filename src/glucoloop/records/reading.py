@@ -7,16 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from glucoloop.parts.setting import choices_text
-from glucoloop.records.asked import Asked
-from glucoloop.records.content import Content, content_of, read_bytes
+from glucoloop.printable import how_many
+from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract
+from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart
 from glucoloop.records.record import PARQUET, DeviceRecord, record_from_parquet
 from glucoloop.records.tidy import record_of
 from glucoloop.refusal import Refusal
 
 
-def read_files(paths: Sequence[Path], reader: str | None, asked: Asked) -> DeviceRecord:
+def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> DeviceRecord:
     """Record of a person from all files; a Refusal names the file that it is about."""
     chosen = None if reader is None else READERS.choose(reader)
     extracts: list[Extract] = []
@@ -28,20 +29,20 @@ def read_files(paths: Sequence[Path], reader: str | None, asked: Asked) -> Devic
                     raise Refusal("it is a record that was read before; read it alone, or the first files together")
                 return record_from_parquet(data)
             content = content_of(data)
-            extract = (chosen or _reader_of(content, asked)).rows(content, asked)
+            extract = (chosen or _reader_of(content, answers)).rows(content, answers)
             file = f"File {number}: " if len(paths) > 1 else ""
             notes = tuple(f"{file}{note}" for note in (*content.notes, *extract.notes))
             extracts.append(replace(extract, notes=notes))
             if len(paths) == 1:
-                return record_of(extracts, asked)
+                return record_of(extracts, answers)
         except Refusal as error:
             raise Refusal(f"{path}: {error}") from None
-    return record_of(extracts, asked)
+    return record_of(extracts, answers)
 
 
-def _reader_of(content: Content, asked: Asked) -> ReaderPart:
+def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
     """Reader that takes a file; Refusal if there is none, or more than one."""
-    if asked.columns:
+    if answers.columns:
         return READERS.choose("table")
     readers = [READERS.choose(name) for name in READERS.names()]
     found = [reader for reader in readers if reader.recognised(content)]
@@ -56,16 +57,14 @@ def _reader_of(content: Content, asked: Asked) -> ReaderPart:
     )
 
 
-def _seen(content: Content) -> str:
+def _seen(content: FileText) -> str:
     """Words on what a file holds, without anything from its cells."""
     text = content.text.lstrip()
     if text[:1] in ("[", "{"):
         value = content.json
         if value is None:
             return "it begins like JSON and is no whole JSON"
-        keys = sorted(value if isinstance(value, dict) else (value[0] if value and isinstance(value[0], dict) else ()))
-        named = f" with the keys {', '.join(map(str, keys[:8]))}" if keys else ""
-        return f"it is JSON, {'one object' if isinstance(value, dict) else 'a list'}{named}"
+        return "it is JSON, one object" if isinstance(value, dict) else f"it is JSON, {how_many(len(value), 'item')}"
     if text.startswith("<"):
         return "it is XML or HTML"
     lines = content.text.count("\n") + 1

@@ -11,7 +11,7 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked, columns_from_text
+from glucoloop.records.answers import Answers, columns_from_text
 from glucoloop.refusal import Refusal
 
 SCHEMA: Final = {
@@ -32,7 +32,7 @@ _METADATA: Final = "glucoloop_record"
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceRecord:
-    """What devices recorded of a person: one row for each reading, meal, bolus or change of the basal rate.
+    """Record that devices made of a person: one row for each reading, meal, bolus or change of the basal rate.
 
     The columns of ``frame``, in which null says that the row is about something else:
 
@@ -136,6 +136,8 @@ def read_record(
     """
     from glucoloop.records.reading import read_files
 
+    if not paths:
+        raise Refusal("no file is given; give the path of one")
     named = columns_from_text(columns) if isinstance(columns, str) else dict(columns or {})
-    asked = Asked(dates=dates, glucose_unit=glucose_unit, time_zone=time_zone, columns=named, scans=scans)
-    return read_files([Path(path) for path in paths], reader, asked)
+    answers = Answers(dates=dates, glucose_unit=glucose_unit, time_zone=time_zone, columns=named, scans=scans)
+    return read_files([Path(path) for path in paths], reader, answers)

@@ -6,9 +6,9 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked
-from glucoloop.records.content import Content
+from glucoloop.records.answers import Answers
 from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.file_text import FileText
 from glucoloop.records.simulated import amounts, sample_min
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
@@ -17,19 +17,19 @@ from glucoloop.units import MIN_PER_H
 _HEADER: Final = ("Time", "BG", "CGM", "CHO", "insulin")
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file has the header of simglucose."""
     return content.header(*_HEADER, whole=True) is not None
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of a table of simglucose."""
     place = content.header(*_HEADER, whole=True)
     if place is None:
         raise Refusal("it has no header of simglucose, Time, BG, CGM, CHO and insulin; write it again")
     table = content.table(place)
     frame = table.frame.select(**{name: table.texts(table.column(name)) for name in _HEADER})
-    times, notes = times_of(frame["Time"], asked)
+    times, notes = times_of(frame["Time"], answers)
     minutes = sample_min(times["time"])
     notes += [
         f"Carbohydrate per min was made amounts of samples of {minutes:g} min.",
@@ -39,6 +39,7 @@ def rows(content: Content, asked: Asked) -> Extract:
         frame=extract_frame(
             frame,
             times,
+            cut=table.cut,
             glucose=pl.col("CGM"),
             carbs=amounts("CHO", minutes),
             basal=amounts("insulin", MIN_PER_H),

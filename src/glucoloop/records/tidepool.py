@@ -1,22 +1,21 @@
 """JSON of Tidepool: a list of data of all devices, each with its type.
 
-``time`` is in UTC, ``deviceTime`` on the clock of the device, and ``timezoneOffset`` the minutes between them. Glucose is
-in mmol/l, unless its ``units`` say otherwise. Annotations mark readings beyond the range of the sensor. Basal rates are
-segments with a rate and a duration in ms.
+``time`` is in UTC, ``deviceTime`` on the clock of the device, and ``timezoneOffset`` the minutes between them. Glucose
+is in mmol/l, unless its ``units`` say otherwise. Annotations mark readings beyond the range of the sensor. Basal rates
+are segments with a rate and a duration in ms.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, Final
 
 import polars as pl
 
-from glucoloop.records.asked import Asked
+from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
-from glucoloop.records.content import Content
 from glucoloop.records.devices import device_kinds
-from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
+from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
+from glucoloop.records.file_text import FileText
 from glucoloop.records.times import TIME, from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
@@ -33,7 +32,7 @@ _KINDS: Final = {
 _MS_PER_MIN: Final = 1000.0 * S_PER_MIN
 
 
-def recognised(content: Content) -> bool:
+def recognised(content: FileText) -> bool:
     """Whether a file is a list of data of Tidepool."""
     items = content.json
     if not isinstance(items, list):
@@ -42,10 +41,10 @@ def recognised(content: Content) -> bool:
     return any(item.get("type") in _TYPES and "time" in item and "sgv" not in item for item in first)
 
 
-def rows(content: Content, asked: Asked) -> Extract:
+def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of an export of Tidepool."""
     items = [item if isinstance(item, dict) else {} for item in content.objects()]
-    times, notes = _times(items, asked)
+    times, notes = _times(items, answers)
     source = pl.DataFrame(
         {
             "type": cells(item.get("type") for item in items),
@@ -70,34 +69,34 @@ def rows(content: Content, asked: Asked) -> Extract:
         count = found.filter(pl.col("out_of_range") == mark).height
         if count:
             notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
-    spread = sum(item.get("type") == "bolus" and bool(_float(item.get("extended"))) for item in items)
+    spread = sum(item.get("type") == "bolus" and bool(finite(item.get("extended"))) for item in items)
     if spread:
         notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
     events = _basal_events(items, found["time"].to_list())
     return Extract(frame=with_basal(found, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
 
 
-def _times(items: list[dict[str, Any]], asked: Asked) -> tuple[pl.DataFrame, list[str]]:
+def _times(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time and offset: of the zone asked for, or as the clock of the device showed it."""
-    told, notes = times_of(cells(item.get("time") for item in items), asked)
-    shown, _ = times_of(cells(item.get("deviceTime") for item in items), asked)
+    told, notes = times_of(cells(item.get("time") for item in items), answers)
+    shown, _ = times_of(cells(item.get("deviceTime") for item in items), answers)
     instants = told.select(
         pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
     ).to_series()
-    offsets = pl.Series([_float(item.get("timezoneOffset")) for item in items], dtype=pl.Float64)
+    offsets = pl.Series([finite(item.get("timezoneOffset")) for item in items], dtype=pl.Float64)
     offsets = offsets.cast(pl.Int64, strict=False)
     between = (shown["time"] - instants).dt.total_minutes()
     known = pl.select(pl.coalesce(offsets, between).fill_null(0)).to_series()
     known = pl.select(pl.when(known.is_between(-840, 840)).then(known).otherwise(0)).to_series()
-    times, more = from_utc(instants, known, asked)
-    if asked.time_zone is None:
+    times, more = from_utc(instants, known, answers)
+    if answers.time_zone is None:
         times = times.with_columns(time=pl.coalesce(shown["time"], times["time"]).cast(TIME))
     return times, [*notes, *more]
 
 
 def _glucose(item: dict[str, Any]) -> Any:
     """Reading in mg/dl; what is no number is passed on, and told later."""
-    value = _float(item.get("value"))
+    value = finite(item.get("value"))
     if value is None:
         return item.get("value")
     return value if "mg" in str(item.get("units", "mmol/L")).casefold() else value * MG_DL_PER_MMOL_L
@@ -113,7 +112,7 @@ def _mark(item: dict[str, Any]) -> Any:
 
 def _dose(item: dict[str, Any]) -> Any:
     doses = [item[name] for name in ("normal", "extended") if item.get(name) is not None]
-    numbers = [_float(dose) for dose in doses]
+    numbers = [finite(dose) for dose in doses]
     if not doses or None in numbers:
         return doses[0] if doses else None
     return sum(number for number in numbers if number is not None)
@@ -134,12 +133,7 @@ def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEv
         if item.get("type") != "basal" or time is None:
             continue
         suspended = item.get("deliveryType") == "suspend"
-        rate, duration = 0.0 if suspended else _float(item.get("rate")), _float(item.get("duration"))
+        rate, duration = 0.0 if suspended else finite(item.get("rate")), finite(item.get("duration"))
         if rate is not None and duration is not None and duration >= 0.0:
             events.append(BasalEvent(row=row, time=time, what="absolute", value=rate, minutes=duration / _MS_PER_MIN))
     return events
-
-
-def _float(value: object) -> float | None:
-    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if number else None  # type: ignore[arg-type]

@@ -9,12 +9,12 @@ from typing import Final
 import polars as pl
 
 from glucoloop.printable import how_many
-from glucoloop.records.asked import UNITS, Asked
+from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.extract import VALUES, Extract
 from glucoloop.records.record import SCHEMA, DeviceRecord
-from glucoloop.records.times import settled_clock
+from glucoloop.records.times import clock, settled_clock
 from glucoloop.refusal import Refusal
-from glucoloop.units import MG_DL_PER_MMOL_L
+from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, S_PER_MIN
 
 NO_VALUE: Final = "rows without glucose, carbohydrate or insulin"
 UNREADABLE: Final = "rows with values that are no number or not possible"
@@ -30,36 +30,35 @@ _MOST: Final = {"carbs": 1000.0, "bolus": 100.0, "basal": 100.0}
 """Largest amounts: a pump gives up to 25 or 75 U at once, and up to 35 U/h."""
 _WORDS: Final = {"glucose": "glucose", "carbs": "carbohydrate", "bolus": "a bolus", "basal": "a basal rate"}
 _COLUMNS: Final = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
-_LOW: Final = "low", "lo", "<", "niedrig", "tief", "bas", "bajo", "basso", "laag", "baixo", "lav", "låg"
-_HIGH: Final = "high", "hi", ">", "hoch", "haut", "élevé", "alto", "hoog", "høy", "høj", "hög"
+_LOW: Final = "low", "lo", "niedrig", "tief", "bas", "bajo", "basso", "laag", "baixo", "lav", "låg", "<"
+_HIGH: Final = "high", "hi", "hoch", "haut", "élevé", "alto", "hoog", "høy", "høj", "hög", ">"
 _LEAST_GAP_MIN: Final = 15.0
 
 
 @dataclass
 class _Account:
-    """What becomes of the rows of the files."""
+    """Rows that were left out, by reason, and notes on what was changed."""
 
     left_out: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def without(self, frame: pl.DataFrame, gone: pl.Expr, reason: str) -> pl.DataFrame:
         """Rows without some; a row of the file of which none is left is counted as left out."""
-        marked = frame.with_columns(_gone=gone.fill_null(False))
-        removed, kept = marked.filter("_gone"), marked.filter(~pl.col("_gone")).drop("_gone")
-        if removed.height:
-            lost = (
-                removed.select("file", "row").unique().join(kept.select("file", "row"), on=["file", "row"], how="anti")
-            )
-            if lost.height:
-                self.left_out[reason] = self.left_out.get(reason, 0) + lost.height
+        mask = frame.select(gone.fill_null(False)).to_series()
+        if not mask.any():
+            return frame
+        lost, kept = frame.filter(mask).select("file", "row").unique(), frame.filter(~mask)
+        lost = lost.join(kept.select("file", "row"), on=["file", "row"], how="anti")
+        if lost.height:
+            self.left_out[reason] = self.left_out.get(reason, 0) + lost.height
         return kept
 
 
-def record_of(extracts: Sequence[Extract], asked: Asked) -> DeviceRecord:
+def record_of(extracts: Sequence[Extract], answers: Answers) -> DeviceRecord:
     """Record of one person from the rows of one file or several; Refusal if there is nothing in them to use."""
     account = _Account()
     rows = sum(extract.frame["row"].n_unique() for extract in extracts)
-    frame = pl.concat([_settled(number, extract, asked, account) for number, extract in enumerate(extracts)])
+    frame = pl.concat([_settled(number, extract, answers, account) for number, extract in enumerate(extracts)])
     seen = ", ".join(f"{count} {reason}" for reason, count in account.left_out.items())
     if not frame.height:
         raise Refusal(
@@ -82,7 +81,7 @@ def record_of(extracts: Sequence[Extract], asked: Asked) -> DeviceRecord:
     )
 
 
-def _settled(number: int, extract: Extract, asked: Asked, account: _Account) -> pl.DataFrame:
+def _settled(number: int, extract: Extract, answers: Answers, account: _Account) -> pl.DataFrame:
     """Rows of one file with numbers in the units of the record, within bounds, each with its time."""
     frame = extract.frame.with_columns(pl.lit(number).alias("file"))
     account.notes += extract.notes
@@ -94,25 +93,25 @@ def _settled(number: int, extract: Extract, asked: Asked, account: _Account) -> 
     )
     for (kind,), _ in frame.filter(empty).group_by("kind", maintain_order=True):
         frame = account.without(frame, empty & pl.col("kind").eq_missing(pl.lit(kind)), str(kind or NO_VALUE))
-    frame = _with_numbers(frame, extract, asked, account)
+    frame = _with_numbers(frame, extract, answers, account)
     nothing = pl.all_horizontal(pl.col(name).is_null() for name in _COLUMNS.values())
     zero = nothing & pl.col("_zero")
     frame = account.without(frame, zero, NO_VALUE)
     frame = account.without(frame, nothing, UNREADABLE)
     frame = account.without(frame, pl.col("time").is_null(), NO_TIME)
-    frame, notes = settled_clock(frame, asked)
+    frame, notes = settled_clock(frame, answers)
     account.notes += notes
     return frame.select(
         *("file", "row", "kind", "second_pass", "time", "utc_offset_min", *_COLUMNS.values(), "out_of_range", "device")
     )
 
 
-def _with_numbers(frame: pl.DataFrame, extract: Extract, asked: Asked, account: _Account) -> pl.DataFrame:
+def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, account: _Account) -> pl.DataFrame:
     text = frame["glucose"].dtype == pl.String
     if text:
         word = pl.col("glucose").str.strip_chars(' "').str.to_lowercase()
-        mark = pl.when(word.is_in(_LOW) | word.str.starts_with("<")).then(pl.lit("low"))
-        mark = mark.when(word.is_in(_HIGH) | word.str.starts_with(">")).then(pl.lit("high"))
+        low, high = (word.is_in(words) | word.str.starts_with(words[-1]) for words in (_LOW, _HIGH))
+        mark = pl.when(low).then(pl.lit("low")).when(high).then(pl.lit("high"))
         frame = frame.with_columns(_word=mark)
         frame = frame.with_columns(
             out_of_range=pl.coalesce("out_of_range", "_word"),
@@ -122,19 +121,19 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, asked: Asked, account: 
     frame = frame.with_columns(
         *(_number(name, frame[name].dtype) for name in VALUES), _marked=marked, _given=pl.lit(False)
     )
-    factor = _factor(frame["_glucose"], extract, asked)
-    low, high = extract.limits_mg_dl
+    factor = _factor(frame["_glucose"], extract, answers)
+    lowest, highest = extract.limits_mg_dl
     glucose = pl.col("_glucose") * factor
     within = glucose.is_between(LOWEST_MG_DL, HIGHEST_MG_DL)
-    limit = pl.when(pl.col("out_of_range") == "low").then(low).otherwise(high)
-    columns = {"glucose_mg_dl": pl.when(pl.col("_marked")).then(limit).when(within).then(glucose)}
+    limit = pl.when(pl.col("out_of_range") == "low").then(lowest).otherwise(highest)
+    columns: dict[str, pl.Expr] = {"glucose_mg_dl": pl.when(pl.col("_marked")).then(limit).when(within).then(glucose)}
     for name, most in _MOST.items():
         value = pl.col(f"_{name}")
         least = value >= 0 if name == "basal" else value > 0
         columns[_COLUMNS[name]] = pl.when((least & (value <= most)) | value.is_nan()).then(value)
     frame = frame.with_columns(**columns)
     zero = pl.any_horizontal(pl.col("_carbs") == 0, pl.col("_bolus") == 0).fill_null(False)
-    _tell(frame, factor, low, high, account)
+    _tell(frame, factor, (lowest, highest), account)
     return frame.with_columns(_zero=zero)
 
 
@@ -147,15 +146,15 @@ def _number(name: str, kind: pl.DataType) -> pl.Expr:
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False).alias(f"_{name}")
 
 
-def _factor(glucose: pl.Series, extract: Extract, asked: Asked) -> float:
+def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     """Factor of glucose to mg/dl; Refusal where the unit isn't known or the readings look like the other one."""
     given = glucose.drop_nulls().drop_nans()
     if not len(given):
         return 1.0
-    unit = asked.glucose_unit or extract.glucose_unit
-    if asked.glucose_unit and extract.glucose_unit and asked.glucose_unit != extract.glucose_unit:
+    unit = answers.glucose_unit or extract.glucose_unit
+    if answers.glucose_unit and extract.glucose_unit and answers.glucose_unit != extract.glucose_unit:
         raise Refusal(
-            f"it says itself that glucose is in {extract.glucose_unit}, not in {asked.glucose_unit}; leave out "
+            f"it says itself that glucose is in {extract.glucose_unit}, not in {answers.glucose_unit}; leave out "
             "glucose_unit (--glucose-unit)"
         )
     factors = dict(zip(UNITS, (1.0, MG_DL_PER_MMOL_L), strict=True))
@@ -178,13 +177,13 @@ def _factor(glucose: pl.Series, extract: Extract, asked: Asked) -> float:
     return factors[unit]
 
 
-def _tell(frame: pl.DataFrame, factor: float, low: float, high: float, account: _Account) -> None:
+def _tell(frame: pl.DataFrame, factor: float, limits: tuple[float, float], account: _Account) -> None:
     """Note what was changed in the values of a file."""
     if factor != 1.0:
         account.notes.append(f"Glucose was brought from mmol/l to mg/dl, times {factor:g}.")
     if any(frame[name].dtype == pl.String and frame[name].str.contains(",", literal=True).any() for name in VALUES):
         account.notes.append("Commas in numbers were read as decimal commas.")
-    for mark, limit in (("low", low), ("high", high)):
+    for mark, limit in zip(("low", "high"), limits, strict=True):
         count = frame.filter(pl.col("_marked") & (pl.col("out_of_range") == mark)).height
         if count:
             account.notes.append(
@@ -205,9 +204,10 @@ def _tell(frame: pl.DataFrame, factor: float, low: float, high: float, account: 
         if outside.any():
             bounds = f"{LOWEST_MG_DL:g} to {HIGHEST_MG_DL:g} mg/dl" if name == "glucose" else f"0 to {_MOST[name]:g}"
             worst = number.filter(outside)
+            ends = f"{float(worst.min() or 0.0):g} to {float(worst.max() or 0.0):g}"  # type: ignore[arg-type]
             account.notes.append(
                 f"{how_many(int(outside.sum()), 'value')} of {_WORDS[name]} outside of {bounds} "
-                f"(from {worst.min():g} to {worst.max():g} in the unit of the file) were not used."
+                f"(from {ends} in the unit of the file) were not used."
             )
 
 
@@ -232,7 +232,7 @@ def _on_gaps(frame: pl.DataFrame) -> list[str]:
     known = not read["utc_offset_min"].is_null().any()
     at = pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min") if known else 0)
     times = read.select("time", at=at).sort("at")
-    steps = times["at"].diff().dt.total_seconds() / 60
+    steps = times["at"].diff().dt.total_seconds() / S_PER_MIN
     step = steps.filter(steps > 0).median()
     if step is None:
         return []
@@ -240,7 +240,9 @@ def _on_gaps(frame: pl.DataFrame) -> list[str]:
     if not gaps.any():
         return []
     longest = int(steps.arg_max() or 0)
+    hours = float(steps.filter(gaps).sum()) / MIN_PER_H
+    begin, end = clock(times["time"][longest - 1]), clock(times["time"][longest])
     return [
-        f"Readings come every {step:g} min; {how_many(int(gaps.sum()), 'gap')} of {float(steps.filter(gaps).sum()) / 60:.1f} h "
-        f"in all, the longest from {times['time'][longest - 1]:%Y-%m-%d %H:%M} to {times['time'][longest]:%Y-%m-%d %H:%M}."
+        f"Readings come every {float(step):g} min; "  # type: ignore[arg-type]
+        f"{how_many(int(gaps.sum()), 'gap')} of {hours:.1f} h in all, the longest from {begin} to {end}."
     ]

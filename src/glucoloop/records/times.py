@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Final
 
 import polars as pl
 
-from glucoloop.records.asked import DAY_FIRST, MONTH_FIRST, Asked
+from glucoloop.records.answers import DAY_FIRST, MONTH_FIRST, Answers
 from glucoloop.refusal import Refusal
 
 TIME: Final = pl.Datetime("us")
@@ -15,81 +16,85 @@ _PATTERN: Final = (
     r"[t ,]+(?<h>\d{1,2}):(?<m>\d{2})(?::(?<s>\d{2})(?:[.,](?<f>\d{1,9}))?)?"
     r"\s*(?<half>[ap])?\.?m?\.?\s*(?<zone>z|[-+]\d{2}:?\d{2})?\s*$"
 )
-_MONTHS: Final = "jan feb mar apr may jun jul aug sep oct nov dec".split()
-_OLDEST_YEAR: Final = 1970
+_WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
+_MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _MOST_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
 
 
-def times_of(texts: pl.Series, asked: Asked, *, usual: str | None = None) -> tuple[pl.DataFrame, list[str]]:
+def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) -> tuple[pl.DataFrame, list[str]]:
     """Local time and offset of each text, null where it is no time, and notes.
 
     Times may be in any common order and with or without an offset from UTC. `usual` is the order of day and month that
     the program that wrote the file always has. Refusal if day and month could be either.
     """
-    parts = texts.str.extract_groups(_PATTERN).struct.unnest()
-    month = pl.col("b").str.to_lowercase().replace_strict(_MONTHS, range(1, 13), default=None, return_dtype=pl.Int32)
-    number = pl.col("b").cast(pl.Int32, strict=False)
-    whole = [pl.col(name).cast(pl.Int32, strict=False) for name in ("a", "c", "h", "m")]
-    year_first = pl.col("a").str.len_chars() == 4
-    sign = pl.when(pl.col("zone").str.starts_with("-")).then(-1).otherwise(1)
-    digits = pl.col("zone").str.replace_all(r"[^0-9]", "")
-    parts = parts.select(
-        a=whole[0],
-        b=pl.coalesce(number, month),
-        c=whole[1],
-        named=month.is_not_null(),
-        year_first=year_first,
-        hour=whole[2] % 12 + 12 * (pl.col("half").str.to_lowercase() == "p").cast(pl.Int32)
-        if parts["half"].is_not_null().any()
-        else whole[2],
-        plain_hour=whole[2],
-        halved=pl.col("half").is_not_null(),
-        minute=whole[3],
-        second=pl.col("s").cast(pl.Int32, strict=False).fill_null(0),
-        micro=pl.col("f").str.pad_end(6, "0").str.slice(0, 6).cast(pl.Int32, strict=False).fill_null(0),
-        offset=pl.when(pl.col("zone").str.to_lowercase() == "z")
-        .then(0)
-        .when(digits.str.len_chars() == 4)
-        .then(
-            sign
-            * (
-                digits.str.slice(0, 2).cast(pl.Int32, strict=False) * 60
-                + digits.str.slice(2, 2).cast(pl.Int32, strict=False)
-            )
-        )
-        .cast(pl.Int32),
-    ).with_columns(hour=pl.when("halved").then("hour").otherwise("plain_hour"))
-    order, notes = _order(parts, texts, asked.dates, usual)
-    day_first = pl.col("named") | (order == DAY_FIRST)
-    year = pl.when("year_first").then("a").otherwise(pl.col("c") + pl.when(pl.col("c") < 100).then(2000).otherwise(0))
+    for written in _WRITTEN:
+        whole = texts.str.to_datetime(written, time_unit="us", strict=False)
+        if whole.null_count() == texts.null_count():  # as most files have them, and many times faster
+            return whole.to_frame("time").with_columns(utc_offset_min=pl.lit(None, pl.Int32)), []
+    parts = _parts(texts)
+    order, notes = _order(parts, texts, answers.dates, usual)
+    day_first = pl.col("year_first") | pl.col("named") | (order == DAY_FIRST)
+    short = pl.when(pl.col("c") < 100).then(2000).otherwise(0)
     parts = parts.with_columns(
-        year=year,
-        month=pl.when("year_first").then("b").when(day_first).then("b").otherwise("a"),
+        year=pl.when("year_first").then("a").otherwise(pl.col("c") + short),
+        month=pl.when(day_first).then("b").otherwise("a"),
         day=pl.when("year_first").then("c").when(day_first).then("a").otherwise("b"),
     )
-    possible = (
-        (pl.col("year") >= _OLDEST_YEAR)
-        & (pl.col("year") < 2200)
-        & pl.col("month").is_between(1, 12)
-        & pl.col("day").is_between(1, 31)
-        & (pl.col("hour") < 24)
-        & (pl.col("minute") < 60)
-        & (pl.col("second") < 60)
-    )
-    first = pl.when(possible).then(pl.datetime(pl.when(possible).then("year"), pl.when(possible).then("month"), 1))
-    date = first + pl.duration(days=pl.col("day") - 1)
+    bounds = {
+        "year": (1970, 2199),
+        "month": (1, 12),
+        "day": (1, 31),
+        "hour": (0, 23),
+        "minute": (0, 59),
+        "second": (0, 59),
+    }
+    possible = pl.all_horizontal(pl.col(name).is_between(*ends) for name, ends in bounds.items())
+    first_day = pl.datetime(pl.when(possible).then("year"), pl.when(possible).then("month"), 1, time_unit="us")
+    date = first_day + pl.duration(days=pl.col("day") - 1)
     since = pl.duration(hours="hour", minutes="minute", seconds="second", microseconds="micro", time_unit="us")
     # The thirtieth of February is no day: it must not become one of March.
-    whole_date = pl.when(date.dt.month() == pl.col("month").cast(pl.Int8)).then(date + since)
-    return parts.select(time=whole_date.cast(TIME), utc_offset_min=pl.col("offset")), notes
+    time = pl.when(date.dt.month() == pl.col("month").cast(pl.Int8)).then(date + since)
+    return parts.select(time=time.cast(TIME), utc_offset_min="offset"), notes
 
 
-def _order(parts: pl.DataFrame, texts: pl.Series, asked: str | None, usual: str | None) -> tuple[str, list[str]]:
+def _parts(texts: pl.Series) -> pl.DataFrame:
+    """Numbers of which each text is made; ``a``, ``b`` and ``c`` are those of its date, in the order of the text."""
+    found = texts.str.extract_groups(_PATTERN).struct.unnest()
+    found = found.with_columns(pl.col("b", "half", "zone").str.to_lowercase())
+
+    def number(name: str) -> pl.Expr:
+        return pl.col(name).cast(pl.Int32, strict=False)
+
+    month = pl.col("b").replace_strict(_MONTHS, range(1, 13), default=None, return_dtype=pl.Int32)
+    half = pl.when(pl.col("half") == "p").then(12).otherwise(0)
+    digits = pl.col("zone").str.replace_all("[^0-9]", "")
+    minutes = digits.str.slice(0, 2).cast(pl.Int32, strict=False) * 60 + digits.str.slice(2, 2).cast(
+        pl.Int32, strict=False
+    )
+    return found.select(
+        a=number("a"),
+        b=pl.coalesce(number("b"), month),
+        c=number("c"),
+        named=month.is_not_null(),
+        year_first=(pl.col("a").str.len_chars() == 4).fill_null(True),
+        hour=pl.when(pl.col("half").is_null()).then(number("h")).otherwise(number("h") % 12 + half),
+        minute=number("m"),
+        second=number("s").fill_null(0),
+        micro=pl.col("f").str.pad_end(6, "0").str.slice(0, 6).cast(pl.Int32, strict=False).fill_null(0),
+        offset=pl.when(pl.col("zone") == "z")
+        .then(0)
+        .when(pl.col("zone").str.starts_with("-"))
+        .then(-minutes)
+        .otherwise(minutes),
+    )
+
+
+def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str | None) -> tuple[str, list[str]]:
     """Order of day and month where the year is last, from what is given, or from dates that fit one order only."""
     last = parts.filter(~pl.col("year_first") & ~pl.col("named"))
-    if asked is not None or usual is not None or not last.height:
-        return asked or usual or DAY_FIRST, []
+    if given is not None or usual is not None or not last.height:
+        return given or usual or DAY_FIRST, []
     day = last.filter((pl.col("a") > 12) & (pl.col("b") <= 12)).height
     month = last.filter((pl.col("b") > 12) & (pl.col("a") <= 12)).height
     if day and month:
@@ -109,25 +114,31 @@ def _order(parts: pl.DataFrame, texts: pl.Series, asked: str | None, usual: str 
     )
 
 
-def from_utc(instants: pl.Series, offsets: pl.Series | None, asked: Asked) -> tuple[pl.DataFrame, list[str]]:
+def clock(time: object) -> str:
+    """Text of a local time, in minutes."""
+    return f"{time:%Y-%m-%d %H:%M}" if isinstance(time, datetime) else "an unknown time"
+
+
+def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time of instants in UTC: in the zone that is asked for, or by the offsets [min] that the file has."""
     frame = pl.DataFrame({"instant": instants.cast(TIME)})
-    if asked.time_zone is not None:
-        there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(asked.time_zone)
+    if answers.time_zone is not None:
+        there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(answers.time_zone)
         offset = (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)
         table = frame.select(time=there.dt.replace_time_zone(None), utc_offset_min=offset)
-        return table, [f"Times in UTC were brought to {asked.time_zone}."]
+        return table, [f"Times in UTC were brought to {answers.time_zone}."]
     known = pl.Series([None] * len(instants), dtype=pl.Int32) if offsets is None else offsets.cast(pl.Int32)
     notes = []
-    if not known.fill_null(0).any():
+    if not (known.fill_null(0) != 0).any():
         notes.append(
-            "Times are in UTC, for the file tells no other; time_zone (--time-zone) brings them to the time on the wall."
+            "Times are in UTC, for the file tells no other; time_zone (--time-zone) brings them to the time on the "
+            "wall."
         )
     shift = pl.duration(minutes=pl.lit(known.fill_null(0)).cast(pl.Int64), time_unit="us")
     return frame.select(time=pl.col("instant") + shift, utc_offset_min=pl.lit(known.fill_null(0))), notes
 
 
-def settled_clock(frame: pl.DataFrame, asked: Asked) -> tuple[pl.DataFrame, list[str]]:
+def settled_clock(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Rows with the offset of their time, and whether they are of the second pass of an hour that the clock repeats.
 
     The rows are in the order of the file. A second pass is seen from the clock's going back within a file whose rows
@@ -136,16 +147,16 @@ def settled_clock(frame: pl.DataFrame, asked: Asked) -> tuple[pl.DataFrame, list
     frame, found = _with_second_pass(frame)
     notes = []
     if found:
-        first = frame.filter("second_pass")["time"].min()
+        first = clock(frame.filter("second_pass")["time"].min())
         count = frame["second_pass"].sum()
         notes.append(
-            f"The clock went back in {found} place{'s' if found > 1 else ''}, first at {first:%Y-%m-%d %H:%M}: "
+            f"The clock went back in {found} place{'s' if found > 1 else ''}, first at {first}: "
             f"{count} readings of a repeated hour are kept beside those of the first pass."
         )
     unknown = pl.col("utc_offset_min").is_null() & pl.col("time").is_not_null()
-    if asked.time_zone is None or not frame.select(unknown.any()).item():
+    if answers.time_zone is None or not frame.select(unknown.any()).item():
         return frame, notes
-    zone = asked.time_zone
+    zone = answers.time_zone
     early, late = (
         pl.col("time").dt.replace_time_zone(zone, ambiguous=which, non_existent="null")
         for which in ("earliest", "latest")
@@ -165,8 +176,8 @@ def settled_clock(frame: pl.DataFrame, asked: Asked) -> tuple[pl.DataFrame, list
     )
     if open_rows:
         notes.append(
-            f"{open_rows} rows lie in an hour that {zone} has twice, and nothing says in which of the two: their offset "
-            "from UTC is left unknown."
+            f"{open_rows} rows lie in an hour that {zone} has twice, and nothing says in which of the two: their "
+            "offset from UTC is left unknown."
         )
     if gone:
         notes.append(f"{gone} rows lie in an hour that {zone} skips; their offset from UTC is left unknown.")

@@ -1,4 +1,4 @@
-"""Content of a file: its text whatever the encoding, and that text as a table or as JSON."""
+"""FileText of a file: its text whatever the encoding, and that text as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from glucoloop.refusal import Refusal
 
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t")
+_EMPTY: Final = "it is empty; give the file as it was exported"
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
 
 @dataclass(frozen=True)
-class Content:
+class FileText:
     """Text of a file, and what had to be done to read it."""
 
     text: str
@@ -57,10 +58,13 @@ class Content:
                     return number, delimiter
         return None
 
-    def table(self, place: tuple[int, str]) -> Table:
-        """Table that begins with the header at a place that `header` found."""
+    def table(self, place: tuple[int, str]) -> CellTable:
+        """CellTable that begins with the header at a place that `header` found."""
         number, delimiter = place
-        return table_of("\n".join(self.text.split("\n")[number:]), delimiter)
+        at = 0
+        for _ in range(number):
+            at = self.text.index("\n", at) + 1
+        return table_of(self.text[at:], delimiter)
 
     def objects(self) -> list[Any]:
         """Items of a list in JSON; Refusal if the text is none."""
@@ -69,10 +73,8 @@ class Content:
         return self.json
 
 
-def content_of(data: bytes) -> Content:
+def content_of(data: bytes) -> FileText:
     """Text of a file in UTF-8, UTF-16 or Windows-1252; Refusal for what is no text."""
-    if not data.strip():
-        raise Refusal("it is empty; give the file as it was exported")
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         try:
             return _without_nul(data.decode("utf-16"), ())
@@ -85,10 +87,12 @@ def content_of(data: bytes) -> Content:
         return _without_nul(data.decode("cp1252", errors="replace"), notes)
 
 
-def _without_nul(text: str, notes: tuple[str, ...]) -> Content:
-    if "\0" in text[:_HEAD] or "\0" in text:
+def _without_nul(text: str, notes: tuple[str, ...]) -> FileText:
+    if not text.strip():
+        raise Refusal(_EMPTY)
+    if "\0" in text:
         raise Refusal("it is not text; give the file as it was exported, unzipped")
-    return Content(text.replace("\r\n", "\n").replace("\r", "\n"), notes)
+    return FileText(text.replace("\r\n", "\n").replace("\r", "\n"), notes)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -108,11 +112,13 @@ def read_bytes(path: Path) -> bytes:
 
 
 @dataclass(frozen=True)
-class Table:
+class CellTable:
     """Rows of a table as texts, its blank lines left out."""
 
     frame: pl.DataFrame
     notes: tuple[str, ...] = ()
+    cut: bool = False
+    """Whether the last row is cut off, so that its last number may lack digits."""
 
     def column(self, *starts: str) -> str | None:
         """Name of the first column that begins with one of the texts, in any case; None if there is none."""
@@ -130,8 +136,8 @@ class Table:
         return pl.when(cell != "").then(cell)
 
 
-def table_of(lines: str, delimiter: str) -> Table:
-    """Table of a text whose first line names the columns; Refusal if it is none."""
+def table_of(lines: str, delimiter: str) -> CellTable:
+    """CellTable of a text whose first line names the columns; Refusal if it is none."""
     notes: list[str] = []
     names = _names(lines.partition("\n")[0], delimiter)
     frame = _frame(lines, delimiter, names, '"')
@@ -141,9 +147,10 @@ def table_of(lines: str, delimiter: str) -> Table:
         notes.append("Quotes in the file do not close; it was read as if there were none.")
     if frame is None:
         raise Refusal("it is no whole table; export it again")
-    return Table(
-        frame.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all().str.strip_chars() == ""))), tuple(notes)
-    )
+    blank = pl.all_horizontal(pl.all().is_null() | (pl.all().str.strip_chars() == ""))
+    last = lines.rsplit("\n", 2)[-2:]
+    cut = len(last) == 2 and bool(last[1].strip()) and last[1].count(delimiter) < last[0].count(delimiter)
+    return CellTable(frame.filter(~blank), tuple(notes), cut)
 
 
 def _names(line: str, delimiter: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What the reader of a file has to be told, where the file does not say it."""
+"""Answers to questions that a file leaves open, such as the order of day and month."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TARGETS: Final = ("time", "glucose_mg_dl", "glucose_mmol_l", "carbs_g", "bolus_U
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class Answers:
     """Answers to what a file leaves open; None and nothing where they were not given."""
 
     dates: str | None = None
