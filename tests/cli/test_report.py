@@ -91,7 +91,7 @@ def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "FILE is missing"),
+        ((), "FILE... is missing"),
         (("none.csv",), "none.csv: it cannot be read"),
         (("a.csv", "--period", "soon"), "--period 'soon' is no period; give two dates"),
         (("a.csv", "--period", "last-0"), "give last-1 to last-3660"),

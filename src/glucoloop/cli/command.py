@@ -41,8 +41,7 @@ class Command:
         wrapped = functools.partial(textwrap.wrap, break_on_hyphens=False, break_long_words=False)
         width = width_of_text()
         arguments = [option for option in self.options if option.is_argument]
-        flags = [f"{option.flag}{'...' * option.many}" for option in arguments]
-        names = [flag if option.required else f"[{flag}]" for flag, option in zip(flags, arguments, strict=True)]
+        names = [option.flag if option.required else f"[{option.flag}]" for option in arguments]
         lines = [" ".join(["Usage: glucoloop", self.name, *names, "[OPTIONS]"]), ""]
         examples: list[str] = []
         for paragraph in self.intro.split("\n\n"):

@@ -36,7 +36,10 @@ LEAST_ACTIVE_PCT: Final = 70.0
 """Least days, and least share of the readings, for which the consensus takes a record to stand for other days."""
 MOST_IN_FULL: Final = 6
 """Largest number of records that each have their profile; of more there is a row for each."""
-_MOST_DAYS: Final = 28
+_MOST_DAYS: Final = {True: 28, False: 14}
+"""Largest number of days that are drawn of each record, where it is the only one and where it is not."""
+_MOST_POINTS: Final = {True: 288, False: 144}
+"""Largest number of points of the curve of a day."""
 _MOST_WARNED: Final = 3
 _MOST_EPISODES: Final = 40
 _AXIS_MG_DL: Final = (40.0, 300.0)
@@ -199,7 +202,7 @@ def record_page(records: Sequence[ReportedRecord], goals: Goals, title: str = "A
         script=full,
         goals=goals,
         labels=[record.label for record in records],
-        records=[_record(record, goals) for record in records] if full else [],
+        records=[_record(record, goals, alone=len(records) == 1) for record in records] if full else [],
         warnings=list(warnings(records)),
         heads=[heading for heading, _ in _short(records[0])],
         short=[[record.label, *(text for _, text in _short(record))] for record in records],
@@ -239,11 +242,12 @@ def _short(record: ReportedRecord) -> Iterator[tuple[str, Any]]:
     yield "GRI", f"{of['gri']:.1f}, {gri_zone(of['gri'])}"
 
 
-def _record(record: ReportedRecord, goals: Goals) -> dict[str, Any]:
+def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, Any]:
     readings = record.readings
     profile = day_profile(readings)
     found = {kind: glucose_episodes(readings, kind) for kind in BOUNDS_MG_DL}
     days = np.unique(readings.day)
+    drawn = days[-_MOST_DAYS[alone] :]
     return {
         "of": record,
         "statistics": list(_statistics(record)),
@@ -251,9 +255,9 @@ def _record(record: ReportedRecord, goals: Goals) -> dict[str, Any]:
         "times": list(_times(record, goals)),
         "plot": _plot(record.label, profile, goals),
         "percentiles": list(_percentiles(profile)),
-        "days": [_day(readings, int(day), goals) for day in days[-_MOST_DAYS:]],
+        "days": [_day(readings, int(day), goals, _MOST_POINTS[alone]) for day in drawn],
         "all_days": days.size,
-        "weekday": _weekday(readings, days),
+        "weekday": _weekday(readings, int(drawn[0])),
         "parts_of_day": list(_parts_of_day(readings, goals)),
         "counts": [_count(kind, of, record.numbers["days"]) for kind, of in found.items()],
         "listed": _listed(readings, [*found["low"], *found["very_high"]]),
@@ -330,14 +334,14 @@ def _clock(t_min: float) -> str:
     return f"{int(t_min) // 60 % 24:02d}:{int(t_min) % 60:02d}"
 
 
-def _weekday(readings: Readings, days: Any) -> int:
-    """Column of the first day shown, 1 for Monday; of a simulated course 1."""
+def _weekday(readings: Readings, day: int) -> int:
+    """Column of the first day that is drawn, 1 for Monday; of a simulated course 1."""
     if readings.day_0 is None:
         return 1
-    return (readings.day_0 + dt.timedelta(days=int(days[-_MOST_DAYS:][0]))).isoweekday()
+    return (readings.day_0 + dt.timedelta(days=day)).isoweekday()
 
 
-def _day(readings: Readings, day: int, goals: Goals) -> dict[str, Any]:
+def _day(readings: Readings, day: int, goals: Goals, most: int) -> dict[str, Any]:
     """Path of the curve of a day, and its time in the target range."""
     chosen = slice(*np.searchsorted(readings.day, [day, day + 1]))
     t, glucose = readings.t_min[chosen] - MIN_PER_DAY * day, readings.glucose_mg_dl[chosen]
@@ -346,7 +350,7 @@ def _day(readings: Readings, day: int, goals: Goals) -> dict[str, Any]:
     return {
         "name": readings.date(day),
         "within": percent(within),
-        "path": _path(t, glucose),
+        "path": _path(t, glucose, most),
         "band": (_up(high), _up(low) - _up(high)),
         "size": _DAY_SIZE,
     }
@@ -357,8 +361,9 @@ def _up(glucose: float) -> float:
     return round(_DAY_SIZE[1] * (high - min(max(glucose, low), high)) / (high - low), 1)
 
 
-def _path(t_min: Floats, glucose: Floats) -> str:
-    every = max(1, t_min.size // 288)
+def _path(t_min: Floats, glucose: Floats, most: int) -> str:
+    """Path of a curve with gaps, of about as many points as are allowed."""
+    every = max(1, round(t_min.size / most))
     t, values = t_min[::every], glucose[::every]
     starts = np.diff(t, prepend=-np.inf) > max(LONGEST_FILLED_MIN, every)
     x = _DAY_SIZE[0] * t / MIN_PER_DAY

@@ -61,7 +61,7 @@ class RecordRequest(Part):
         _report(
             "Records of a monitor in any format that can be read, or folders that `glucoloop run` or `trial --traces` "
             "wrote.",
-            flag="FILE",
+            flag="FILE...",
             metavar="FILE",
         ),
     ] = ()
