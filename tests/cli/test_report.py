@@ -11,7 +11,18 @@ from glucoloop.metrics.readings.series import Readings
 from monitor_records import with_gaps
 
 FILES = {
-    *("SHA256SUMS", "days.csv", "episodes.csv", "metrics.csv", "metrics.parquet", "profile.csv", "report.html"),
+    *(
+        "figure.pdf",
+        "figure.png",
+        "figure.svg",
+        "SHA256SUMS",
+        "days.csv",
+        "episodes.csv",
+        "metrics.csv",
+        "metrics.parquet",
+        "profile.csv",
+        "report.html",
+    ),
     *("report.json", "report.toml"),
 }
 
@@ -56,8 +67,8 @@ def test_periods_stand_side_by_side(glucoloop, record):
     periods = ("--period", "2025-01-06/2025-01-08", "--period", "last-2")
     answer = glucoloop("report", "a.csv", *periods, "--json")
     assert [one["label"] for one in answer.json["records"]] == [
-        "Record 1, 2025-01-06 to 2025-01-08",
-        "Record 1, last-2",
+        "Record 1: 2025-01-06 to 2025-01-08",
+        "Record 1: last-2",
     ]
     assert [round(one["days"]) for one in answer.json["records"]] == [3, 2]
     assert not any(one["sufficient"] for one in answer.json["records"])
@@ -123,6 +134,6 @@ def test_a_simulated_course_is_reported_from_its_folder(glucoloop, tmp_path):
     assert records[0]["mean_mg_dl"] == pytest.approx(120.5, abs=1e-3)
     table.with_columns(person=7).rename({"case": "controller"}).write_parquet(tmp_path / "run" / "glucose_1min.parquet")
     assert [one["label"] for one in glucoloop("report", "run", "--json").json["records"]] == [
-        "a, person 7",
-        "b, person 7",
+        "a person 7",
+        "b person 7",
     ]

@@ -305,10 +305,15 @@ def _times(record: ReportedRecord, goals: Goals) -> Iterator[dict[str, Any]]:
             yield line(*one)
 
 
+def highest_shown(profile: DayProfile) -> float:
+    """Upper end of the axis of glucose: 300 mg/dl, or more where the upper curve needs it, up to 400 mg/dl."""
+    highest = float(np.nan_to_num(profile.percentiles_mg_dl[95]).max())
+    return min(_LARGEST_MG_DL, max(_AXIS_MG_DL[1], 1.05 * highest))
+
+
 def _plot(label: str, profile: DayProfile, goals: Goals) -> Plot:
     """Percentiles over the day."""
-    highest = np.nan_to_num(profile.percentiles_mg_dl[95]).max()
-    top = min(_LARGEST_MG_DL, max(_AXIS_MG_DL[1], 1.05 * float(highest)))
+    top = highest_shown(profile)
     panel = Panel(GLUCOSE, (_AXIS_MG_DL[0], top), height=330, band=goals.target_mg_dl)
     panel.rule(goals.target_mg_dl, 0, "target")
     panel.rule([54.0, 250.0], 1, "54 and 250 mg/dl")

@@ -143,6 +143,9 @@ REPORT: Final = PlainStudy(
     module="glucoloop.studies.record_report.study",
     request=RecordRequest,
     files=(
+        "figure.pdf",
+        "figure.png",
+        "figure.svg",
         "metrics.csv",
         "metrics.parquet",
         "days.csv",

@@ -30,7 +30,7 @@ def simulated_courses(folder: Path) -> dict[str, Readings]:
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
     return {
-        ", ".join(f"person {value}" if isinstance(value, int) else str(value) for value in name): Readings.of(
+        " ".join(f"person {value}" if isinstance(value, int) else str(value) for value in name): Readings.of(
             part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy()
         )
         for name, part in parts.items()

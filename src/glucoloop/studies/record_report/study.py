@@ -19,6 +19,8 @@ from glucoloop.printable import how_many, percent
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.record_figure import plot_records
 from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, number_rows, record_page, warnings
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
@@ -36,7 +38,7 @@ def found(asked: RecordRequest, progress: Callable[[str], None]) -> Findings:
     for label, readings, notes in _sources(asked):
         for period in periods or [Period("")]:
             chosen = within(readings, period, label)
-            name = label if len(periods) < 2 else f"{label}, {period.text.replace('/', ' to ')}"
+            name = label if len(periods) < 2 else f"{label}: {period.text.replace('/', ' to ')}"
             records.append(ReportedRecord(name, chosen, numbers_of(chosen), notes))
         progress(label)
     plain = {
@@ -54,7 +56,7 @@ def _sources(asked: RecordRequest) -> Iterator[Source]:
         if path.is_dir():
             courses = simulated_courses(path)
             for case, readings in courses.items():
-                own = f"{label}, {case}" if asked.labels or len(asked.files) > 1 else case
+                own = f"{label}: {case}" if asked.labels or len(asked.files) > 1 else case
                 yield own if len(courses) > 1 else label, readings, ("A simulated course; its first minute is 0 h.",)
         else:
             yield _read(asked, path, label)
@@ -173,8 +175,10 @@ def _rows_table(records: Sequence[ReportedRecord]) -> Any:
 
 
 def drawn(asked: RecordRequest, found: Findings) -> dict[str, bytes]:
-    """Page of the records, by the name of its file."""
-    return {"report.html": record_page(found.extra, GOALS[asked.goals]).encode()}
+    """The page, and the figure."""
+    records, goals = found.extra, GOALS[asked.goals]
+    page = {"report.html": record_page(records, goals).encode()}
+    return {**page, **figure_files("figure", plot_records(records, goals))}
 
 
 def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
