@@ -125,6 +125,28 @@ def test_some_readings_in_mmol_are_left_out_by_name(tmp_path, mixed):
     assert any("outside of 20 to 800 mg/dl" in note for note in record.notes) == bool(mixed)
 
 
+def test_rows_with_a_decimal_comma_between_commas_are_left_out_by_name(read):
+    lines = FILES["clarity"].splitlines()
+    for row in (8, 9, 10):
+        lines[row] = lines[row].replace(f"G6,{glucose(row - 5)},", "G6,101,5,")
+    record = read("\n".join(lines))
+    assert record.left_out["rows with more fields than the header"] == 3
+    assert record.frame.height == 27
+    assert record.frame["bolus_U"].null_count() == 27
+
+
+def test_a_delimiter_at_the_end_of_every_row_does_no_harm(read):
+    head, *lines = FILES["clarity"].splitlines()
+    assert read("\n".join([head, *(f"{line}," for line in lines)])).frame.equals(read(FILES["clarity"]).frame)
+
+
+def test_notes_of_several_files_name_the_file(read):
+    record = read(
+        clarity(3).replace("G6,100", "G6,x"), clarity(6, start=START.replace(hour=5)).replace("G6,100", "G6,y")
+    )
+    assert [note[:8] for note in record.notes if "no number." in note] == ["File 1: ", "File 2: "]
+
+
 def test_another_unit_than_is_said_is_refused(refused):
     lines = [line.replace(f"G6,{glucose(n - 5)},", "G6,5.5,") for n, line in enumerate(clarity(30).splitlines())]
     assert refused("\n".join(lines)) == (

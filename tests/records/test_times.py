@@ -155,6 +155,14 @@ def test_repeated_rows_are_left_out_and_others_at_the_same_time_are_told_apart(r
     assert readings_of(told) == readings_of(read(clarity(20)))
 
 
+def test_a_part_that_is_there_twice_is_no_repeated_hour(read):
+    lines = clarity(40).splitlines()
+    record = read("\n".join([*lines[:25], *lines[15:]]))
+    assert record.left_out["rows that repeat another one"] == 10
+    assert record.frame.height == 40
+    assert not [note for note in record.notes if "clock" in note]
+
+
 def test_two_files_of_one_person_are_joined(read):
     whole = clarity(40)
     lines = whole.splitlines()

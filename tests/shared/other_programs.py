@@ -34,6 +34,7 @@ PROGRAMS = {
         "tzlocal",
         "tzdata",
     ),
+    "cgm-format": ("cgm-format==0.13.0",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""
 

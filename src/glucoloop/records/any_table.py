@@ -46,7 +46,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         kept["glucose"] = "glucose_mmol_l"
     columns = {name: pl.col(target) for name, target in kept.items() if target in names}
     return Extract(
-        frame=extract_frame(frame, times, cut=table.cut, **columns),
+        frame=extract_frame(frame, times, table.spoilt, **columns),
         glucose_unit=_UNITS.get(kept["glucose"]),
         notes=(*table.notes, *notes),
     )

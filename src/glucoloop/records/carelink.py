@@ -7,7 +7,6 @@ comma. A bolus is logged twice, as it was selected and as it was delivered; the 
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 import polars as pl
@@ -17,7 +16,7 @@ from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of
 from glucoloop.records.extract import Extract, extract_frame, with_basal
-from glucoloop.records.file_text import DELIMITERS, CellTable, FileText, table_of
+from glucoloop.records.file_text import CellTable, FileText, table_of
 from glucoloop.records.times import times_of
 from glucoloop.refusal import Refusal
 
@@ -92,7 +91,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     found = extract_frame(
         frame,
         times,
-        cut=sections[-1][1].cut,
+        pl.concat([table.spoilt for _, table in sections]),
         glucose=pl.col("glucose"),
         carbs=pl.coalesce("carbs", meal),
         bolus=pl.col("bolus"),
@@ -112,13 +111,13 @@ def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:
     found: list[tuple[str, CellTable]] = []
     device, lines = "Medtronic", list[str]()
     for line in [*text.split("\n"), _RULE]:
-        if line.lstrip('"').startswith(_RULE) and not re.match(rf"{_RULE}[^{delimiter}]*{delimiter}\d", line):
+        if line.lstrip('"').startswith(_RULE):
             if lines:
                 found.append((device, table_of("\n".join(lines), delimiter)))
             device, lines = kind_of(line, "Medtronic"), []
         elif lines or line.lstrip('"').startswith("Index"):
             lines.append(line)
-    return [(device, table) for device, table in found if delimiter in DELIMITERS]
+    return found
 
 
 def _units(table: CellTable) -> list[str]:

@@ -72,7 +72,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         frame=extract_frame(
             frame,
             times,
-            cut=table.cut,
+            table.spoilt,
             glucose=pl.when(pl.col("type").is_in(_READINGS)).then("glucose"),
             carbs=pl.when(pl.col("type").is_in(_CARBS)).then("carbs"),
             bolus=pl.when(insulin & fast).then("insulin"),

@@ -32,18 +32,20 @@ class Extract:
     """Limits of the sensor, which stand for the words low and high."""
 
 
-def extract_frame(source: pl.DataFrame, times: pl.DataFrame, *, cut: bool = False, **columns: pl.Expr) -> pl.DataFrame:
+def extract_frame(
+    source: pl.DataFrame, times: pl.DataFrame, spoilt: pl.Series | None = None, **columns: pl.Expr
+) -> pl.DataFrame:
     """Frame of an extract from the rows of a source, their times, and expressions of the columns it has.
 
-    With `cut` the last row is cut off, and nothing in it counts.
+    `spoilt` is the reason for which nothing in a row can be used, or null.
     """
     missing = {name: pl.lit(None, pl.Float64) for name in VALUES if name not in columns}
     words = {name: pl.lit(None, kind) for name, kind in _TYPES.items() if name not in columns}
     every = {**columns, **missing, **words}
-    if cut:
-        whole = pl.int_range(pl.len()) < source.height - 1
-        every = {name: pl.when(whole).then(value) for name, value in every.items()}
-        every["kind"] = pl.when(whole).then(every["kind"]).otherwise(pl.lit("a last row that is cut off"))
+    if spoilt is not None and spoilt.null_count() < len(spoilt):
+        why = pl.lit(spoilt)
+        every = {name: pl.when(why.is_null()).then(value) for name, value in every.items()}
+        every["kind"] = pl.coalesce(why, every["kind"])
     return source.with_columns(**every).select(
         pl.int_range(pl.len(), dtype=pl.Int64).alias("row"), times["time"], times["utc_offset_min"], *every
     )

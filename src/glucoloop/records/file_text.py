@@ -17,6 +17,8 @@ from glucoloop.refusal import Refusal
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t")
 _EMPTY: Final = "it is empty; give the file as it was exported"
+_EXTRA: Final = ("more 1", "more 2")
+"""Columns for fields beyond those of the header."""
 _HEAD: Final = 20_000
 """Number of letters in which the beginning of a file is looked at."""
 
@@ -116,9 +118,9 @@ class CellTable:
     """Rows of a table as texts, its blank lines left out."""
 
     frame: pl.DataFrame
+    spoilt: pl.Series
+    """Reason for which nothing in a row can be used, in words what such rows are; null for a good row."""
     notes: tuple[str, ...] = ()
-    cut: bool = False
-    """Whether the last row is cut off, so that its last number may lack digits."""
 
     def column(self, *starts: str) -> str | None:
         """Name of the first column that begins with one of the texts, in any case; None if there is none."""
@@ -147,10 +149,36 @@ def table_of(lines: str, delimiter: str) -> CellTable:
         notes.append("Quotes in the file do not close; it was read as if there were none.")
     if frame is None:
         raise Refusal("it is no whole table; export it again")
-    blank = pl.all_horizontal(pl.all().is_null() | (pl.all().str.strip_chars() == ""))
+    cells = pl.col(names)
+    extra = pl.any_horizontal(pl.col(_EXTRA).is_not_null())
+    too_many = frame.select(extra).to_series() | _has_too_many(lines, delimiter, frame.height)
     last = lines.rsplit("\n", 2)[-2:]
     cut = len(last) == 2 and bool(last[1].strip()) and last[1].count(delimiter) < last[0].count(delimiter)
-    return CellTable(frame.filter(~blank), tuple(notes), cut)
+    reason = (
+        pl.when(pl.lit(cut) & (pl.int_range(pl.len()) == pl.len() - 1))
+        .then(pl.lit("a last row that is cut off"))
+        .when(pl.lit(too_many))
+        .then(pl.lit("rows with more fields than the header"))
+    )
+    blank = pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == ""))
+    frame = frame.with_columns(_spoilt=reason).filter(~blank)
+    return CellTable(frame.select(names), frame["_spoilt"], tuple(notes))
+
+
+def _has_too_many(lines: str, delimiter: str, rows: int) -> pl.Series:
+    """Whether each row has more fields than the header, as where a decimal comma divides a number in two.
+
+    A file whose rows all end with one delimiter more is no such file.
+    """
+    header, _, body = lines.partition("\n")
+    usual = header.count(delimiter)
+    none = pl.Series([False], dtype=pl.Boolean).new_from_index(0, rows)
+    if '"' in body or body.count(delimiter) <= usual * rows:
+        return none
+    counts = pl.Series([line.count(delimiter) for line in body.split("\n")][:rows], dtype=pl.Int64)
+    if len(counts) != rows or counts.filter(counts > 0).n_unique() == 1:
+        return none
+    return counts > usual
 
 
 def _names(line: str, delimiter: str) -> list[str]:
@@ -164,20 +192,22 @@ def _names(line: str, delimiter: str) -> list[str]:
 
 def _frame(lines: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
     body = lines.partition("\n")[2]
-    schema = dict.fromkeys(names, pl.String())
+    every = (*names, *_EXTRA)
     if not body.strip():
-        return pl.DataFrame(schema=schema)
+        return pl.DataFrame(schema=dict.fromkeys(every, pl.String()))
+    header = delimiter.join(map(str, range(len(every))))  # a row may have fewer fields, but not the first line
     try:
-        return pl.read_csv(
-            io.BytesIO(body.encode()),
-            has_header=False,
+        frame = pl.read_csv(
+            io.BytesIO(f"{header}\n{body}".encode()),
             separator=delimiter,
             quote_char=quote,
-            schema=schema,
+            infer_schema=False,
             truncate_ragged_lines=True,
         )
     except pl.exceptions.PolarsError:
         return None
+    frame.columns = list(every)
+    return frame
 
 
 def _swallows_rows(frame: pl.DataFrame, delimiter: str, columns: int) -> bool:

@@ -74,7 +74,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         frame=extract_frame(
             frame,
             times,
-            cut=table.cut,
+            table.spoilt,
             glucose=glucose,
             carbs=pl.when(kind == _FOOD).then("carbs"),
             bolus=pl.when(kind == _INSULIN).then("rapid"),

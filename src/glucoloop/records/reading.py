@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
+
+import polars as pl
 
 from glucoloop.parts.setting import choices_text
 from glucoloop.printable import how_many
 from glucoloop.records.answers import Answers
-from glucoloop.records.extract import Extract
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart
 from glucoloop.records.record import PARQUET, DeviceRecord, record_from_parquet
-from glucoloop.records.tidy import record_of
+from glucoloop.records.tidy import Account, record_of, settled
 from glucoloop.refusal import Refusal
 
 
 def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> DeviceRecord:
     """Record of a person from all files; a Refusal names the file that it is about."""
     chosen = None if reader is None else READERS.choose(reader)
-    extracts: list[Extract] = []
+    account, frames = Account(), list[pl.DataFrame]()
     for number, path in enumerate(paths, 1):
+        told = len(account.notes)
         try:
             data = read_bytes(path)
             if data.startswith(PARQUET):
@@ -29,15 +30,17 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
                     raise Refusal("it is a record that was read before; read it alone, or the first files together")
                 return record_from_parquet(data)
             content = content_of(data)
+            account.notes += content.notes
             extract = (chosen or _reader_of(content, answers)).rows(content, answers)
-            file = f"File {number}: " if len(paths) > 1 else ""
-            notes = tuple(f"{file}{note}" for note in (*content.notes, *extract.notes))
-            extracts.append(replace(extract, notes=notes))
-            if len(paths) == 1:
-                return record_of(extracts, answers)
+            frames.append(settled(extract, answers, account))
         except Refusal as error:
             raise Refusal(f"{path}: {error}") from None
-    return record_of(extracts, answers)
+        if len(paths) > 1:
+            account.notes[told:] = [f"File {number}: {note}" for note in account.notes[told:]]
+    try:
+        return record_of(frames, account)
+    except Refusal as error:
+        raise Refusal(f"{', '.join(map(str, paths))}: {error}") from None
 
 
 def _reader_of(content: FileText, answers: Answers) -> ReaderPart:

@@ -37,7 +37,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         frame=extract_frame(
             frame,
             times,
-            cut=table.cut,
+            table.spoilt,
             glucose=pl.col("glucose"),
             carbs=amounts("cho", minutes),
             bolus=amounts("bolus", minutes),

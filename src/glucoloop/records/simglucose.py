@@ -39,7 +39,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         frame=extract_frame(
             frame,
             times,
-            cut=table.cut,
+            table.spoilt,
             glucose=pl.col("CGM"),
             carbs=amounts("CHO", minutes),
             basal=amounts("insulin", MIN_PER_H),

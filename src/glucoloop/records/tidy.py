@@ -36,9 +36,12 @@ _LEAST_GAP_MIN: Final = 15.0
 
 
 @dataclass
-class _Account:
+class Account:
     """Rows that were left out, by reason, and notes on what was changed."""
 
+    files: int = 0
+    rows: int = 0
+    """Number of rows of the files."""
     left_out: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -54,16 +57,14 @@ class _Account:
         return kept
 
 
-def record_of(extracts: Sequence[Extract], answers: Answers) -> DeviceRecord:
-    """Record of one person from the rows of one file or several; Refusal if there is nothing in them to use."""
-    account = _Account()
-    rows = sum(extract.frame["row"].n_unique() for extract in extracts)
-    frame = pl.concat([_settled(number, extract, answers, account) for number, extract in enumerate(extracts)])
-    seen = ", ".join(f"{count} {reason}" for reason, count in account.left_out.items())
+def record_of(frames: Sequence[pl.DataFrame], account: Account) -> DeviceRecord:
+    """Record of one person from the settled rows of one file or several; Refusal if there is nothing to use."""
+    frame = pl.concat(frames)
     if not frame.height:
+        seen = ", ".join(f"{count} {reason}" for reason, count in account.left_out.items())
         raise Refusal(
-            f"nothing in it can be used: it has {how_many(rows, 'row')}{f', of which {seen}' if seen else ''}; give a "
-            "file with readings, meals or insulin"
+            f"nothing in it can be used: it has {how_many(account.rows, 'row')}{f', of which {seen}' if seen else ''}; "
+            "give a file with readings, meals or insulin"
         )
     alike = ["time", "utc_offset_min", "second_pass", *_COLUMNS.values(), "out_of_range", "device", "kind"]
     frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
@@ -75,16 +76,18 @@ def record_of(extracts: Sequence[Extract], answers: Answers) -> DeviceRecord:
     account.notes += [*_on_devices(frame), *_on_gaps(frame)]
     return DeviceRecord(
         frame=frame.select(pl.col(name).cast(kind) for name, kind in SCHEMA.items()),
-        rows=rows,
+        rows=account.rows,
         left_out=account.left_out,
-        notes=tuple(dict.fromkeys(account.notes)),
+        notes=tuple(account.notes),
     )
 
 
-def _settled(number: int, extract: Extract, answers: Answers, account: _Account) -> pl.DataFrame:
+def settled(extract: Extract, answers: Answers, account: Account) -> pl.DataFrame:
     """Rows of one file with numbers in the units of the record, within bounds, each with its time."""
-    frame = extract.frame.with_columns(pl.lit(number).alias("file"))
+    account.files += 1
+    account.rows += extract.frame["row"].n_unique()
     account.notes += extract.notes
+    frame = extract.frame.with_columns(pl.lit(account.files).alias("file"))
     empty = (
         pl.all_horizontal(
             pl.col(name).is_null() | (pl.col(name).cast(pl.String).str.strip_chars() == "") for name in VALUES
@@ -106,7 +109,7 @@ def _settled(number: int, extract: Extract, answers: Answers, account: _Account)
     )
 
 
-def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, account: _Account) -> pl.DataFrame:
+def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, account: Account) -> pl.DataFrame:
     text = frame["glucose"].dtype == pl.String
     if text:
         word = pl.col("glucose").str.strip_chars(' "').str.to_lowercase()
@@ -177,7 +180,7 @@ def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     return factors[unit]
 
 
-def _tell(frame: pl.DataFrame, factor: float, limits: tuple[float, float], account: _Account) -> None:
+def _tell(frame: pl.DataFrame, factor: float, limits: tuple[float, float], account: Account) -> None:
     """Note what was changed in the values of a file."""
     if factor != 1.0:
         account.notes.append(f"Glucose was brought from mmol/l to mg/dl, times {factor:g}.")

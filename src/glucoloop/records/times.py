@@ -200,6 +200,9 @@ def _with_second_pass(frame: pl.DataFrame) -> tuple[pl.DataFrame, int]:
         for place in back:
             before = rows["time"][place - 1]
             after = rows.slice(place).filter(pl.col("time").cum_max() <= before)
+            copies = after.join(rows.slice(0, place), on=["time", "glucose_mg_dl"], how="semi").height
+            if 2 * copies > after.height:  # a part of the file that is there twice
+                continue
             marked.append(after.select("_at", place=pl.lit(len(marked))))
     if not marked:
         return frame, 0
