@@ -21,7 +21,7 @@ def most_gflops(precision: str, repeats: int) -> float:
 
     width = lanes(precision)
     sizes = {"person": 0, "carry": CHAINS, "own": 0, "shared": 0, "outputs": 0}
-    kernel = Kernel(_fused_products(width, precision), precision, sizes)
+    kernel = Kernel(_fused_products(width, precision), precision, sizes, width)
     dtype, best = np.dtype(precision), np.inf
     nothing, carry = np.zeros((SAMPLES, 0, width), dtype), np.ones((CHAINS, width), dtype)
     for _ in range(repeats):

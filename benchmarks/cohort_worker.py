@@ -30,7 +30,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
-from glucoloop.simulation.cohort import CohortRun, People
+from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
 
 NOISE = ["white-noise, variance=1.45"]
@@ -63,17 +63,17 @@ def blocks_of(situation: str, precision: str, case: str, people: int) -> tuple[A
     """The people of a trial as its loop is given them, block by block."""
     prepared = trial(situation, precision)
     made, caught = prepared.cases[case].loop.cohort, []
-    run = made.run
+    follow = made.follow
 
-    def catch(given: People, **options: Any) -> CohortRun:
+    def catch(given: People, take: Callable[..., None], **options: Any) -> tuple[Any, Any, Any]:
         caught.append(given)
-        return run(given, **options)
+        return follow(given, take, **options)
 
-    made.run = catch  # type: ignore[method-assign]
+    made.follow = catch  # type: ignore[method-assign]
     try:
         engine.run_people(prepared, case, np.arange(people), threads=1)
     finally:
-        del made.run
+        del made.follow
     return made, caught
 
 
@@ -115,12 +115,12 @@ def parts(situation: str, precision: str, people: int) -> dict[str, float]:
     made, seconds = prepared.cases["mpc"].loop.cohort, dict[str, float]()
     watched = [
         ("drawing people, basal rates", engine, "virtual_people"),
-        ("drawing meals", engine, "draw_meals"),
+        ("drawing meals", Trial, "drawn_days"),
         ("random keys", engine, "keys_of_people"),
         ("kernel", made._engine._kernel, "run"),
         ("matrices of insulin", driven_block, "driven_matrices"),
-        ("histograms", engine, "count"),
-        ("loop", made, "run"),
+        ("histograms", engine._Counts, "_count"),
+        ("loop", made, "follow"),
     ]
     if made._engine._draw is not None:
         watched.append(("random numbers", made._engine, "_draw"))
@@ -130,7 +130,7 @@ def parts(situation: str, precision: str, people: int) -> dict[str, float]:
             stack.enter_context(timed(seconds, *watch))
         engine.run_people(prepared, "mpc", np.arange(people), threads=1)
     total = time.perf_counter() - start
-    inside = sum(seconds.get(name, 0.0) for name in ("kernel", "matrices of insulin", "random numbers"))
+    inside = sum(seconds.get(name, 0.0) for name in ("kernel", "matrices of insulin", "random numbers", "histograms"))
     seconds["rest of the loop"] = seconds.pop("loop") - inside
     seconds["metrics, and the rest"] = total - sum(seconds.values())
     return {name: 1e6 * value / people for name, value in seconds.items()}

@@ -17,11 +17,15 @@ NAMES = {
     "mpc": "MPC",
     "mpc-se": "MPC/SE",
     "nlqdmc-se": "NLQDMC/SE",
+    "profile-mpc": "MPC by profile",
     "meal-mpc": "Meal-aware MPC",
     "imc": "IMC",
     "pid": "PID",
+    "pid-ifb": "PID with insulin feedback",
+    "loop-like": "Loop-like",
     "basal-bolus": "Basal and bolus",
     "basal": "Basal rate",
+    "oref0": "oref0",
 }
 
 

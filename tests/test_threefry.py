@@ -22,13 +22,14 @@ WORDS = st.integers(0, 2**32 - 1)
     ],
 )
 def test_published_answers(counter, key, answer):
-    found = threefry_2x32(key, *(np.array([word], np.uint32) for word in counter))
+    found = threefry_2x32(np.array(key, np.uint32), *(np.array([word], np.uint32) for word in counter))
     assert tuple(int(word[0]) for word in found) == answer
 
 
 @given(WORDS, WORDS, WORDS, WORDS)
 def test_words_are_those_of_jax(k0, k1, c0, c1):
-    found = threefry_2x32((k0, k1), np.array([c0], np.uint32), np.array([c1], np.uint32))
+    first, second, *counter = np.array([[k0], [k1], [c0], [c1]], np.uint32)
+    found = threefry_2x32((first, second), *counter)
     truth = of_jax(jnp.array([k0, k1], jnp.uint32), jnp.array([c0, c1], jnp.uint32))
     assert [int(word[0]) for word in found] == np.asarray(truth).tolist()
 

@@ -11,6 +11,7 @@ from . import faults as faults
 from . import firmware as firmware
 from . import gym as gym
 from . import identification as identification
+from . import insulin_action as insulin_action
 from . import lab as lab
 from . import limits as limits
 from . import meals as meals

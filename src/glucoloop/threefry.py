@@ -12,7 +12,7 @@ J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, "Parallel random numbers: as
 from __future__ import annotations
 
 import hashlib
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,24 +20,21 @@ import numpy.typing as npt
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.refusal import Refusal
 
-Words = npt.NDArray[np.uint32]
-
 _PARITY: Final = 0x1BD11BDA
 _ROTATIONS: Final = ((13, 15, 26, 6), (17, 29, 16, 24))
 _BLOCK: Final = 1 << 14  # numbers at a time, which stay in the cache
 
 
-def threefry_2x32(key: tuple[int, int], first: Words, second: Words) -> tuple[Words, Words]:
-    """Encrypt two words of counters ``(n,)`` with a key of two words."""
-    keys = (key[0], key[1], key[0] ^ key[1] ^ _PARITY)
-    x, y = first + np.uint32(keys[0]), second + np.uint32(keys[1])
+def threefry_2x32(key: tuple[Any, Any], first: Any, second: Any) -> tuple[Any, Any]:
+    """Encrypt two words of counters with a key of two words; all are of ``uint32``, arrays of NumPy or JAX."""
+    keys = (*key, key[0] ^ key[1] ^ np.uint32(_PARITY))
+    x, y = first + keys[0], second + keys[1]
     for group in range(5):
         for rotation in _ROTATIONS[group % 2]:
-            x += y
-            y = (y << np.uint32(rotation)) | (y >> np.uint32(32 - rotation))
-            y ^= x
-        x += np.uint32(keys[(group + 1) % 3])
-        y += np.uint32((keys[(group + 2) % 3] + group + 1) & LARGEST_COUNTER)
+            x = x + y
+            y = ((y << np.uint32(rotation)) | (y >> np.uint32(32 - rotation))) ^ x
+        x = x + keys[(group + 1) % 3]
+        y = y + keys[(group + 2) % 3] + np.uint32(group + 1)
     return x, y
 
 
@@ -55,7 +52,7 @@ def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt
     checked_counter("seed", seed)
     checked_counter("index", index)
     people = checked_people(person)
-    key = (seed, name_word(name))
+    key = (np.uint32(seed), np.uint32(name_word(name)))
     drawn = np.empty(people.shape)
     for start in range(0, people.size, _BLOCK):
         block = slice(start, start + _BLOCK)

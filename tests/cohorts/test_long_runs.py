@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts import trial as trials
-from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
+from glucoloop.cohorts.bins import glucose_edges, insulin_edges, places
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.simulation import cohort
@@ -35,6 +35,12 @@ def trial():
 @pytest.fixture(scope="module")
 def whole(trial):
     return run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True)
+
+
+def count(values, edges):
+    counts = np.zeros((len(values), edges.size - 1), np.int64)
+    np.add.at(counts.reshape(-1), places(values, edges, np.arange(len(values))), 1)
+    return counts
 
 
 def same(one, other):

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.cli.app import command_of
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.situations.run import Run
 
 CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
@@ -138,4 +139,4 @@ def test_sentence_is_told_in_one_line_without_its_controls(asked):
 def test_sentence_about_a_long_value_keeps_its_end(asked):
     told = asked("run", "--controller", "x" * 100_000).err
     assert len(told) < 2200
-    assert told.endswith("meal-mpc, imc, pid, basal-bolus, basal.\n")
+    assert told.endswith(f"{', '.join(CONTROLLERS)}.\n")

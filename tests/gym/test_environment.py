@@ -1,5 +1,6 @@
 """Environments for Gymnasium: its own checks, and the closed loop as truth."""
 
+import functools
 import sys
 
 import gymnasium
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import glucoloop.gym.people
 from glucoloop._pytree import pytree
 from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
@@ -110,6 +112,23 @@ def test_steps_with_the_doses_of_a_closed_loop_are_that_loop_to_the_bit(changed)
         people.step(np.full(8, rates[k]), np.full(8, boluses[k]))
         np.testing.assert_array_equal(people._lanes.seen.infused_mU_min, run.insulin_mU_min[k, :8])
     np.testing.assert_allclose(people.glucose_mg_dl, run.glucose_mg_dl[-1, :8], rtol=1e-14)
+
+
+@pytest.mark.long
+def test_the_slower_engine_makes_the_same_steps(monkeypatch):
+    """JAX carries those whom native code cannot."""
+    native = DosedPeople(DAY, 3)
+    monkeypatch.setattr(glucoloop.gym.people, "loop_of", functools.partial(loop_of, engine="xla"))
+    mapped = DosedPeople(DAY, 3)
+    assert [people.engine for people in (native, mapped)] == ["native", "xla"]
+    for people in (native, mapped):
+        people.reset()
+    for k in range(24):
+        for name in ("reading_mg_dl", "glucose_mg_dl"):
+            np.testing.assert_allclose(getattr(mapped, name), getattr(native, name), rtol=0.0, atol=1e-9)
+        for people in (native, mapped):
+            people.step(np.full(3, 5.0 + k % 3), np.array([0.0, 500.0 * (k == 6), 0.0]))
+    assert np.ptp(native.glucose_mg_dl) > 1.0
 
 
 def test_one_person_is_the_first_of_many():

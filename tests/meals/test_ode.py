@@ -164,7 +164,7 @@ def test_what_people_eat_is_told_point_by_point(meals, sample_time_min):
         PUBLISHED, Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min), samples, 1, sample_time_min
     )
     assert told.shape == (samples, *digestion(PUBLISHED, 1, sample_time_min).inputs, 1)
-    points = told.reshape(-1, 2)
+    points = told.dense().reshape(-1, 2)
     assert points[:, 0].sum() == pytest.approx(1000.0 * carbs_g.sum(), rel=1e-12, abs=1e-9)
     alone = Eaten(t_min=t_min[:, 0], carbs_g=carbs_g[:, 0], eating_min=eating_min[:, 0])
     one = ode.eaten_of(alone, np.arange(points.shape[0]), sample_time_min)

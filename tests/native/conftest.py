@@ -34,7 +34,7 @@ class Native:
         own[0, :, :n] = np.concatenate([np.asarray(x, kernel.dtype).reshape(-1, n) for x in arrays])
         written = np.empty((1, kernel.sizes["outputs"], columns), kernel.dtype)
         none = np.zeros((0, columns), kernel.dtype)
-        kernel.run(none, none.copy(), own, np.zeros((1, 0), kernel.dtype), written)
+        kernel.run(none, none.copy(), kernel.by_vector(own), np.zeros((1, 0), kernel.dtype), written)
         leaves, tree = jax.tree.flatten(self.results)
         ends = np.cumsum([leaf.size for leaf in leaves])
         parts = [

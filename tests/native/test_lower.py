@@ -68,7 +68,8 @@ def by_llvm(lowered, groups, products):
 
     carry, outputs = wide(groups["carry"]), np.empty((1, kernel.sizes["outputs"], columns), kernel.dtype)
     shared = np.ascontiguousarray(groups["shared"][None, :, 0])
-    kernel.run(wide(groups["person"]), carry, wide(groups["own"])[None], shared, outputs)
+    own = kernel.by_vector(wide(groups["own"])[None])
+    kernel.run(wide(groups["person"]), carry, own, shared, outputs)
     return [carry[:, :PEOPLE], outputs[0, :, :PEOPLE]]
 
 

@@ -332,3 +332,29 @@ def test_the_part_that_an_equation_stands_in():
 
     assert primitives.part(equations(parts, 0.5)["sin"]) == "sensor"
     assert primitives.part(equations(jnp.sin, 0.5)["sin"]) is None
+
+
+@pytest.mark.parametrize(
+    ("function", "name"),
+    [
+        (lambda key: jax.random.bits(key, (3,), jnp.uint32), "random_bits"),
+        (lambda key: jax.random.split(key, 4), "random_split"),
+        (lambda key: jax.random.fold_in(key, 5), "random_fold_in"),
+    ],
+    ids=["bits", "split", "fold in"],
+)
+def test_operations_on_keys(function, name):
+    key = jax.random.key(2)
+    equation = equations(function, key)[name]
+    inside = primitives.of_keys(equation)
+    words = [jax.random.key_data(key), *([np.uint32(5)] if name == "random_fold_in" else [])]
+    expected = function(key)
+    expected = expected if name == "random_bits" else jax.random.key_data(expected)
+    np.testing.assert_array_equal(evaluated(inside, *words)[0], expected)
+
+
+def test_what_is_no_operation_on_keys_and_keys_of_another_kind():
+    assert primitives.of_keys(equations(lambda x: x + 1.0, X)["add"]) is None
+    key = jax.random.key(0, impl="rbg")
+    with pytest.raises(UnsupportedError, match="random keys of another kind"):
+        primitives.of_keys(equations(lambda key: jax.random.bits(key), key)["random_bits"])

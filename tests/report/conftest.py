@@ -310,6 +310,23 @@ def stress_page():
 
 
 @pytest.fixture(scope="session")
+def league_page():
+    """The page of a league of made-up numbers, in which one controller takes no part."""
+    from glucoloop.situations.situation import configured
+    from glucoloop.studies.league import League
+    from glucoloop.studies.league.numbers import METRICS
+    from glucoloop.studies.league.study import LeagueSearch, ShardResult, page, shards_of
+
+    asked = configured(League, {"people": 30, "families": ["hovorka-2004", "roy-parker-2007"]})
+    rng, results = np.random.default_rng(0), []
+    for number, (line, shard, person) in enumerate(shards_of(asked)):
+        there = person if number else person[:0]
+        people = {"person": there, "able": there >= 0, **{name: rng.uniform(0, 90, there.size) for name in METRICS}}
+        results.append(ShardResult(line, shard, "native", "", "" if number else "its <gain> is 0", people))
+    return page(asked, LeagueSearch(asked).found(results))
+
+
+@pytest.fixture(scope="session")
 def surface_of():
     """A function that makes a surface of tunings and their sums of squared errors, otherwise without blame."""
     return _surface_of

@@ -40,7 +40,7 @@ pytestmark = [pytest.mark.long, needs_browser]
 
 
 @pytest.fixture(scope="module")
-def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_path_factory):
+def pages(quiet, noisy, make_report, make_stress, stress_page, league_page, surface_of, tmp_path_factory):
     """One page of each kind, as files."""
     tunings = tuning_grid([1, 2], [1, 2, 8])
     surface = surface_of(tunings, [30.0, 10.0, 20.0, 40.0, 5.0][: len(tunings)])
@@ -56,6 +56,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, surface_of, tmp_p
         ),
         "trial": trial_page(make_report("calm", "wild")),
         "stress": stress_page(make_stress(["imc", "mpc"], [FAULT], {("mpc", True, FAULT): (9.0, [1])})),
+        "league": league_page,
         "surface": surface_page(
             Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),

@@ -35,6 +35,7 @@ PROGRAMS = {
         "tzdata",
     ),
     "cgm-format": ("cgm-format==0.13.0",),
+    "pyloopkit": ("pyloopkit-test==0.0.15",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""
 

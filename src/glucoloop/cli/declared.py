@@ -195,10 +195,11 @@ def _run_search(study: SearchStudy, request: Request) -> None:
     def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
         with stage("Preparing"):
             prepared = module.search(run.asked)
-        with counted(row_kind.wanted, len(rows), row_kind.what) as more:
-            for row in prepared.missing(rows[:]):
+        total, before = map(row_kind.amount, (row_kind.wanted, len(rows)))
+        with counted(total, before, row_kind.unit or row_kind.what, rate_over_s=row_kind.rate_over_s) as more:
+            for number, row in enumerate(prepared.missing(rows[:]), start=len(rows)):
                 add(row)
-                more(1)
+                more(row_kind.work(number))
         with stage("Summing up"):
             found: Findings = prepared.found(rows)
             return found

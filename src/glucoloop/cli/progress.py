@@ -15,12 +15,12 @@ BETWEEN_LINES_S: Final = 10.0
 
 
 @contextlib.contextmanager
-def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], None]]:
+def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) -> Iterator[Callable[[float], None]]:
     """Show on standard error how much is done while the block works: a bar on a terminal, else a line now and then.
 
     Of `total` units of work, ``"people"``, some were done before; the block calls the function that it is given with
-    the number that was done since the last call. The last half minute sets the rate: the time of a start, most of it
-    compiling, is soon forgotten.
+    the number that was done since the last call. The last half minute, `rate_over_s`, sets the rate: the time of a
+    start, most of it compiling, is soon forgotten.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -32,7 +32,10 @@ def counted(total: int, before: int, what: str) -> Iterator[Callable[[float], No
         TimeRemainingColumn(compact=True),
     )
     terminal, last_s = sys.stderr.isatty(), time.monotonic()
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not terminal) as progress:
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not terminal, speed_estimate_period=rate_over_s
+    ) as progress:
         number = progress.add_task(what, total=total, completed=before, text=f"{before} of {total} {what}")
         [task] = progress.tasks
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 T = TypeVar("T")
 
-_SIZES: Final = {"native": 512, "xla": 64}
+_SIZES: Final = {"native": 1024, "xla": 64}
 """Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is."""
 
 

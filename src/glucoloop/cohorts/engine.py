@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.cohorts.bins import count, glucose_edges, insulin_edges
+from glucoloop.cohorts.bins import Edges, glucose_edges, insulin_edges, places
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import Trial, fingerprint, profile_columns
@@ -174,17 +175,19 @@ def run_people(
     if not number.size:
         raise Refusal("nobody was asked for; give the number of at least one person")
     of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.trial.grid
+    counts = _Counts(trial)
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
             drawn, days = people_of(trial, block), trial.drawn_days(block)
             alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
             people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, days))
-        feasible, kept = drawn.feasible[:n], []
-        counts = _Counts(trial, n)
+        feasible, kept, first = drawn.feasible[:n], [], 0
 
         def take(glucose: Array, insulin: Array) -> None:
-            counts.add(glucose, insulin, feasible)
+            nonlocal first
+            counts.add(first, glucose, insulin, feasible)
+            first += len(glucose)
             if traces:
                 kept.append((glucose[:, :n].astype(np.float32), insulin[:, :n].astype(np.float32)))
             done(n * len(glucose) / grid.samples)
@@ -203,9 +206,15 @@ def run_people(
         # the metrics are not numbers where anything in the run was not
         known = feasible & np.isfinite(values["mean_mg_dl"]) & np.isfinite(values["insulin_total_mU"])
         if not np.array_equal(known, feasible):
-            counts.begin_again(-1)
-            of_case.loop.cohort.follow(people, lambda glucose, insulin: counts.add(glucose, insulin, feasible & ~known))
-            counts.end(end, feasible & ~known)
+            unknown, first = feasible & ~known, 0
+
+            def take_away(glucose: Array, insulin: Array) -> None:
+                nonlocal first
+                counts.add(first, glucose, insulin, unknown, -1)
+                first += len(glucose)
+
+            of_case.loop.cohort.follow(people, take_away)
+            counts.end(end, unknown, -1)
         kept.append((end[None, :n].astype(np.float32), np.zeros((0, n), np.float32)))
         glucose, insulin = (np.concatenate(parts) for parts in zip(*kept, strict=True))
         return PeopleResult(
@@ -225,36 +234,38 @@ def run_people(
 
 
 class _Counts:
-    """Counts of glucose and insulin over time, as the pieces of a run come."""
+    """Counts of glucose and insulin of people over time, to which the threads of a run add."""
 
-    def __init__(self, trial: Trial, people: int) -> None:
-        self._people, self._rows = people, trial.counted_samples
+    def __init__(self, trial: Trial) -> None:
+        self._rows, self._lock = trial.counted_samples, threading.Lock()
         self._edges = glucose_edges(), insulin_edges(float(trial.limits.max_mU_min))
         self.glucose = np.zeros((self._rows + 1, self._edges[0].size - 1), np.int64)
         self.insulin = np.zeros((self._rows, self._edges[1].size - 1), np.int64)
-        self.begin_again(1)
 
-    def begin_again(self, sign: int) -> None:
-        """Count the run from its first sample on, to be added or, with -1, to be taken away."""
-        self._sample, self._sign = 0, sign
+    def add(self, first: int, glucose: Array, insulin: Array, whose: npt.NDArray[np.bool_], sign: int = 1) -> None:
+        """Count a piece of a run from its first sample on, of some of its first people; with -1, take it away.
 
-    def add(self, glucose: Array, insulin: Array, whose: npt.NDArray[np.bool_]) -> None:
-        """Count a piece of some people, of those of whom it holds numbers alone."""
-        row = (self._sample + np.arange(len(glucose))) % self._rows
-        self._sample += len(glucose)
-        glucose, insulin = glucose[:, : self._people], insulin[:, : self._people]
+        Only people are counted of whom the piece holds numbers alone.
+        """
+        sample = first + np.arange(len(glucose))
+        glucose, insulin = glucose[:, : whose.size], insulin[:, : whose.size]
         there = whose & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
-        of_glucose = count(_of(glucose, there), self._edges[0])
-        np.add.at(self.glucose, row, self._sign * of_glucose)
-        np.add.at(self.insulin, row, self._sign * count(_of(insulin, there), self._edges[1]))
+        self._count(self.glucose, _of(glucose, there), self._edges[0], sample % self._rows, sign)
+        self._count(self.insulin, _of(insulin, there), self._edges[1], sample % self._rows, sign)
         # the end of a day is the beginning of the next
-        ends = (row == 0) & (self._sample - len(glucose) + np.arange(len(glucose)) > 0)
-        self.glucose[-1] += self._sign * of_glucose[ends].sum(axis=0)
+        ends = (sample % self._rows == 0) & (sample > 0)
+        self._count(self.glucose, _of(glucose[ends], there), self._edges[0], np.full(ends.sum(), self._rows), sign)
 
-    def end(self, glucose: Array, whose: npt.NDArray[np.bool_]) -> None:
+    def end(self, glucose: Array, whose: npt.NDArray[np.bool_], sign: int = 1) -> None:
         """Count glucose at the end of the run."""
-        last = glucose[None, : self._people]
-        self.glucose[-1:] += self._sign * count(_of(last, whose & np.isfinite(last[0])), self._edges[0])
+        last = glucose[None, : whose.size]
+        there = whose & np.isfinite(last[0])
+        self._count(self.glucose, _of(last, there), self._edges[0], np.array([self._rows]), sign)
+
+    def _count(self, counts: npt.NDArray[np.int64], values: Array, edges: Edges, row: Array, sign: int) -> None:
+        place = places(values, edges, row)
+        with self._lock:
+            np.add.at(counts.reshape(-1), place, sign)
 
 
 def _of(values: Array, people: Array) -> Array:
@@ -300,7 +311,7 @@ def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> Held:
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:
-    """Results of blocks joined in their order."""
+    """Results of blocks joined in their order; all have the same counts."""
     if len(parts) == 1:
         return parts[0]
 
@@ -310,7 +321,7 @@ def _joined(parts: list[PeopleResult]) -> PeopleResult:
             return None
         if isinstance(values[0], Mapping):
             return {key: np.concatenate([part[key] for part in values]) for key in values[0]}
-        return np.sum(values, axis=0) if name.endswith("_counts") else np.concatenate(values, axis=-1)
+        return values[0] if name.endswith("_counts") else np.concatenate(values, axis=-1)
 
     names = (field.name for field in dataclasses.fields(PeopleResult) if field.name != "yes_or_no")
     return PeopleResult(**{name: joined(name) for name in names})

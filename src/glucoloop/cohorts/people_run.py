@@ -149,6 +149,7 @@ def simulate_people(
         engine=engine,
         precision=precision,
         held=held_by(people.draw.person[:1]).names,
+        rescue=scenario.rescue,
     )
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:

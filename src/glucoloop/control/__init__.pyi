@@ -8,6 +8,8 @@ from .imc import IMC as IMC
 from .imc import design_imc as design_imc
 from .linear_mpc import LinearMPC as LinearMPC
 from .linear_mpc import design_linear_mpc as design_linear_mpc
+from .loop_like import LoopLike as LoopLike
+from .loop_like import design_loop_like as design_loop_like
 from .meal_mpc import MealMPC as MealMPC
 from .meal_mpc import design_meal_mpc as design_meal_mpc
 from .mpc_se import MPCSE as MPCSE
@@ -16,6 +18,8 @@ from .nlqdmc_se import NLQDMC as NLQDMC
 from .nlqdmc_se import design_nlqdmc_se as design_nlqdmc_se
 from .open_loop import OpenLoop as OpenLoop
 from .open_loop import design_open_loop as design_open_loop
+from .oref0.controller import Oref0 as Oref0
+from .oref0.controller import design_oref0 as design_oref0
 from .pace import Paced as Paced
 from .pace import paced as paced
 from .part import ControllerPart as ControllerPart
@@ -23,6 +27,8 @@ from .pid import PID as PID
 from .pid import PIDTuning as PIDTuning
 from .pid import design_pid as design_pid
 from .pid import internal_model_tuning as internal_model_tuning
+from .pid_ifb import PIDIFB as PIDIFB
+from .pid_ifb import design_pid_ifb as design_pid_ifb
 from .protocol import Controller as Controller
 from .protocol import Decision as Decision
 from .protocol import Observation as Observation

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
-from glucoloop.control.decision import decide, delivered_since, is_known
+from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import BasalBolusSettings
@@ -34,8 +34,6 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, Bolus
 from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
 
-_MOST_CARBS_G: Final = 1000.0
-"""Largest carbohydrate of a meal that is accepted."""
 _LEFT: Final = 4.744
 """Number of time constants of two equal depots in a row after which 5 % of the insulin is left: ``(1 + x) exp(-x) =
 0.05``.
@@ -124,16 +122,15 @@ class BasalBolus:
 
     def step(self, state: BasalBolusState, observation: Observation) -> tuple[BasalBolusState, Decision]:
         """Include the bolus that was delivered, and decide on the next one."""
-        first, second = self._absorbed(state, self._delivered(state, observation))
+        first, second = self._absorbed(state, bolus_since(observation, state.asked_mU, self.bolus))
         known, on_board = is_known(observation), first + second
         above = observation.glucose_mg_dl - observation.setpoint_mg_dl
         wanted = above * (MU_PER_U / self.correction_factor())
         # Insulin on board is taken off a correction and never off the insulin for a meal, which is not digested yet.
         correction = jnp.where(wanted > 0.0, jnp.maximum(wanted - on_board, 0.0), wanted)
         correction = jnp.where(known & jnp.isfinite(wanted), correction, 0.0)
-        carbs = observation.announced_carbs_g
-        eats = (carbs > 0.0) & (carbs <= _MOST_CARBS_G)
-        for_meal = jnp.where(eats, carbs, 0.0) * (MU_PER_U / self.carb_ratio())
+        carbs = carbs_told(observation)
+        eats, for_meal = carbs > 0.0, carbs * (MU_PER_U / self.carb_ratio())
         high = known & (observation.glucose_mg_dl > self.correction_above_mg_dl)
         alone = high & (state.since_min >= self.correction_every_min)
         bolus = jnp.where(eats | alone, for_meal + correction, 0.0)
@@ -148,13 +145,6 @@ class BasalBolus:
         basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, bolus.dtype), bolus.shape)
         decision = decide(basal, delivered_since(observation, basal), self.limits, known)
         return after, dataclasses.replace(decision, bolus_mU=bolus)
-
-    def _delivered(self, state: BasalBolusState, observation: Observation) -> jax.Array:
-        """Bolus since the last sample: the reported one, or the requested one if the report is impossible."""
-        word = observation.delivered_bolus_mU
-        if word is None:
-            return state.asked_mU
-        return jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, state.asked_mU)
 
     def _absorbed(self, state: BasalBolusState, bolus_mU: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Content of the two depots a sample after a bolus, exact."""

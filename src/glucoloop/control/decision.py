@@ -8,9 +8,11 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.pumps.limits import DoseLimits
+from glucoloop.pumps.limits import BolusLimits, DoseLimits
 
 _SATURATED_MU_MIN: Final = 1e-9
+_MOST_CARBS_G: Final = 1000.0
+"""Largest carbohydrate of a meal that is accepted."""
 _LOWEST_MG_DL: Final = -1000.0
 """Lowest estimate of glucose that is used. A linear model goes below zero where it errs about much insulin; the error
 of one that is further off than any reading (40 to 600 mg/dl) can be high is no longer that of a model.
@@ -37,6 +39,20 @@ def rate_at_start(observation: Observation, otherwise_mU_min: jax.Array | float)
 def delivered_since(observation: Observation, previous_mU_min: jax.Array) -> jax.Array:
     """Rate that the pump delivered since the last sample, or the previous one if the pump reports none."""
     return jnp.where(jnp.isfinite(observation.delivered_mU_min), observation.delivered_mU_min, previous_mU_min)
+
+
+def bolus_since(observation: Observation, asked_mU: jax.Array, limits: BolusLimits) -> jax.Array:
+    """Bolus since the last sample: the reported one, or the requested one if the report is impossible."""
+    word = observation.delivered_bolus_mU
+    if word is None:
+        return asked_mU
+    return jnp.where((word >= 0.0) & (word <= limits.max_mU), word, asked_mU)
+
+
+def carbs_told(observation: Observation) -> jax.Array:
+    """Announced carbohydrate [g], or 0 where there is none or it is impossible."""
+    carbs = observation.announced_carbs_g
+    return jnp.where((carbs > 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0)
 
 
 def decide(

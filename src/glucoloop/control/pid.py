@@ -98,7 +98,7 @@ def internal_model_tuning(gain: float, tau_min: float, delay_min: float, closed_
     )
 
 
-_ROUNDING: Final = 0.02
+ROUNDING: Final = 0.02
 """Part of the highest rate by which a delivered rate may differ from the wanted one and is not limited: a pump rounds
 its rate to steps, and the integral has to grow by less than a step at a sample.
 """
@@ -157,7 +157,7 @@ class PID:
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
         error = y - observation.setpoint_mg_dl
-        cut, rounding = state.asked_mU_min - delivered, _ROUNDING * self.limits.max_mU_min
+        cut, rounding = state.asked_mU_min - delivered, ROUNDING * self.limits.max_mU_min
         waits = ((cut > rounding) & (error > 0.0)) | ((cut < -rounding) & (error < 0.0))
         # No error is larger than one that moves the rate over the whole range; an impossible reading ends there too.
         most = self.limits.max_mU_min - self.limits.min_mU_min

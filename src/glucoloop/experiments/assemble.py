@@ -18,7 +18,7 @@ from glucoloop.experiments.designs import paced_situation, with_guard
 from glucoloop.experiments.individual import individual_design
 from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.experiments.titration import profile_of
-from glucoloop.meals import Eaten, MealModel, Scenario
+from glucoloop.meals import Eaten, MealModel, RescueCarbs, Scenario
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
@@ -153,6 +153,7 @@ class PeopleLoop:
         record_decisions: bool = False,
         held: Sequence[str] = (),
         stepped: bool = False,
+        rescue: RescueCarbs | None = None,
     ) -> None:
         self.controllers_of, self._example = controllers_of, example.patient
         if controllers_of is not None:
@@ -182,6 +183,7 @@ class PeopleLoop:
             record_decisions=record_decisions,
             held=held,
             stepped=stepped,
+            rescue=situation.rescue_carbs if rescue is None else rescue,
         )
 
     @property

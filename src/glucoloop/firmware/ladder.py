@@ -78,7 +78,7 @@ def _compiled(lowered: Lowered) -> Callable[..., Any]:
     def run(own: Any, carry: Any = none) -> tuple[Any, Any]:
         person, held, seen = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
         outputs = np.zeros((1, kernel.sizes["outputs"], kernel.lanes), kernel.dtype)
-        kernel.run(person, held, seen[None], np.zeros((1, 0), kernel.dtype), outputs)
+        kernel.run(person, held, kernel.by_vector(seen[None]), np.zeros((1, 0), kernel.dtype), outputs)
         return held, outputs[0]
 
     return run

@@ -18,9 +18,12 @@ from .protocol import Jumps as Jumps
 from .protocol import LinearMealModel as LinearMealModel
 from .protocol import MealModel as MealModel
 from .protocol import OdeMealModel as OdeMealModel
+from .rescue import RescueCarbs as RescueCarbs
+from .rescue import rescue_carbs as rescue_carbs
 from .roy_parker import RoyParkerGut as RoyParkerGut
 from .scenario import Meal as Meal
 from .scenario import Scenario as Scenario
 from .scenario import eaten as eaten
 from .settings import MEAL_MODELS as MEAL_MODELS
 from .settings import MealModelPart as MealModelPart
+from .settings import RescuePart as RescuePart

@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import jax
 import numpy as np
-import numpy.typing as npt
 
 from glucoloop.meals.ingestion import Ingestion
 from glucoloop.meals.linear import absorb_linearly, jump_table, linear_digestion
 from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.ode import OdeDigestion, absorb_by_equations, eaten_in_points
 from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
+from glucoloop.sparse import Sparse
 
 
 class Absorption(Protocol):
@@ -74,7 +74,7 @@ def digestion(model: MealModel, substeps: int, step_min: float) -> Digestion:
 
 def digestion_inputs(
     model: MealModel, eaten: Eaten, samples: int, substeps: int, step_min: float, first: int | None = None
-) -> npt.NDArray[np.float64]:
+) -> Sparse:
     """Inputs of the `digestion` of people with meals ``(meals, people)``, ``(samples, *inputs, people)``.
 
     With `first` the samples are those from the one of that number on, and only meals that lie near are looked at.
@@ -83,7 +83,7 @@ def digestion_inputs(
         points = points_of_sample(substeps * step_min)
         point_min = substeps * step_min / points
         eating = eaten_in_points(eaten, samples * points, point_min, first=(first or 0) * points)
-        return eating.reshape(samples, points, *eating.shape[1:])
+        return eating.reshaped(samples, points, 2)
     of_steps = None if first is None else first * substeps
     table = jump_table(absorb_linearly(model, eaten), steps=samples * substeps, step_min=step_min, first=of_steps)
-    return table.reshape(samples, substeps, *table.shape[1:])
+    return table.reshaped(samples, substeps, table.shape[1])

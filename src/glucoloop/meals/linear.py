@@ -12,11 +12,11 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
+from glucoloop.sparse import Sparse
 
 
 @pytree
@@ -155,9 +155,7 @@ def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> 
     )
 
 
-def jump_table(
-    absorption: LinearAbsorption, *, steps: int, step_min: float, first: int | None = None
-) -> npt.NDArray[np.float64]:
+def jump_table(absorption: LinearAbsorption, *, steps: int, step_min: float, first: int | None = None) -> Sparse:
     """Contributions ``(steps, 3 + states, people)`` of the jumps to the moments of each step and the state at its end.
 
     The absorption has jumps ``(jumps, people)``; those after the last step are ignored. With `first` the steps are
@@ -171,15 +169,15 @@ def jump_table(
         jumps = Jumps(t_min=absorption.jumps.t_min[near], size=absorption.jumps.size[:, near])
         absorption = LinearAbsorption(model=absorption.model, jumps=jumps)
     number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
-    number = number - (first or 0)
-    people = np.arange(number.shape[1])
-    table = np.zeros((steps, added.shape[0], people.size))
-    for step, of_jump in zip(number, added.transpose(1, 0, 2), strict=True):
-        # one jump of each person at a time, so that no place is named twice
-        within = (step >= 0) & (step < steps)
-        for entry, values in enumerate(of_jump):
-            table[step[within], entry, people[within]] += values[within]
-    return table
+    number, entries = number - (first or 0), added.shape[0]
+    jump, person = np.nonzero((number >= 0) & (number < steps))
+    row = number[jump, person] * entries + np.arange(entries)[:, None]
+    return Sparse(
+        shape=(steps, entries, number.shape[1]),
+        row=row.ravel(),
+        person=np.tile(person, entries),
+        number=added[:, jump, person].ravel(),
+    )
 
 
 @functools.partial(jax.jit, static_argnames="step_min")

@@ -25,12 +25,12 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.moments import moments_of_steps, moments_of_values, points_of_sample
 from glucoloop.meals.protocol import Eaten, OdeMealModel
+from glucoloop.sparse import Sparse
 from glucoloop.units import MG_PER_G
 
 STEPS_PER_POINT: Final = 4
@@ -161,22 +161,25 @@ def eaten_of(eaten: Eaten, number: Any, sample_time_min: float) -> jax.Array:
     return jnp.stack([eaten_mg, begins.astype(eaten_mg.dtype)], axis=1)
 
 
-def eaten_in_points(eaten: Eaten, points: int, point_min: float, *, first: int = 0) -> npt.NDArray[np.float64]:
+def eaten_in_points(eaten: Eaten, points: int, point_min: float, *, first: int = 0) -> Sparse:
     """The same of people with meals ``(meals, people)``, in points from a number on, ``(points, 2, people)``."""
     begin, carbs_g = np.asarray(eaten.t_min, float), np.asarray(eaten.carbs_g, float)
     lasts = np.maximum(np.asarray(eaten.eating_min, float), SHORTEST_EATING_MIN)
     rate, begins = MG_PER_G * carbs_g / lasts, _point_of(begin, point_min, np).astype(int)
-    table, person = np.zeros((points, 2, begin.shape[1])), np.broadcast_to(np.arange(begin.shape[1]), begin.shape)
     longest = math.ceil(np.max(lasts, initial=0.0) / point_min) + 1
-    for number in (begins + offset for offset in range(longest)):
-        start, row = number * point_min, number - first
-        minutes = np.minimum(start + point_min, begin + lasts) - np.maximum(start, begin)
-        some = (minutes > 0.0) & (row >= 0) & (row < points)
-        np.add.at(table[:, 0], (row[some], person[some]), (minutes * rate)[some])
-    row = begins - first
-    some = (carbs_g > 0.0) & (row >= 0) & (row < points)
-    table[row[some], 1, person[some]] = 1.0
-    return table
+    number = begins + np.arange(longest).reshape(-1, 1, 1)
+    start, row = number * point_min, number - first
+    minutes = np.minimum(start + point_min, begin + lasts) - np.maximum(start, begin)
+    some = (minutes > 0.0) & (row >= 0) & (row < points)
+    people, starting = begin.shape[1], (carbs_g > 0.0) & (begins >= first) & (begins < first + points)
+    # two meals that begin in one point are one
+    starts, person = np.divmod(np.unique((begins - first)[starting] * people + np.nonzero(starting)[1]), people)
+    return Sparse(
+        shape=(points, 2, people),
+        row=np.concatenate([2 * row[some], 2 * starts + 1]),
+        person=np.concatenate([np.nonzero(some)[-1], person]),
+        number=np.concatenate([(minutes * rate)[some], np.ones(starts.size)]),
+    )
 
 
 def _point_of(begin_min: Any, point_min: float, xp: Any) -> Any:

@@ -18,6 +18,7 @@ from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.meals.settings import MEAL_MODELS
 from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.refusal import Refusal
@@ -109,6 +110,8 @@ class Scenario:
         rests, and controllers are designed, as without them.
     rhythm_seed, rhythm_person : int
         Seed and number of the person, of which rhythms make their random numbers.
+    rescue : RescueCarbs, optional
+        Carbohydrate that the person eats when glucose is low, see `meals.rescue_carbs`; none by default.
     warm_up_min : float
         Time before the start that is simulated, with the meals that begin before 0, and not counted; a whole number of
         samples.
@@ -134,6 +137,7 @@ class Scenario:
     rhythm_seed: int = 0
     rhythm_person: int = 0
     warm_up_min: float = 0.0
+    rescue: RescueCarbs | None = None
 
     def __init__(
         self,
@@ -151,6 +155,7 @@ class Scenario:
         rhythm_seed: int = 0,
         rhythm_person: int = 0,
         warm_up_min: float = 0.0,
+        rescue: RescueCarbs | None = None,
     ) -> None:
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "horizon_min", horizon_min)
@@ -165,6 +170,7 @@ class Scenario:
         object.__setattr__(self, "rhythm_seed", rhythm_seed)
         object.__setattr__(self, "rhythm_person", rhythm_person)
         object.__setattr__(self, "warm_up_min", warm_up_min)
+        object.__setattr__(self, "rescue", rescue)
         if is_traced(horizon_min):
             raise ArgumentTypeError(
                 "horizon_min is traced by JAX, but it decides how many samples there are; give a plain number"

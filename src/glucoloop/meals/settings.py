@@ -6,11 +6,12 @@ group ``glucoloop.meal_models``.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, Literal
 
 from glucoloop.parts.catalogue import Catalogue
 from glucoloop.parts.part import MadePart
 from glucoloop.parts.setting import About
+from glucoloop.plausible import GLUCOSE_BOUND, MEAL
 
 
 class MealModelPart(MadePart):
@@ -75,3 +76,33 @@ MEAL_MODELS: Final = Catalogue(
     (LehmannDeutschSettings, HovorkaGutSettings, RoyParkerSettings, DallaManGutSettings),
     example="hovorka, time_to_maximum_min=55",
 )
+
+
+class RescuePart(MadePart):
+    """Declaration of what a person eats against low glucose, a `meals.RescueCarbs`."""
+
+    kind: ClassVar = "rescue"
+
+
+class RescueSettings(RescuePart, name="carbs"):
+    """Fast carbohydrate at low glucose, and again while it stays low: the rule of 15."""
+
+    make: ClassVar = "glucoloop.meals:rescue_carbs"
+    below_mg_dl: Annotated[
+        float,
+        About("Glucose below which the person eats, in mg/dl.", above=0.0, at_most=400.0, quantity=GLUCOSE_BOUND),
+    ] = 70.0
+    carbs_g: Annotated[float, About("Carbohydrate that is eaten.", above=0.0, at_most=1000.0, quantity=MEAL)] = 15.0
+    again_min: Annotated[
+        float, About("Time after which the person eats again if glucose is still low.", above=0.0, at_most=1440.0)
+    ] = 15.0
+    time_to_maximum_min: Annotated[
+        float, About("Time from eating to the largest appearance.", above=0.0, at_most=1440.0)
+    ] = 20.0
+    by: Annotated[
+        Literal["reading", "glucose"],
+        About("Whether the person goes by the reading of the sensor, or by true glucose, as by symptoms or a meter."),
+    ] = "reading"
+
+
+RESCUES: Final = Catalogue(RescuePart, (RescueSettings,), example="carbs, below_mg_dl=65", unnamed=True)

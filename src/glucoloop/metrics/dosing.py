@@ -155,3 +155,26 @@ class Samples(Metric):
 
     def finish(self, course: Course, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
         return {f"samples_{name}": number.astype(int) for name, number in state.items()}
+
+
+@pytree
+class _Eaten:
+    total_g: jax.Array
+    times: jax.Array
+
+
+class Rescues(Metric):
+    """Carbohydrate that the person ate against low glucose, and how often."""
+
+    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Eaten:
+        zero = jnp.zeros_like(glucose_mg_dl)
+        return _Eaten(total_g=zero, times=zero)
+
+    def sample(self, course: Course, state: _Eaten, happened: Sampled, t_min: jax.Array) -> _Eaten:
+        if happened.rescue_g is None:
+            return state
+        eaten = happened.rescue_g
+        return _Eaten(total_g=state.total_g + eaten, times=state.times + count(eaten > 0.0, state.times))
+
+    def finish(self, course: Course, state: _Eaten, ended: Ended) -> dict[str, Any]:
+        return {"rescue_carbs_g": state.total_g, "rescues": state.times}

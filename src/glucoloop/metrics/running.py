@@ -225,4 +225,5 @@ def _happened(trace: Trace, inside: int, sample_time_min: jax.Array | float) -> 
         infused_mU_min=trace.insulin_mU_min if bolus is None else trace.insulin_mU_min + bolus / sample_time_min,
         inside_mg_dl=fine[1:].reshape(shape[0], inside, *shape[1:]),
         lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, shape),
+        rescue_g=trace.rescue_g,
     )

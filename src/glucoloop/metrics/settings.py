@@ -291,6 +291,14 @@ METRICS: Final = Catalogue(
             Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
         ),
         _metric(
+            "rescues",
+            "Rescue carbohydrate",
+            "Carbohydrate that the person ate against low glucose, where the loop has a rescue.",
+            Result("rescue_carbs_g", "Carbohydrate that was eaten against low glucose.", "Carbohydrate", "g", 0),
+            Result("rescues", "Times that it was eaten.", "Times", digits=0),
+            always=False,
+        ),
+        _metric(
             "sensor-accuracy",
             "Sensor",
             "Accuracy of the readings: mean absolute relative difference, bias and error grid.",

@@ -18,7 +18,7 @@ import itertools
 from collections.abc import Sequence
 from typing import Final
 
-from glucoloop.native.program import Program, Value
+from glucoloop.native.program import WORD, Program, Value
 
 LEAST: Final = 0.5
 """Bound below the denominators that share a division."""
@@ -48,7 +48,8 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
             if value in group_of:
                 place.update(zip(group, _shared(program, new, place, group), strict=True))
             elif value in program.constants:
-                place[value] = new.constant(program.constants[value])
+                known = program.constants[value]
+                place[value] = new.word(int(known)) if program.types[value] == WORD else new.constant(known)
             else:
                 operation, arguments = program.operations[value]
                 place[value] = new.apply(operation, *(place[a] for a in arguments))

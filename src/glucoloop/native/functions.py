@@ -12,6 +12,7 @@ Arguments so large that more digits would be needed give what is not a number: `
 References
 ----------
 T. J. Dekker, "A floating-point technique for extending the available precision", Numer. Math. 18, 1971.
+M. Giles, "Approximating the erfinv function", in GPU Computing Gems, Jade Edition, 2011 (`erf_inv`, as JAX has it).
 """
 
 from __future__ import annotations
@@ -52,6 +53,30 @@ _ATAN: Final = np.polynomial.Polynomial([(-1.0) ** (k + 1) / (2 * k + 3) for k i
 """The series ``(atan(t) / t - 1) / t^2`` of ``t^2``."""
 _TAN_EIGHTH: Final = math.sqrt(2.0) - 1.0
 """Tangent of pi/8, the largest number whose inverse tangent is the polynomial."""
+
+_ERF_INV_CENTRE: Final = (
+    -3.6444120640178196996e-21, -1.685059138182016589e-19, 1.2858480715256400167e-18, 1.115787767802518096e-17,
+    -1.333171662854620906e-16, 2.0972767875968561637e-17, 6.6376381343583238325e-15, -4.0545662729752068639e-14,
+    -8.1519341976054721522e-14, 2.6335093153082322977e-12, -1.2975133253453532498e-11, -5.4154120542946279317e-11,
+    1.051212273321532285e-09, -4.1126339803469836976e-09, -2.9070369957882005086e-08, 4.2347877827932403518e-07,
+    -1.3654692000834678645e-06, -1.3882523362786468719e-05, 0.0001867342080340571352, -0.00074070253416626697512,
+    -0.0060336708714301490533, 0.24015818242558961693, 1.6536545626831027356,
+)  # fmt: skip
+_ERF_INV_SIDE: Final = (
+    2.2137376921775787049e-09, 9.0756561938885390979e-08, -2.7517406297064545428e-07, 1.8239629214389227755e-08,
+    1.5027403968909827627e-06, -4.013867526981545969e-06, 2.9234449089955446044e-06, 1.2475304481671778723e-05,
+    -4.7318229009055733981e-05, 6.8284851459573175448e-05, 2.4031110387097893999e-05, -0.0003550375203628474796,
+    0.00095328937973738049703, -0.0016882755560235047313, 0.0024914420961078508066, -0.0037512085075692412107,
+    0.005370914553590063617, 1.0052589676941592334, 3.0838856104922207635,
+)  # fmt: skip
+_ERF_INV_TAIL: Final = (
+    -2.7109920616438573243e-11, -2.5556418169965252055e-10, 1.5076572693500548083e-09, -3.7894654401267369937e-09,
+    7.6157012080783393804e-09, -1.4960026627149240478e-08, 2.9147953450901080826e-08, -6.7711997758452339498e-08,
+    2.2900482228026654717e-07, -9.9298272942317002539e-07, 4.5260625972231537039e-06, -1.9681778105531670567e-05,
+    7.5995277030017761139e-05, -0.00021503011930044477347, -0.00013871931833623122026, 1.0103004648645343977,
+    4.8499064014085844221,
+)  # fmt: skip
+"""Coefficients of erfinv(x) / x, the highest power first, of ``w - 3.125``, ``sqrt(w) - 3.25`` and ``sqrt(w) - 5``."""
 
 
 @dataclass(frozen=True)
@@ -214,6 +239,17 @@ class Functions:
         found = do("add", do("mul", e, _LN2), rest)
         limit = do("select", do("eq", x, 0.0), -math.inf, math.nan)
         return do("select", do("lt", 0.0, x), found, limit)
+
+    def erf_inv(self, x: Value) -> Value:
+        """Inverse of the error function, in double precision."""
+        do = self._do
+        w = do("neg", self("log", do("exact_sub", 1.0, do("mul", x, x))))
+        s = do("sqrt", w)
+        centre = self._polynomial(do("sub", w, 3.125), _ERF_INV_CENTRE)
+        side = self._polynomial(do("sub", s, 3.25), _ERF_INV_SIDE)
+        tail = self._polynomial(do("sub", s, 5.0), _ERF_INV_TAIL)
+        far = do("select", do("lt", w, 16.0), side, tail)
+        return do("mul", x, do("select", do("lt", w, 6.25), centre, far))
 
     def power(self, x: Value, exponent: Value) -> Value:
         """``x^y`` for x above zero; for any x where y is known to be a small whole number."""

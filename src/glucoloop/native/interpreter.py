@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, DOES, Program, Value
+from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Program, Value
 
 Array = npt.NDArray[Any]
+
+_KINDS: Final[dict[str, type[np.generic]]] = {BOOL: np.bool_, WORD: np.uint32}
+"""Types of values that are no numbers."""
 
 
 def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:
@@ -42,14 +45,14 @@ class Interpreter:
         self._rows = {name: len(getattr(layout, name)) for name in ("person", "carry", "own", "shared")}
         self._inputs = {
             name: [
-                (row, place[value], program.types[value] == BOOL)
+                (row, place[value], program.types[value])
                 for row, value in enumerate(getattr(layout, name))
                 if value in place
             ]
             for name in self._rows
         }
         self._constants = [
-            (place[value], np.bool_(known) if isinstance(known := program.constants[value], bool) else number(known))
+            (place[value], _KINDS.get(program.types[value], number)(program.constants[value]))
             for value in needed
             if value in program.constants
         ]
@@ -71,8 +74,8 @@ class Interpreter:
             rows = np.asarray(given, self._number)
             if len(rows) != self._rows[name]:
                 raise ValueError(f"{name} has {len(rows)} rows, and the function takes {self._rows[name]}")
-            for row, at, truth in self._inputs[name]:
-                values[at] = rows[row] != 0.0 if truth else rows[row]
+            for row, at, kind in self._inputs[name]:
+                values[at] = rows[row].astype(_KINDS.get(kind, self._number))
         for at, known in self._constants:
             values[at] = known
         with np.errstate(all="ignore"):
@@ -103,7 +106,15 @@ def _operation(
         return functools.partial(np.asarray, dtype=precision), given
     if operation in ("mantissa", "exponent", "power_of_two"):
         return functools.partial(_bits, operation, precision), given
-    return DOES[operation], given
+    if operation == "word":
+        return lambda x: np.asarray(x, np.int64).astype(np.uint32), given
+    if operation == "number_of_bits":
+        return _number_of_bits, given
+    return {**DOES, **OF_WORDS}[operation], given
+
+
+def _number_of_bits(high: Array, low: Array) -> Array:
+    return np.asarray(np.left_shift(np.asarray(high, np.uint64), np.uint64(32)) | low).view(np.float64)
 
 
 def _bits(operation: str, precision: str, x: Array) -> Array:

@@ -91,6 +91,7 @@ def lower(
     *,
     precision: str = DOUBLE,
     as_written: bool = False,
+    flattener: type[Flattener] = Flattener,
 ) -> Lowered:
     """Lower ``carry, outputs = step(person, carry, own, shared, rng)`` to scalars.
 
@@ -98,7 +99,8 @@ def lower(
     axis of people: the numbers of a person, the state, and the inputs of one person and of all people at a sample; and
     random keys and the number of the sample, for what rests on `rng` alone is left to the host. A program `as_written`
     rounds every operation as the function has it (see `Program`), for results that do not depend on which numbers are
-    part of the program. `UnsupportedError` names an operation that straight-line code cannot express.
+    part of the program. `flattener` takes the function apart. `UnsupportedError` names an operation that straight-line
+    code cannot express.
     """
     given = jax.eval_shape(lambda *groups: groups, person, carry, own, shared, rng)
     closed, (next_carry, outputs) = jax.make_jaxpr(step, return_shape=True)(*given)
@@ -106,15 +108,15 @@ def lower(
     if before != after:
         raise TypeError(f"the state has leaves of shapes {before} before a sample, but {after} after it")
     program = Program(as_written=as_written)
-    flattener = Flattener(program, precision)
+    flat = flattener(program, precision)
     levels = {"person": PERSON, "carry": SAMPLE, "own": SAMPLE, "shared": SAMPLE}
     inputs = {
-        name: [flattener.input((name, i), leaf, level) for i, leaf in enumerate(jax.tree.leaves(tree))]
+        name: [flat.input((name, i), leaf, level) for i, leaf in enumerate(jax.tree.leaves(tree))]
         for (name, level), tree in zip(levels.items(), given[:4], strict=True)
     }
-    keys = [flattener.random_input(leaf) for leaf in jax.tree.leaves(given[4])]
-    results = flattener.run(closed, [*(leaf for group in inputs.values() for leaf in group), *keys])
-    drawing, drawn = flattener.drawing()
+    keys = [flat.random_input(leaf) for leaf in jax.tree.leaves(given[4])]
+    results = flat.run(closed, [*(leaf for group in inputs.values() for leaf in group), *keys])
+    drawing, drawn = flat.drawing()
     program, place = share_divisions(program, _flat(results))
 
     def placed(values: Sequence[Values]) -> list[Value]:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from jax import lax
 from jax.extend import core
+from jax.extend.random import threefry_prng_impl
 
 CALLS: Final = {
     "jit": "jaxpr",
@@ -86,12 +87,33 @@ def evaluated(
     values.update((variable, constant(array)) for variable, array in zip(jaxpr.constvars, closed.consts, strict=True))
 
     def read(atom: Any) -> Any:
-        return constant(atom.val) if isinstance(atom, core.Literal) else values[atom]
+        if isinstance(atom, core.Literal):
+            return constant(np.asarray(atom.val, getattr(atom.aval, "dtype", None)))
+        return values[atom]
 
     for equation in jaxpr.eqns:
         results = results_of(equation, [read(atom) for atom in equation.invars])
         values.update(zip(equation.outvars, results, strict=True))
     return [read(atom) for atom in jaxpr.outvars]
+
+
+def of_keys(equation: Any) -> Any:
+    """Function of the two words of a key that an operation on random keys is; None for another operation.
+
+    It gives the words of the keys, or the bits, which the operation gives.
+    """
+    name, prng = equation.primitive.name, threefry_prng_impl
+    if name not in ("random_bits", "random_split", "random_fold_in"):
+        return None
+    if equation.invars[0].aval.dtype != jax.eval_shape(jax.random.key, 0).dtype:
+        raise UnsupportedError("random keys of another kind than those of jax.random.key")
+    word, key = np.zeros((), np.uint32), np.zeros(prng.key_shape, np.uint32)
+    if name == "random_fold_in":
+        return jax.make_jaxpr(prng.fold_in)(key, word)
+    shape = _parameter(equation, "shape")
+    if name == "random_split":
+        return jax.make_jaxpr(lambda key: prng.split(key, shape))(key)
+    return jax.make_jaxpr(lambda key: prng.random_bits(key, _parameter(equation, "bit_width"), shape))(key)
 
 
 def called(equation: Any) -> Any:

@@ -23,6 +23,16 @@ operation                              value
 ``power_of_two``                       two to the whole number which stands in the last bits of a number
 ``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
 ====================================== ==========================================================================
+
+Programs of `words` have words of 32 bits too, which of the targets LLVM carries out:
+
+====================================== ==========================================================================
+``word``                               a whole number as a word; ``number`` is its inverse
+``word_add word_and word_or word_xor`` words, modulo 2^32
+``shift_left shift_right``             a word shifted by a known number of bits, below 32
+``number_of_bits``                     the number in double precision that has the bits of two words
+``pair``                               two words as one value, which nothing carries out
+====================================== ==========================================================================
 """
 
 from __future__ import annotations
@@ -35,6 +45,8 @@ import numpy as np
 
 FLOAT: Final = "float"
 BOOL: Final = "bool"
+WORD: Final = "word"
+PAIR: Final = "pair"
 
 CONSTANT: Final = 0
 PERSON: Final = 1
@@ -52,8 +64,14 @@ DOES: Final[dict[str, Callable[..., Any]]] = {
     "or": np.logical_or, "xor": np.logical_xor, "not": np.logical_not, "select": np.where,
 }  # fmt: skip
 """The operations of a program that NumPy has as they are."""
+OF_WORDS: Final[dict[str, Callable[..., Any]]] = {
+    "word_add": np.add, "word_and": np.bitwise_and, "word_or": np.bitwise_or, "word_xor": np.bitwise_xor,
+    "shift_left": np.left_shift, "shift_right": np.right_shift,
+}  # fmt: skip
+"""The same of words."""
 _OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
     **DOES,
+    **OF_WORDS,
     "ratio": np.divide,
     "max": np.maximum,
     "min": np.minimum,
@@ -94,18 +112,28 @@ class Program:
         self.constants[place] = plain
         return place
 
+    def word(self, value: int) -> Value:
+        """A constant word; of a larger number or one below zero it has the last 32 bits."""
+        plain = value & 0xFFFFFFFF
+        place = self._new(("constant", WORD, plain), "constant", (), WORD, CONSTANT)
+        self.constants[place] = plain
+        return place
+
     def apply(self, operation: str, *arguments: Value) -> Value:
         """The value of an operation."""
         if operation in _OF_CONSTANTS and all(a in self.constants for a in arguments):
+            known = [np.uint32(self.constants[a]) if self.types[a] == WORD else self.constants[a] for a in arguments]
             with np.errstate(all="ignore"):
-                found: float | bool = _OF_CONSTANTS[operation](*(self.constants[a] for a in arguments)).item()
-                return self.constant(found)
+                found: float | bool = _OF_CONSTANTS[operation](*known).item()
+            return self.word(int(found)) if operation in OF_WORDS else self.constant(found)
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
             return simpler
-        if operation in ("add", "mul", "and", "or", "eq", "ne"):
+        if operation in ("add", "mul", "and", "or", "eq", "ne", "word_add", "word_xor"):
             arguments = tuple(sorted(arguments))
         kind = BOOL if operation in (*_COMPARISONS, "and", "or", "xor", "not", "is_finite") else FLOAT
+        if operation in (*OF_WORDS, "word", "pair"):
+            kind = PAIR if operation == "pair" else WORD
         if operation == "select":
             kind = self.types[arguments[1]]
         level = max(self.levels[argument] for argument in arguments)

@@ -16,6 +16,7 @@ P = TypeVar("P", bound=Part)
 HOMES: Final = {
     "patient": "glucoloop.patients.settings:PATIENTS",
     "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "rescue": "glucoloop.meals.settings:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
     "sensor": "glucoloop.sensors.settings:SENSORS",

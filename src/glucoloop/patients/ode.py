@@ -19,6 +19,8 @@ from glucoloop.patients.protocol import Inputs, inputs_of
 from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
 
 _MOST_STEPS: Final = 100
+_STILL: Final = 1e-14
+"""Relative change of a step after which a person is at rest."""
 _FOUND: Final = 1e-9
 """Largest last change of a state at rest, as a share of the state's size."""
 _KEPT: Final = 0.1
@@ -200,16 +202,17 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
         return jax.vmap(along, out_axes=1)(units)
 
     def one(carry: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
-        y, _, number = carry
+        y, before, number = carry
+        on = before > _STILL  # who is there stays, however many steps others need
         change = -_solved(jacobian(y), residual(y))
         new = jnp.where(positive, jnp.maximum(y + change, _KEPT * y), y + change)
         size = jnp.abs(new) + jnp.abs(near)
         moved = jnp.abs(change) / jnp.where(size > 0.0, size, 1.0)  # the whole change: a kept state hides a miss
-        return new, jnp.max(moved, axis=0), number + 1
+        return jnp.where(on, new, y), jnp.where(on, jnp.max(moved, axis=0), before), number + 1
 
     def goes_on(carry: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
         _, moved, number = carry
-        return jnp.any(moved > 1e-14) & (number < _MOST_STEPS)
+        return jnp.any(moved > _STILL) & (number < _MOST_STEPS)
 
     y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
     return jnp.where(moved <= _FOUND, y, jnp.nan)

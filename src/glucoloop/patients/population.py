@@ -34,7 +34,7 @@ from glucoloop.threefry import checked_counter, checked_people, uniforms
 
 MOST_VARIATIONS: Final = 100
 _DIGITS: Final = 11
-_CHUNK: Final = 1024
+_CHUNK: Final = 512
 _WEIGHT: Final = "weight_kg"
 P = TypeVar("P", bound=Patient | Profile)
 

@@ -14,6 +14,8 @@ from .limits import DoseLimits as DoseLimits
 from .limits import LimitedPump as LimitedPump
 from .limits import bolus_limits as bolus_limits
 from .limits import dose_limits as dose_limits
+from .pen import Pen as Pen
+from .pen import pen as pen
 from .protocol import Delivery as Delivery
 from .protocol import Pump as Pump
 from .resolution import Resolution as Resolution

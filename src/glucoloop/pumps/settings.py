@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.faults import Least, Step
 from glucoloop.parts.catalogue import Catalogue
@@ -17,6 +17,8 @@ from glucoloop.parts.setting import About, known_names
 from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY
+
+LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
@@ -122,9 +124,32 @@ class InfusionSetSettings(PumpPart, name="infusion-set"):
                 )
 
 
+class PenSettings(PumpPart, name="pen"):
+    """Pens: the basal rate is injected as long-acting insulin, and boluses in steps of half a unit."""
+
+    make: ClassVar = "glucoloop.pumps:pen"
+
+    min_bolus_U: float = 0.5
+    bolus_step_U: float = 0.5
+    insulin: Annotated[LongActing, About("Long-acting insulin.")] = "glargine"
+    injections: Annotated[int, About("Injections of it a day, at even distances.", at_least=1, at_most=4)] = 1
+    at_min: Annotated[
+        float,
+        About("Time of one of the daily injections, from the start; 22h.", at_least=0.0, below=MIN_PER_DAY),
+    ] = 1320.0
+    dose_step_U: Annotated[
+        float,
+        About("Step to which a long-acting dose is rounded.", above=0.0, at_most=10.0, quantity=BOLUS_STEP),
+    ] = 0.5
+    dose_U_kg: Annotated[
+        float,
+        About("Daily dose in U for each kg, from which the duration of the action follows.", above=0.0, at_most=3.0),
+    ] = 0.25
+
+
 PUMPS: Final = Catalogue(
     PumpPart,
-    (LimitedSettings, ResolutionPumpSettings, ExpiringSettings, InfusionSetSettings),
+    (LimitedSettings, ResolutionPumpSettings, ExpiringSettings, InfusionSetSettings, PenSettings),
     example="expiring, samples=3",
     unnamed=True,
 )

@@ -139,6 +139,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
         "Meals": meals,
         **({"Habits": "; ".join(habit.text for habit in situation.habits)} if situation.habits else {}),
         **({"Exercise": _exercise(situation)} if situation.exercise else {}),
+        **({} if situation.rescue is None else {"Rescue carbohydrate": situation.rescue.text}),
         **({"Rhythm": "; ".join(part.text for part in situation.rhythm)} if situation.rhythm else {}),
         **({"Warm-up": _length(situation.warm_up_min)} if situation.warm_up_min else {}),
         "Digestion": "the patient's own model" if situation.meal_model is None else situation.meal_model.text,

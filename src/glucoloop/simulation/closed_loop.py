@@ -14,6 +14,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
 from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses
+from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
 from glucoloop.patients.protocol import Patient
@@ -75,6 +76,8 @@ class Trace:
     """(samples,) announced carbohydrate; None where meals were not announced."""
     exercise_pct: jax.Array | None = None
     """(samples,) mean intensity of exercise from each sample to the next; None where there was none."""
+    rescue_g: jax.Array | None = None
+    """(samples, ...) carbohydrate that the person eats at each sample against low glucose; None where there is none."""
     rate_before_mU_min: jax.Array | None = None
     """Rate until the first sample; None for the rate at rest, where the run has no warm-up."""
 
@@ -118,8 +121,9 @@ class Trace:
         null where that was no number; ``reported_mU_min``, what the pump said it delivered, null where it said nothing;
         ``status``, how the decision came about; ``carbs_g`` of the meals that begin before the next sample. Where meals
         are announced, ``announced_carbs_g`` tells what the controller was told; ``exercise_pct`` is there where there
-        was exercise, its mean intensity until the next sample; where the controller gives boluses, ``bolus_mU``,
-        ``command_bolus_mU`` and ``reported_bolus_mU`` tell of them what the rates tell of the basal rate.
+        was exercise, its mean intensity until the next sample; ``rescue_g`` where the person eats against low glucose;
+        where the controller gives boluses, ``bolus_mU``, ``command_bolus_mU`` and ``reported_bolus_mU`` tell
+        of them what the rates tell of the basal rate.
 
         Raises
         ------
@@ -134,7 +138,7 @@ class Trace:
                 "pick one, as with jax.tree.map(lambda values: values[i], traces) after jax.vmap"
             )
         reading = np.where(np.asarray(self.reading_valid), np.asarray(self.reading_mg_dl), np.nan)
-        others = ("announced_carbs_g", "exercise_pct", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
+        others = ("announced_carbs_g", "exercise_pct", "rescue_g", "bolus_mU", "command_bolus_mU", "reported_bolus_mU")
         return pl.DataFrame(
             {
                 "t_min": np.asarray(self.t_min),
@@ -157,7 +161,7 @@ class Trace:
 _OF_SAMPLES: Final = (
     *("glucose_mg_dl", "reading_mg_dl", "reading_valid", "command_mU_min", "insulin_mU_min", "reported_mU_min"),
     *("status", "carbs_g", "states", "command_bolus_mU", "bolus_mU", "reported_bolus_mU", "announced_carbs_g"),
-    "exercise_pct",
+    *("exercise_pct", "rescue_g"),
 )
 """Fields of a trace with an entry for each sample, the first one first."""
 
@@ -248,6 +252,7 @@ def trace_of(patient: Patient, start: Start, on_grid: OnGrid, happened: Sampled,
         command_bolus_mU=happened.decision.bolus_mU,
         bolus_mU=happened.delivery.bolus_mU,
         reported_bolus_mU=happened.delivery.reported_bolus_mU,
+        rescue_g=happened.rescue_g,
     )
 
 
@@ -350,7 +355,15 @@ def simulate(
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
     exogenous = dataclasses.replace(exogenous, held=held)
     start = start_of(patient, scenario)
-    loop = Loop(plant=plant, controller=controller, sensor=sensor, pump=pump, setpoint_mg_dl=start.setpoint_mg_dl)
+    rescue = scenario.rescue and scenario.rescue.for_gut(meal_model_of(patient, scenario.meal_model))
+    loop = Loop(
+        plant=plant,
+        controller=controller,
+        sensor=sensor,
+        pump=pump,
+        setpoint_mg_dl=start.setpoint_mg_dl,
+        rescue=rescue,
+    )
     numbers, fixed = apart(loop)
     try:
         on_grid = on_the_grid(scenario, grid)

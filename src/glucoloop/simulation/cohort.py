@@ -23,6 +23,7 @@ from glucoloop.control.protocol import Controller, gives_boluses
 from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
+from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
 from glucoloop.patients.protocol import Patient
@@ -36,6 +37,7 @@ from glucoloop.simulation.parts import NEED_VALUES, needs_values
 from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.simulation.varying import chosen, replaced, varying
+from glucoloop.sparse import Sparse
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
@@ -155,7 +157,8 @@ class Cohort:
     precision and products see `make_engine`. By default the integrator makes the steps
     that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
     names of the inputs of people that are held over minutes, see `plant.Held`. One that is `stepped` is advanced from
-    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside.
+    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside. With
+    `rescue` people eat when their glucose is low.
     """
 
     def __init__(
@@ -184,6 +187,7 @@ class Cohort:
         record_decisions: bool = False,
         held: Sequence[str] = (),
         stepped: bool = False,
+        rescue: RescueCarbs | None = None,
     ) -> None:
         self._held, self._stepped = tuple(held), stepped
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
@@ -201,6 +205,7 @@ class Cohort:
             sensor=sensor,
             pump=pump,
             setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
+            rescue=rescue and rescue.for_gut(self._gut(nominal)),
         )
         self._varies = {
             "controller": varying(controller if varied_controller is None else varied_controller, controller),
@@ -384,7 +389,7 @@ class Cohort:
         reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
         if self._individual_meals:
             reaching["meals"] = np.zeros(self._one_digestion.inputs)
-        if self._individual_meals or self._individual_announcements:
+        if self._individual_announcements:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
@@ -440,7 +445,7 @@ class Cohort:
         meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
         moments = np.asarray(absorption.moments(samples, self._substeps, self._plants.step_min))
-        return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples))[:, 0]
+        return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples)).dense()[:, 0]
 
     def _inputs_of(self, people: People) -> Callable[[slice], tuple[Any, Array]]:
         """Function of a piece of the run that gives the inputs of people in it, and what is announced first."""
@@ -468,12 +473,15 @@ class Cohort:
         gut = self._gut(people.patient)
 
         def inputs(piece: slice) -> tuple[Any, Array]:
-            samples, reaching = piece.stop - piece.start, held(piece)
+            samples = piece.stop - piece.start
+            reaching: dict[str, Any] = held(piece)
             if self._individual_meals:
                 first = piece.start if samples < self._grid.samples else None
                 reaching["meals"] = digestion_inputs(gut, meals, samples, self._substeps, self._plants.step_min, first)
-            announced = _at_samples(told, self._grid, piece) if self._announced else np.zeros((samples, n))
-            return {**reaching, "told": announced}, announced[0]
+            if not self._individual_announcements:
+                return reaching, np.zeros(n)
+            reaching["told"] = _at_samples(told, self._grid, piece)
+            return reaching, _at_samples(told, self._grid, slice(piece.start, piece.start + 1)).dense()[0]
 
         return inputs
 
@@ -488,11 +496,10 @@ def _or_nan(reading: Reading) -> jax.Array:
     return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
 
 
-def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Array:
+def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Sparse:
     """Carbohydrate of the meals that begin in each sample of a piece, ``(samples, people)``."""
     t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
-    carbs = np.zeros((piece.stop - piece.start, t_min.shape[1]))
+    samples = piece.stop - piece.start
     number = np.floor(t_min / grid.sample_time_min).astype(int) - piece.start
-    which, person = np.nonzero((number >= 0) & (number < carbs.shape[0]))
-    np.add.at(carbs, (number[which, person], person), carbs_g[which, person])
-    return carbs
+    which, person = np.nonzero((number >= 0) & (number < samples))
+    return Sparse((samples, t_min.shape[1]), number[which, person], person, carbs_g[which, person])

@@ -61,27 +61,33 @@ def _driven_norm(single: SemilinearPatient, z: jax.Array) -> jax.Array:
 
 @functools.lru_cache(maxsize=4)
 def _kernels(states: int, products: str) -> tuple[Kernel, Kernel]:
-    """One term of the series, and one doubling."""
-    square, number = np.zeros((states + 1, states + 1)), np.zeros(())
+    """One term of the series, and one doubling, of matrices without their last row, which is known."""
+    rows, number = np.zeros((states, states + 1)), np.zeros(())
+
+    def whole(rows: Any, last: float) -> Any:
+        return jnp.concatenate([rows, jnp.zeros((1, states + 1)).at[0, states].set(last)])
 
     def term(X: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
         power, *sums = carry
-        return (power @ X, *(total + c * power for total, c in zip(sums, shared, strict=True))), ()
+        return (power[:, :states] @ X, *(total + c * power for total, c in zip(sums, shared, strict=True))), ()
 
     def double(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, own, shared, rng
-        E, m_0, m_1, m_2 = carry
-        return (
+        E, m_0, m_1, m_2 = (
+            whole(rows, last) for rows, last in zip(carry, (1.0, 1.0, 1.0 / 2.0, 1.0 / 3.0), strict=True)
+        )
+        doubled = (
             E @ E,
             (m_0 + E @ m_0) / 2.0,
             (m_1 + E @ (m_0 + m_1)) / 4.0,
             (m_2 + E @ (m_0 + 2.0 * m_1 + m_2)) / 8.0,
-        ), ()
+        )
+        return tuple(of_twice[:states] for of_twice in doubled), ()
 
     portable = products == STRICT
-    series = lower(term, square, (square,) * 5, (), (number,) * 4, as_written=portable)
-    doubling = lower(double, (), (square,) * 4, (), (), as_written=portable)
+    series = lower(term, rows, (rows,) * 5, (), (number,) * 4, as_written=portable)
+    doubling = lower(double, (), (rows,) * 4, (), (), as_written=portable)
     return compile_kernel(series, products=products), compile_kernel(doubling, products=products)
 
 
@@ -112,19 +118,18 @@ def driven_matrices(
     factorial = np.array([math.factorial(i) for i in k], float)
     terms = np.stack([np.ones(k.size), 1.0 / (k + 1), 1.0 / (k + 2), 1.0 / (k + 3)], axis=1) / factorial[:, None]
     columns = series.padded(min(people, _AT_A_TIME))
-    person, carry = np.zeros((size * size, columns)), np.zeros((5 * size * size, columns))
+    person, carry = np.zeros((states * size, columns)), np.zeros((5 * states * size, columns))
     nothing = np.zeros((max(k.size, doublings), 0, columns))
     for start in range(0, people, columns):
         block = slice(start, min(start + columns, people))
         n = block.stop - start
-        person[:, :n] = X[..., block].reshape(-1, n)
+        person[:, :n] = X[:states, :, block].reshape(-1, n)
         carry[:] = 0.0
-        carry[: size * size : size + 1] = 1.0  # the power begins as the identity
+        carry[: states * size : size + 1] = 1.0  # the power begins as the identity
         series.run(person, carry, nothing[: k.size], terms, nothing[: k.size])
-        found = carry[size * size :]
+        found = carry[states * size :]
         doubling.run(person[:0], found, nothing[:doublings], np.zeros((doublings, 0)), nothing[:doublings])
-        end, *moments = found[:, :n].reshape(4, size, size, n)
-        E[..., block] = end[:states]
-        projected = np.tensordot(PATH, np.stack([m[:states] for m in moments]), 1)
-        path[..., block] = projected
+        parts = found[:, :n].reshape(4, states, size, n)
+        E[..., block] = parts[0]
+        path[..., block] = np.tensordot(PATH, parts[1:], 1)
     return E, path

@@ -16,7 +16,7 @@ argument      meaning                                                arrays give
 
 from __future__ import annotations
 
-import threading
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
@@ -25,19 +25,19 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.lower import Lowered, lower
+from glucoloop.native.lower import Shapes, lower
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
+from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
+from glucoloop.simulation.draws import Draws, draws
+from glucoloop.simulation.draws import one_at_a_time as one_at_a_time
+from glucoloop.sparse import Sparse, dense
 
 Array = npt.NDArray[Any]
 Step = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any]]
 
 ENGINES: Final = ("native", "xla")
-
-one_at_a_time = threading.RLock()
-"""Lock held while JAX computes: on the CPU two of its programs in two threads can deadlock."""
 
 
 class Engine(Protocol):
@@ -135,10 +135,9 @@ class NativeEngine:
         person, carry, reaching, shared, key = example
         rng = key, jnp.zeros((), int)
         lowered = lower(step, person, carry, reaching, shared, rng, precision=precision, as_written=products == STRICT)
-        self._kernel = compile_kernel(lowered, products=products)
-        of_people = jax.vmap(lowered.drawing, in_axes=(0, None), out_axes=-1)
-        self._draw = jax.jit(jax.vmap(of_people, in_axes=(None, 0))) if lowered.drawing.wanted else None
-        self._lowered, self._shapes = lowered, lowered.shapes
+        self._kernel = compile_kernel(lowered, products=products, vectors=vectors_at_once(lowered))
+        self._draw = draws(lowered.drawing, key, products)
+        self._shapes = lowered.shapes
 
     def run(
         self, person: Any, carry: Any, reaching: Any, shared: Any, keys: jax.Array, *, first: int = 0, threads: int = 1
@@ -152,13 +151,9 @@ class NativeEngine:
         reaches = list(jax.tree.leaves(reaching))
         if self._draw is not None:
             with one_at_a_time:
-                reaches += [np.asarray(drawn) for drawn in self._draw(keys, jnp.arange(first, first + samples))]
-        arriving = np.zeros((samples, kernel.sizes["own"], columns), dtype)
-        row = 0
-        for leaf in reaches:
-            part = np.asarray(leaf).reshape(samples, -1, n)
-            arriving[:, row : row + part.shape[1], :n] = part
-            row += part.shape[1]
+                words = np.asarray(jax.random.key_data(keys))
+            reaches.append(self._draw(words, np.full(n, first), samples))
+        arriving = _arriving(kernel, samples, reaches, n)
         state = _rows(jax.tree.leaves(carry), n, columns, dtype)
         written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
         kernel.run(
@@ -168,41 +163,31 @@ class NativeEngine:
 
     def lanes(self, number: int) -> Lanes:
         """Places for people in the arrays of the kernel; see `Engine.lanes`."""
-        return _NativeLanes(self._kernel, self._lowered, number)
+        return _NativeLanes(self._kernel, self._shapes, self._draw, number)
 
 
 class _NativeLanes:
     """Rows of the kernel, of which the trees are views, so that a sample copies no state."""
 
-    def __init__(self, kernel: Kernel, lowered: Lowered, number: int) -> None:
-        self._kernel, self._shapes, self._number = kernel, lowered.shapes, number
+    def __init__(self, kernel: Kernel, shapes: Shapes, draw: Draws | None, number: int) -> None:
+        self._kernel, self._shapes, self._draw, self._number = kernel, shapes, draw, number
         columns = kernel.padded(number)
         self._rows = {
-            name: np.zeros((kernel.sizes[name], columns), kernel.dtype)
-            for name in ("person", "carry", "own", "outputs")
+            name: np.zeros((kernel.sizes[name], columns), kernel.dtype) for name in ("person", "carry", "outputs")
         }
         self.person = _tree(self._shapes.person, self._rows["person"][:, :number], axis=0)
         self.carry = _tree(self._shapes.carry, self._rows["carry"][:, :number], axis=0)
-        of_lane = jax.vmap(
-            lambda data, index: lowered.drawing(jax.random.wrap_key_data(data), index), in_axes=(0, 0), out_axes=-1
-        )
-        self._draw = jax.jit(of_lane) if lowered.drawing.wanted else None
         self._shared = np.zeros((1, kernel.sizes["shared"]), kernel.dtype)
 
     def step(self, reaching: Any, key_data: Array, index: Array, *, threads: int = 1) -> Any:
         """One sample of the compiled loop; see `Lanes.step`."""
-        rows, n, row = self._rows, self._number, 0
-        inputs = list(jax.tree.leaves(reaching))
+        rows, n = self._rows, self._number
+        inputs = [np.asarray(leaf)[None] for leaf in jax.tree.leaves(reaching)]
         if self._draw is not None:
-            with one_at_a_time:
-                inputs += [np.asarray(drawn) for drawn in self._draw(key_data, index)]
-        for leaf in inputs:
-            part = np.asarray(leaf).reshape(-1, n)
-            rows["own"][row : row + part.shape[0], :n] = part
-            row += part.shape[0]
+            inputs.append(self._draw(key_data, index, 1))
         for array in rows.values():
             array[:, n:] = array[:, n - 1 : n]
-        own, written = rows["own"][None], rows["outputs"][None]
+        own, written = _arriving(self._kernel, 1, inputs, n), rows["outputs"][None]
         self._kernel.run(rows["person"], rows["carry"], own, self._shared, written, threads=threads)
         return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
 
@@ -238,6 +223,7 @@ class MappedEngine:
     ) -> tuple[Any, Any]:
         """Run the mapped loop with JAX's own threads; see `Engine.run`."""
         del threads
+        reaching = jax.tree.map(dense, reaching)
         with one_at_a_time:
             carry, outputs = jax.tree.map(np.asarray, self._scan(person, carry, reaching, shared, keys, first))
         return carry, outputs
@@ -268,6 +254,28 @@ class _MappedLanes:
             carry, outputs = self._step(self.person, self.carry, reaching, key_data, index)
             jax.tree.map(lambda to, new: np.copyto(to, np.asarray(new)), self.carry, carry)
             return jax.tree.map(np.asarray, outputs)
+
+
+def _arriving(kernel: Kernel, samples: int, leaves: Sequence[Any], n: int) -> Array:
+    """Inputs of people at all samples as the kernel takes them; lanes without anybody have zeros."""
+    vectors, numbers, lanes = kernel.padded(n) // kernel.lanes, kernel.sizes["own"], kernel.lanes
+    arriving = np.zeros((vectors, samples, numbers, lanes), kernel.dtype)
+    flat, whole, row = arriving.reshape(-1), n // lanes, 0
+    for leaf in leaves:
+        size = math.prod(leaf.shape[1:-1])
+        if isinstance(leaf, Sparse):
+            sample, inside = np.divmod(leaf.row, size)
+            vector, lane = np.divmod(leaf.person, lanes)
+            place = ((vector * samples + sample) * numbers + row + inside) * lanes + lane
+            np.add.at(flat, place, leaf.number.astype(kernel.dtype))
+        else:
+            part = np.asarray(leaf).reshape(samples, size, n)
+            within = part[..., : whole * lanes].reshape(samples, size, whole, lanes)
+            arriving[:whole, :, row : row + size] = within.transpose(2, 0, 1, 3)
+            if whole < vectors:
+                arriving[whole, :, row : row + size, : n - whole * lanes] = part[..., whole * lanes :]
+        row += size
+    return arriving
 
 
 def _rows(leaves: Sequence[Any], n: int, columns: int, dtype: Any) -> Array:

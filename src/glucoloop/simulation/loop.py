@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, Decision, Observation, Status, draws, gives_boluses
+from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, seen_mg_dl
 from glucoloop.pumps import Delivery, Pump
 from glucoloop.pumps.protocol import deliver
@@ -36,6 +37,8 @@ class Loop:
     sensor: Sensor
     pump: Pump
     setpoint_mg_dl: jax.Array
+    rescue: RescueCarbs | None = None
+    """Carbohydrate that the person eats when glucose is low; None for none."""
 
 
 @pytree
@@ -51,6 +54,7 @@ class LoopState:
     in_pump: Any
     reported_bolus_mU: jax.Array | None = None
     """Bolus that the pump reports since the last sample; None under a controller that gives none."""
+    in_rescue: Any = None
 
 
 @pytree
@@ -70,6 +74,8 @@ class Sampled:
     """(points, ...) glucose on the fine grid from the sample to the next, its end included."""
     lowest_valid_mg_dl: jax.Array
     """Lower end of the valid range of the patient's model."""
+    rescue_g: jax.Array | None = None
+    """Carbohydrate that the person eats against low glucose; None where there is none."""
 
 
 def look(
@@ -146,6 +152,7 @@ def begin(
         in_controller=loop.controller.init(_with_key(loop, observation, reading_key, 0)),
         in_pump=loop.pump.init(insulin_mU_min, _for_pump(reading_key)),
         reported_bolus_mU=no_bolus,
+        in_rescue=None if loop.rescue is None else loop.rescue.init(insulin_mU_min),
     )
     return state, reading_key
 
@@ -194,6 +201,13 @@ def sample(
     infused = delivery.insulin_mU_min
     if delivery.bolus_mU is not None:
         infused = infused + delivery.bolus_mU / loop.controller.sample_time_min
+    in_rescue, rescue_g = None, None
+    if loop.rescue is not None:
+        with jax.named_scope("meals"):
+            seen = _seen_by_person(loop.rescue, reading, glucose)
+            ate = loop.rescue.eat(state.in_rescue, seen, _moments(exogenous), loop.controller.sample_time_min)
+        in_rescue, rescue_g, moments = ate
+        exogenous = dataclasses.replace(exogenous, moments=moments)
     with jax.named_scope("patient"):
         advanced = loop.plant.advance(state.x, infused, exogenous)
     x, inside = apart(advanced)
@@ -206,6 +220,7 @@ def sample(
         infused_mU_min=infused,
         inside_mg_dl=inside,
         lowest_valid_mg_dl=jnp.broadcast_to(lowest_valid_glucose_mg_dl(loop.plant.patient), glucose.shape),
+        rescue_g=rescue_g,
     )
     return (
         LoopState(
@@ -215,9 +230,24 @@ def sample(
             in_controller=in_controller,
             in_pump=in_pump,
             reported_bolus_mU=delivery.reported_bolus_mU,
+            in_rescue=in_rescue,
         ),
         happened,
     )
+
+
+def _seen_by_person(rescue: RescueCarbs, reading: Reading, glucose_mg_dl: jax.Array) -> jax.Array:
+    """Glucose by which a person eats: the reading, NaN where there is none, or true glucose."""
+    return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan) if rescue.by_reading else glucose_mg_dl
+
+
+def _moments(exogenous: Exogenous) -> jax.Array:
+    if exogenous.moments is None:
+        raise ArgumentTypeError(
+            "this integrator knows all meals before the run, and rescue carbohydrate depends on the run; "
+            "give Exponential() or Explicit() as the integrator, or leave the rescue out"
+        )
+    return exogenous.moments
 
 
 def _check_boluses(controller: Controller, decision: Decision) -> None:

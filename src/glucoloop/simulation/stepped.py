@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.simulation.engines import Lanes
+from glucoloop.sparse import Sparse, dense
 
 Array = npt.NDArray[Any]
 
-MOST_AT_ONCE: Final = 1008
-"""Largest number of samples of a piece of a run, 3.5 days of 5 min: the inputs of its people are in memory."""
+MOST_AT_ONCE: Final = 504
+"""Largest number of samples of a piece of a run, 42 h of 5 min: the inputs of its people are in memory."""
 _FEW: Final = 0.1
 """Share of numbers other than 0 up to which only these are kept, as of meals, of which there are few in a day."""
 
@@ -49,7 +50,8 @@ class SeenAtSample:
 class StoredInputs:
     """StoredInputs of people ``(samples, ..., people)``, kept in little memory."""
 
-    def __init__(self, values: Array) -> None:
+    def __init__(self, given: Array | Sparse) -> None:
+        values = dense(given)
         self._shape = values.shape[1:]
         shared = 0 in values.strides  # the same for all, and in memory only once
         self._dense = values if shared or np.count_nonzero(values) > _FEW * values.size else None

@@ -421,7 +421,12 @@ def scenario_stepper(
     key: jax.Array | int,
     integrator: SteppingIntegrator | None = None,
 ) -> Stepper:
-    """The patient of a scenario, to be stepped from outside."""
+    """The patient of a scenario, to be stepped from outside; one who eats against low glucose is refused."""
+    if scenario.rescue is not None:
+        raise Refusal(
+            "a patient who is stepped from outside eats what is given by eat(), and nothing else; "
+            "leave the rescue out of the scenario"
+        )
     return Stepper(
         patient,
         sensor,

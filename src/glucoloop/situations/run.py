@@ -276,6 +276,7 @@ class FedSituation(DaySettings, ControlledSituation):
             rhythms=self.rhythms,
             rhythm_seed=self.seed,
             rhythm_person=person,
+            rescue=self.rescue_carbs,
         )
 
     def exercise_of(self, person: int) -> tuple[Exercise, ...]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
-from glucoloop.meals.settings import MealModelPart
+from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.parts.grammar import given as given_values
 from glucoloop.parts.number_text import parse_time_of_day
@@ -37,7 +37,7 @@ from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.request import read_root
 
 if TYPE_CHECKING:
-    from glucoloop.meals import MealModel
+    from glucoloop.meals import MealModel, RescueCarbs
     from glucoloop.patients import Patient, Population
     from glucoloop.profile import Profile
     from glucoloop.pumps import BolusLimits, DoseLimits
@@ -126,6 +126,14 @@ class Situation(Part):
         ),
     ] = None
     announce_meals: AnnounceMeals = False
+    rescue: Annotated[
+        RescuePart | None,
+        _patient(
+            "Fast carbohydrate that the person eats when glucose is low, like 'below_mg_dl=65, carbs_g=20'.",
+            alone="carbs",
+            rare=True,
+        ),
+    ] = None
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0
     start: StartTime = None
@@ -182,6 +190,8 @@ class Situation(Part):
         }
         object.__setattr__(self, "patient", patient)
         object.__setattr__(self, "pump", self.pump.completed({**usual, **self.pump.limits}))
+        if self.rescue is not None:
+            object.__setattr__(self, "rescue", self.rescue.completed())
         for name in ("rhythm", "sensor", "faults", "metrics"):
             object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
         self._refuse_at_odds()
@@ -363,6 +373,11 @@ class Situation(Part):
     def gut(self) -> MealModel | None:
         """Meal model that replaces the patient's own; None if the patient's own is used."""
         return None if self.meal_model is None else self.meal_model.made()
+
+    @property
+    def rescue_carbs(self) -> RescueCarbs | None:
+        """Carbohydrate that the person eats when glucose is low, as a scenario takes it."""
+        return None if self.rescue is None else self.rescue.made()
 
     @property
     def rhythms(self) -> tuple[Rhythm, ...]:

@@ -44,6 +44,16 @@ class Rows(Generic[R]):
     """Most bytes of the texts in a row."""
     every_s: float = 0.0
     """Time between two writings of the table."""
+    unit: str = ""
+    """Name of the work that progress counts, ``"patient-days"``; by default it counts rows."""
+    work: Callable[[int], int] = lambda number: 1
+    """Amount of work in the row of a number."""
+    rate_over_s: float = 30.0
+    """Time over which the rate of the work is taken; longer where some rows take much longer than others."""
+
+    def amount(self, rows: int) -> int:
+        """Amount of work in the first rows."""
+        return sum(map(self.work, range(rows)))
 
     def table(self, rows: Sequence[R]) -> pl.DataFrame:
         """Table of rows, with null for a number that is not one."""

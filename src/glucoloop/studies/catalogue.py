@@ -25,6 +25,7 @@ _ENTRIES: Final = (
     ("studies.run:RUN", SIMULATE, "Close the loop: controller, virtual patient, meals."),
     ("studies.run:COMPARE", SIMULATE, "Close it with several controllers."),
     ("studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."),
+    ("studies.league:LEAGUE", SIMULATE, "Say which controller is best for whom, and where each does harm."),
     ("studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."),
     ("studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."),
     ("studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."),

@@ -28,7 +28,7 @@ class Export(ControlledSituation):
 
     kind: ClassVar = "export"
     # the recorded samples have meals and faults of their own
-    refused: ClassVar = ("faults", "metrics", "warm_up_min")
+    refused: ClassVar = ("faults", "metrics", "warm_up_min", "rescue")
 
     precision: Precision = "float32"
     form: Form = "auto"

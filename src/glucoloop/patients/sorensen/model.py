@@ -11,6 +11,7 @@ body weight while flows and volumes do, so these distances are largest for the l
 
 from __future__ import annotations
 
+import functools
 from typing import Any, Final
 
 import jax
@@ -92,9 +93,20 @@ def _explained(x: jax.Array, lowest_mg_dl: jax.Array) -> jax.Array:
     return holds
 
 
+@functools.cache
+def _shared(constant: float) -> jax.Array:
+    with jax.ensure_compile_time_eval():
+        return jnp.asarray(constant)
+
+
+def _number(value: Any) -> jax.Array:
+    """A constant as JAX has it; one that all people share is made once."""
+    return _shared(value) if isinstance(value, float) else jnp.asarray(value)
+
+
 def _build(values: Values, basal_insulin_mU_min: Any, setpoint_mg_dl: Any) -> SorensenPatient:
     return SorensenPatient(
-        parameters=jax.tree.map(jnp.asarray, with_values(values)),
+        parameters=jax.tree.map(_number, with_values(values)),
         basal_insulin_mU_min=jnp.asarray(basal_insulin_mU_min),
         setpoint_mg_dl=jnp.asarray(setpoint_mg_dl),
     )

@@ -23,7 +23,7 @@ class BoundRequest(Run):
     # what concerns controllers only
     refused: ClassVar = (
         *("announce_meals", "carb_error_pct", "carb_bias_pct", "start", "metrics", "seed", "integrator", "faults"),
-        *("warm_up_min", "habits", "scenario"),
+        *("warm_up_min", "habits", "scenario", "rescue"),
         *("controller", "guard", "model"),
     )
 

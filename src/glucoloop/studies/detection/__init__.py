@@ -40,7 +40,7 @@ class Detection(Trial):
         *("announce_meals", "carb_error_pct", "carb_bias_pct", "metrics", "duration_min", "design", "traces"),
         *("precision", "arithmetic", "shard_people", "guard", "model"),
         *("rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
-        *("warm_up_min", "habits", "scenario"),
+        *("warm_up_min", "habits", "scenario", "rescue"),
     )
 
     # two meals a day of 11 to 99 g, so far apart that one is over when the next begins

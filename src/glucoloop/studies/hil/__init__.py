@@ -25,8 +25,8 @@ class Hil(Run):
     """A run whose controller is on a chip, its link, and what befalls both."""
 
     kind: ClassVar = "run on a chip"
-    # every sample is one of the link, so that all are counted
-    refused: ClassVar = ("warm_up_min",)
+    # every sample is one of the link, so that all are counted; the person is stepped from outside
+    refused: ClassVar = ("warm_up_min", "rescue")
 
     precision: Precision = "float32"
     form: Form = "auto"

@@ -42,6 +42,7 @@ class ModelRequest(Situation):
         "meal_model",
         "rhythm",
         "announce_meals",
+        "rescue",
         "carb_error_pct",
         "carb_bias_pct",
         "start",

@@ -45,7 +45,7 @@ class Search(Trial):
         *("setpoint_mg_dl", "metrics", "carb_error_pct", "carb_bias_pct", "start", "seed", "first_person", "days"),
         *("meal_size_spread_pct", "meal_time_spread_min", "design", "traces", "precision", "arithmetic"),
         *("shard_people", "guard", "model", "rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
-        *("warm_up_min", "habits", "scenario"),
+        *("warm_up_min", "habits", "scenario", "rescue"),
     )
 
     duration_min: float | None = 600.0

@@ -27,8 +27,8 @@ class GridSearch(Run):
     """A search of a grid: every tuning of a controller in one situation."""
 
     kind: ClassVar = "search of a grid"
-    # a search is for the controller in a sound loop, so without faults and without a guard
-    refused: ClassVar = ("faults", "metrics", "guard")
+    # a search is for the controller in a sound loop, so without faults and without a guard, and with nobody's help
+    refused: ClassVar = ("faults", "metrics", "guard", "rescue")
 
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None

@@ -178,7 +178,7 @@ def test_unrolled_is_the_program_and_native_code(step, precision):
     outputs = np.zeros((1, kernel.sizes["outputs"], columns), precision)
     nobody = np.zeros((0, columns), precision)
     wanted = interpret(lowered, carry=carry, own=own[0])
-    kernel.run(nobody, carry, own, np.zeros((1, 0), precision), outputs)
+    kernel.run(nobody, carry, kernel.by_vector(own), np.zeros((1, 0), precision), outputs)
     equal([carry, outputs[0]], wanted)
 
 

@@ -11,7 +11,7 @@ import pytest
 from glucoloop.native import divisions
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import chunks, emit, kernel
-from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes
+from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes, vectors_at_once
 from glucoloop.patients import Inputs
 from glucoloop.patients.sorensen import equations as sorensen
 
@@ -74,7 +74,7 @@ def run(k, numbers, people=slice(None), fill=0.0, threads=1):
     person, carry = (padded(k, rows(k, part)[:, people], fill) for part in (person, carry))
     own = padded(k, own[..., people].astype(k.dtype), fill)
     written = np.empty((SAMPLES, k.sizes["outputs"], own.shape[-1]), k.dtype)
-    k.run(person, carry, own, shared["push"][:, None].astype(k.dtype), written, threads=threads)
+    k.run(person, carry, k.by_vector(own), shared["push"][:, None].astype(k.dtype), written, threads=threads)
     n = np.arange(PEOPLE)[people].size
     return carry[:, :n], written[..., :n]
 
@@ -136,6 +136,32 @@ def test_nor_how_many_vectors_go_together(lowered, compiled, numbers, monkeypatc
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("vectors", [2, 4])
+def test_nor_how_many_are_carried_out_at_once(lowered, compiled, numbers, vectors):
+    other = compile_kernel(lowered["float32"], vectors=vectors)
+    assert other.lanes == vectors * lanes("float32")
+    for a, b in zip(run(other, numbers), run(compiled["float32"], numbers), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_more_vectors_are_carried_out_at_once_where_operations_wait():
+    def program(operation):
+        def of(person, carry, own, shared, rng):
+            del person, shared, rng
+            return carry, operation(own)
+
+        return lower(of, (), jnp.zeros(()), jnp.zeros(40), ())
+
+    def chain(x):
+        for _ in range(200):
+            x = x * x + 0.1
+        return x
+
+    assert vectors_at_once(program(lambda x: jnp.tanh(x))) == 1
+    assert vectors_at_once(program(lambda x: chain(x[0]))) == 4
+    assert vectors_at_once(program(lambda x: chain(x[:4]))) == 2
+
+
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("bits", [128, 256, 512])
 def test_nor_how_wide_a_vector_is(lowered, compiled, numbers, monkeypatch, bits, precision):
@@ -185,7 +211,7 @@ def test_no_samples_hand_back_what_came(compiled, numbers):
     person, carry, own, _ = numbers
     person, carry, own = padded(k, rows(k, person)), padded(k, rows(k, carry)), padded(k, own[:0])
     before = carry.copy()
-    k.run(person, carry, own, np.zeros((0, 1)), np.zeros((0, k.sizes["outputs"], carry.shape[1])))
+    k.run(person, carry, k.by_vector(own), np.zeros((0, 1)), np.zeros((0, k.sizes["outputs"], carry.shape[1])))
     np.testing.assert_array_equal(carry, before)
 
 
@@ -195,14 +221,14 @@ def test_arrays_of_another_precision_or_order_are_refused(compiled, numbers):
     given = {
         "person": padded(k, rows(k, person)),
         "carry": padded(k, rows(k, carry)),
-        "own": padded(k, own),
+        "own": k.by_vector(padded(k, own)),
         "shared": shared["push"][:, None],
         "outputs": np.zeros((SAMPLES, k.sizes["outputs"], k.padded(PEOPLE))),
     }
     with pytest.raises(TypeError, match="an array of float32"):
         k.run(**given | {"own": given["own"].astype(np.float32)})
     with pytest.raises(TypeError, match="not contiguous"):
-        k.run(**given | {"own": given["own"].transpose(0, 2, 1).copy().transpose(0, 2, 1)})
+        k.run(**given | {"own": given["own"].swapaxes(1, 2).copy().swapaxes(1, 2)})
 
 
 @pytest.mark.long

@@ -91,7 +91,8 @@ def by_this_processor(lowered, groups):
         return np.concatenate([rows, np.repeat(rows[..., -1:], columns - PEOPLE, axis=-1)], axis=-1)
 
     carry, outputs = wide(groups["carry"]), np.empty((SAMPLES, kernel.sizes["outputs"], columns), kernel.dtype)
-    kernel.run(wide(groups["person"]), carry, wide(groups["own"]), groups["shared"], outputs)
+    own = kernel.by_vector(wide(groups["own"]))
+    kernel.run(wide(groups["person"]), carry, own, groups["shared"], outputs)
     return carry[:, :PEOPLE], outputs[..., :PEOPLE]
 
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, PERSON, SAMPLE, Value
+from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
 from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
@@ -27,11 +27,13 @@ VECTORS_A_BLOCK: Final = 4
 class Emitter:
     """Writer of the code of one kernel, with products fused or strict, and `lanes` people side by side in one vector.
 
+    Each operation is written for so many `vectors`, which the processor carries out one beside another.
     If it is apart, what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
     caller that goes through the samples and the vectors itself. See `text`.
     """
 
-    def __init__(self, lowered: Lowered, products: str, lanes: int, *, apart: bool = False) -> None:
+    def __init__(self, lowered: Lowered, products: str, lanes: int, *, vectors: int = 1, apart: bool = False) -> None:
+        lanes *= vectors
         program, layout = self._p, self._layout = lowered.program, lowered.layout
         self._apart = apart
         self._lanes = lanes
@@ -42,7 +44,7 @@ class Emitter:
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
         self._member: str | None = None
-        self._column = ""
+        self._vector = self._column = self._own = ""
 
         results = layout.results
         order = program.needed(results)
@@ -67,9 +69,9 @@ class Emitter:
         """Place of each row's value, which waits in memory."""
         inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
-        self._group = 1 if apart or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
-        vectors = {first: row.factors for first, row in self._rows.items()}
-        self._plan = plan_chunks(program, layout, values, self._taken, vectors=vectors)
+        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        factors = {first: row.factors for first, row in self._rows.items()}
+        self._plan = plan_chunks(program, layout, values, self._taken, vectors=factors)
 
     @property
     def held(self) -> int:
@@ -147,6 +149,8 @@ class Emitter:
             say(f"  %{name}_row = mul i64 %k, {len(getattr(self._layout, name))}")
             if self._apart and name != "shared":
                 say(f"  %{name}_now = getelementptr inbounds {self._out.vector}, ptr %{name}, i64 %{name}_row")
+        if not self._apart:
+            say(f"  %own_rows = mul i64 %samples, {len(self._layout.own)}")
         for number, chunk in enumerate(self._plan.chunks):
             self._loop(f"chunk{number}", functools.partial(self._chunk, chunk))
         say("  br label %sample_end")
@@ -168,7 +172,7 @@ class Emitter:
             say(f"{name}_end:")
             if not self._apart:
                 say(f"  %{name}_column = mul i64 %b, {self._lanes}")
-            self._member, self._column = None, f"%{name}_column"
+            self._member, self._vector, self._column = None, "%b", f"%{name}_column"
             body()
             return
         say(f"  br label %{name}_enter")
@@ -178,7 +182,7 @@ class Emitter:
         say(f"  %{name}_m = phi i64 [ 0, %{name}_enter ], [ %{name}_next, %{name} ]")
         say(f"  %{name}_vector = add i64 %b, %{name}_m")
         say(f"  %{name}_column = mul i64 %{name}_vector, {self._lanes}")
-        self._member, self._column = f"%{name}_m", f"%{name}_column"
+        self._member, self._vector, self._column = f"%{name}_m", f"%{name}_vector", f"%{name}_column"
         body()
         say(f"  %{name}_next = add i64 %{name}_m, 1")
         say(f"  %{name}_more = icmp slt i64 %{name}_next, %members")
@@ -207,6 +211,7 @@ class Emitter:
             self._out.store(self._out.load(self._cell("%final", i)), self._place("carry", i))
 
     def _chunk(self, chunk: Chunk) -> None:
+        self._own = "%own_now" if self._apart else self._own_of_vector()
         for value in chunk.values:
             if value in self._rows:
                 self._loop_over(self._rows[value])
@@ -259,13 +264,19 @@ class Emitter:
         at = i if self._member is None else self._out(f"add i64 {self._member}, {i * self._group}")
         return self._out.vector_at(array, at)
 
+    def _own_of_vector(self) -> str:
+        """Address of what reaches a vector of people at a sample; that of all samples lies together."""
+        row = self._out(f"mul i64 {self._vector}, %own_rows")
+        return self._out.vector_at("%own", self._out(f"add i64 {row}, %own_row"))
+
     def _place(self, array: str, i: int) -> str:
         """Address of a vector in the caller's arrays."""
-        by_sample = array in ("own", "outputs")
+        if array == "own":
+            return self._out.vector_at(self._own, i)
         if self._apart:
-            base = f"%{array}_now" if by_sample else "%held" if array == "person" else f"%{array}"
-            return self._out.vector_at(base, i)
-        row = self._out(f"add i64 %{array}_row, {i}") if by_sample else str(i)
+            bases = {"person": "%held", "outputs": "%outputs_now"}
+            return self._out.vector_at(bases.get(array, f"%{array}"), i)
+        row = self._out(f"add i64 %{array}_row, {i}") if array == "outputs" else str(i)
         offset = self._out(f"mul i64 {row}, %stride")
         offset = self._out(f"add i64 {offset}, {self._column}")
         return self._out.scalar_at(f"%{array}", offset)
@@ -300,15 +311,12 @@ class Emitter:
                 return self._out.load(self._cell("%slots", self._plan.slot_of[value]))
 
     def _from_number(self, name: str, value: Value) -> str:
-        if self._p.types[value] != BOOL:
-            return name
-        return self._out.truth(name)
+        kinds = {BOOL: self._out.truth, WORD: self._out.word}
+        return kinds.get(self._p.types[value], str)(name)
 
     def _as_number(self, value: Value) -> str:
-        name = self._name(value)
-        if self._p.types[value] != BOOL:
-            return name
-        return self._out.number(name)
+        kinds = {BOOL: self._out.number, WORD: self._out.number_of_word}
+        return kinds.get(self._p.types[value], str)(self._name(value))
 
     def _operation(self, value: Value) -> str:
         operation, arguments = self._p.operations[value]
@@ -318,6 +326,8 @@ class Emitter:
         names = [self._name(a) for a in arguments]
         if operation in ("max", "min"):
             return self._out.extreme(operation, names, [a in self._p.constants for a in arguments])
+        if operation == "number" and self._p.types[arguments[0]] == WORD:
+            return self._out.number_of_word(names[0])
         compared = arguments[-1] if operation == "select" else arguments[0]
         return self._out.apply(operation, names, truths=self._p.types[compared] == BOOL)
 

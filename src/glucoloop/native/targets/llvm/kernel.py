@@ -13,11 +13,17 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
+from glucoloop.native.program import SAMPLE
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
+
+_DIVISION: Final = 4
+"""Time of a division in that of a product."""
+_BESIDE: Final = 9.0
+"""Operations that the processor carries out in the time from the beginning of one to its result, about."""
 
 _lock = threading.Lock()  # LLVM is started and asked for code by one thread at a time
 
@@ -63,10 +69,10 @@ def _compiled(text: str) -> tuple[Any, int]:
 class Kernel:
     """Compiled code; see `compile_kernel`."""
 
-    def __init__(self, text: str, precision: str, sizes: dict[str, int]) -> None:
+    def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int) -> None:
         self.precision = precision
         self.dtype: Final = np.dtype(precision)
-        self.lanes = lanes(precision)
+        self.lanes = lanes
         self.sizes = sizes
         self.text = text
         with _lock:
@@ -78,11 +84,17 @@ class Kernel:
         """Number of columns of arrays for a number of people."""
         return -(-people // self.lanes) * self.lanes
 
+    def by_vector(self, own: Array) -> Array:
+        """Numbers ``(samples, numbers, people)`` as `run` takes those that reach people."""
+        parts = np.asarray(own, self.dtype).reshape(*own.shape[:2], own.shape[2] // self.lanes, self.lanes)
+        return np.ascontiguousarray(parts.transpose(2, 0, 1, 3))
+
     def run(self, person: Array, carry: Array, own: Array, shared: Array, outputs: Array, *, threads: int = 1) -> None:
         """Carry all people through all samples, in place.
 
-        `person` and `carry` are (numbers, people) arrays, `own` and `outputs` (samples, numbers, people), and `shared`
-        (samples, numbers). The state at the end is written over `carry`, and the outputs over `outputs`.
+        `person` and `carry` are (numbers, people) arrays, `own` (vectors, samples, numbers, lanes), `shared` (samples,
+        numbers), and `outputs` (samples, numbers, people). The state at the end is written over `carry`, and the
+        outputs over `outputs`.
         """
         samples, people = shared.shape[0], carry.shape[1]
         blocks = people // self.lanes
@@ -102,9 +114,28 @@ class Kernel:
             list(pool.map(part, range(threads)))
 
 
-def compile_kernel(lowered: Lowered, *, products: str = FUSED) -> Kernel:
-    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`)."""
+def compile_kernel(lowered: Lowered, *, products: str = FUSED, vectors: int = 1) -> Kernel:
+    """Compile a lowered function for this processor, with products fused or strict (see `targets.products`).
+
+    Each operation is carried out on so many `vectors` at once; see `vectors_at_once`.
+    """
     if products not in (FUSED, STRICT):
         raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
-    text = Emitter(lowered, products, lanes(lowered.precision)).text()
-    return Kernel(text, lowered.precision, lowered.layout.sizes)
+    width = lanes(lowered.precision)
+    text = Emitter(lowered, products, width, vectors=vectors).text()
+    return Kernel(text, lowered.precision, lowered.layout.sizes, vectors * width)
+
+
+def vectors_at_once(lowered: Lowered) -> int:
+    """Number of vectors, 1, 2 or 4, that fill the time in which the operations of a program wait for one another.
+
+    Two fill more registers, too: it takes a long chain of operations, as of an integrator of many steps, to gain by it.
+    """
+    program, depth, operations = lowered.program, dict[int, int](), 0
+    for value in program.needed(lowered.layout.results):
+        operation, arguments = program.operations[value]
+        if arguments and program.levels[value] == SAMPLE:
+            operations += 1
+            depth[value] = max(depth.get(a, 0) for a in arguments) + (_DIVISION if operation == "div" else 1)
+    idle = _BESIDE * max(depth.values(), default=0) / max(operations, 1)
+    return next(vectors for vectors in (4, 2, 1) if vectors <= max(idle, 1.0))

@@ -11,6 +11,10 @@ import numpy as np
 _LIBRARY: Final = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 _ORDERED: Final = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 _BITS: Final = ("and", "or", "xor")
+_OF_WORDS: Final = {
+    "word_add": "add", "word_and": "and", "word_or": "or", "word_xor": "xor",
+    "shift_left": "shl", "shift_right": "lshr",
+}  # fmt: skip
 
 
 class VectorCode:
@@ -28,6 +32,7 @@ class VectorCode:
         self.vector = f"<{lanes} x {self.scalar}>"
         self._wholes = f"<{lanes} x {self._whole}>"
         self._mask = f"<{lanes} x i1>"
+        self._words = f"<{lanes} x i32>"
         self._suffix = f"v{lanes}f{64 if double else 32}"
 
     def __call__(self, code: str) -> str:
@@ -80,9 +85,9 @@ class VectorCode:
     # values
 
     def constant(self, number: float | bool) -> str:
-        """A constant in every lane."""
-        if isinstance(number, bool):
-            return self._everywhere(f"i1 {int(number)}")
+        """A constant in every lane; a whole number is a word."""
+        if isinstance(number, int):
+            return self._everywhere(f"i1 {int(number)}" if isinstance(number, bool) else f"i32 {number}")
         if not self._double:  # rounded, and written as the double that it then is
             with np.errstate(over="ignore"):
                 number = float(np.float32(number))
@@ -98,6 +103,14 @@ class VectorCode:
     def number(self, truth: str) -> str:
         """1 for what is true, and 0."""
         return self(f"uitofp {self._mask} {truth} to {self.vector}")
+
+    def word(self, number: str) -> str:
+        """A number that is a word, as such."""
+        return self(f"fptoui {self.vector} {number} to {self._words}")
+
+    def number_of_word(self, word: str) -> str:
+        """A word as a number."""
+        return self(f"uitofp {self._words} {word} to {self.vector}")
 
     def apply(self, operation: str, names: Sequence[str], *, truths: bool = False) -> str:
         """Result of an operation of a scalar program; `truths` says that it compares or chooses truth values."""
@@ -129,6 +142,15 @@ class VectorCode:
                 return self(f"call {v} @llvm.copysign.{s}({v} {names[0]}, {v} {names[1]})")
             case "power_of_two" | "mantissa" | "exponent":
                 return self._of_bits(operation, names[0])
+            case _ if operation in _OF_WORDS:
+                return self(f"{_OF_WORDS[operation]} {self._words} {names[0]}, {names[1]}")
+            case "word":
+                whole = self(f"fptosi {v} {names[0]} to {self._wholes}")
+                return self(f"trunc {self._wholes} {whole} to {self._words}")
+            case "number_of_bits":
+                high, low = (self(f"zext {self._words} {name} to {self._wholes}") for name in names)
+                high = self(f"shl {self._wholes} {high}, {self._everywhere('i64 32')}")
+                return self(f"bitcast {self._wholes} {self(f'or {self._wholes} {high}, {low}')} to {v}")
             case _:
                 return self(f"call {v} @llvm.{_LIBRARY[operation]}.{s}({v} {names[0]})")
 

@@ -1,0 +1,487 @@
+"""A controller after LoopKit's: a forecast that adds four effects on glucose, and the dose that corrects it.
+
+It follows what LoopAlgorithm (https://github.com/LoopKit/LoopAlgorithm, `LoopMath`, `GlucoseMath`, `CarbMath`,
+`StandardRetrospectiveCorrection` and `DoseMath`, as of 2026) computes for a person with one basal rate, one sensitivity
+and one carbohydrate ratio whose readings and doses lie on the samples of the loop. It differs in this: up to four meals
+are followed at a time, their overlapping absorption is shared by the rates of the model, and after a missing reading
+the forecast begins at the forecast of that reading. It is no product of LoopKit, and not for treating people.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
+from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
+from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import LoopLikeSettings
+from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.insulin_action import INSULINS, insulin_left
+from glucoloop.profile import Profile
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
+from glucoloop.units import MU_PER_U
+
+MEALS: Final = 4
+"""Meals that are followed at a time."""
+OVERRUN: Final = 1.5
+"""Longest absorption of a meal, in absorption times; the forecast begins with it."""
+CARB_DELAY_MIN: Final = 10.0
+"""Time from eating to the beginning of absorption."""
+MOMENTUM_MIN: Final = 15.0
+"""Time over which the slope of readings is taken, and over which it fades into the other effects."""
+MOST_RISE_MG_DL_MIN: Final = 4.0
+"""Largest slope upwards."""
+GROUPING_MIN: Final = 30.0
+"""Time over which unexplained changes of glucose are added up."""
+CORRECTION_MIN: Final = 60.0
+"""Time for which they are taken to go on, falling to 0."""
+RECENT_MIN: Final = 15.0
+"""Age of a reading from which on no dose rests on it."""
+TEMPORARY_BASAL_MIN: Final = 30.0
+"""Time over which a temporary basal rate is to correct the forecast."""
+BOLUS_SHARE: Final = 0.4
+"""Share of the correction that is given as an automatic bolus."""
+_READINGS: Final = 3
+"""Least number of readings of a slope."""
+_MOST_MG_DL: Final = 1000.0
+"""Largest glucose; no sensor reads more."""
+_SLACK: Final = 1.01
+"""LoopKit's factor on the grouping time, by which both ends of it count."""
+
+
+@pytree
+class Meals:
+    """Announced meals ``(meals, ...)``, the newest first; a meal of 0 g is none."""
+
+    carbs_g: jax.Array
+    since_min: jax.Array
+    """Time since eating began."""
+    observed_g: jax.Array
+    """Carbohydrate whose absorption was seen in the readings."""
+
+    def with_new(self, carbs_g: jax.Array) -> Meals:
+        """The meals after one more was announced, where it is more than 0 g; the oldest is forgotten."""
+
+        def first(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jnp.where(carbs_g > 0.0, jnp.concatenate([new[None], old[:-1]]), old)
+
+        zero = jnp.zeros_like(carbs_g)
+        return Meals(
+            carbs_g=first(carbs_g, self.carbs_g),
+            since_min=first(zero, self.since_min),
+            observed_g=first(zero, self.observed_g),
+        )
+
+    def seen(self, rise_g: jax.Array, longest_min: jax.Array | float, passed_min: float) -> Meals:
+        """The meals after some time, in which glucose rose as by the absorption of some carbohydrate."""
+        active = (self.carbs_g > 0.0) & (self.since_min < longest_min + CARB_DELAY_MIN)
+        rate = jnp.where(active, self.carbs_g * rate_of_absorption(self.since_min / longest_min), 0.0)
+        left_g, rates, shares = jnp.maximum(rise_g, 0.0), jnp.sum(rate, axis=0), []
+        for i in reversed(range(MEALS)):  # the oldest first
+            share = left_g * rate[i] / jnp.where(rates > 0.0, rates, 1.0)
+            share = jnp.minimum(share, jnp.maximum(self.carbs_g[i] - self.observed_g[i], 0.0))
+            left_g, rates = left_g - share, rates - rate[i]
+            shares.append(share)
+        return Meals(
+            carbs_g=self.carbs_g,
+            since_min=jnp.minimum(self.since_min + passed_min, longest_min + 2.0 * CARB_DELAY_MIN),
+            observed_g=self.observed_g + jnp.stack(shares[::-1]),
+        )
+
+    def progress(self, longest_min: jax.Array | float) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Place of each meal on its course, the length of the course [min], and whether its absorption is seen.
+
+        A meal goes on from where it was seen, as fast as the model does. One that is seen less than the slowest
+        absorption has at least that.
+        """
+        time = self.since_min - CARB_DELAY_MIN
+        least = part_absorbed(time / longest_min)
+        part = self.observed_g / jnp.where(self.carbs_g > 0.0, self.carbs_g, 1.0)
+        seen = (self.since_min > 0.0) & (part >= least)
+        length = jnp.where(time > 0.0, longest_min + CARB_DELAY_MIN, longest_min + self.since_min)
+        at_seen = jnp.where(time > 0.0, time_of_part(jnp.clip(part, least, 1.0)), 0.0)
+        return jnp.where(seen, at_seen, time / length), jnp.where(seen, longest_min, length), seen
+
+
+@pytree
+class LoopLikeState:
+    """State of the controller: readings, insulin that is still to act, and meals."""
+
+    readings_mg_dl: jax.Array
+    """(readings, ...) readings from which the slope is taken, the newest first; forecast where they are missing."""
+    in_a_row: jax.Array
+    """Number of valid readings in a row, up to that of a slope."""
+    stale_min: jax.Array
+    """Age of the newest valid reading."""
+    acting_U: jax.Array
+    """(samples, ...) insulin that acts in each coming sample, beside that of the basal rate."""
+    unexplained_mg_dl: jax.Array
+    """(samples, ...) changes of glucose that neither insulin nor meals explain, the newest first."""
+    meals: Meals
+    rate_mU_min: jax.Array
+    """Rate in force."""
+    asked_mU: jax.Array
+    """Bolus that was asked for at the last sample, used if the pump reports nothing."""
+
+
+@pytree
+class LoopLike:
+    """Controller after LoopKit's; see `design_loop_like`."""
+
+    basal_mU_min: jax.Array | float
+    carb_ratio_g_U: jax.Array | float
+    correction_mg_dl_U: jax.Array | float
+    half_range_mg_dl: jax.Array | float
+    suspend_mg_dl: jax.Array | float
+    absorption_min: jax.Array | float
+    max_basal: jax.Array | float
+    max_bolus_U: jax.Array | float
+    meal_bolus: jax.Array | float
+    limits: DoseLimits
+    bolus: BolusLimits
+    insulin: str = static()
+    automatic_bolus: bool = static()
+    own_ratio: bool = static()
+    """Whether the carbohydrate ratio is that of a profile, and follows it."""
+    own_correction: bool = static()
+    sample_time_min: float = static()
+    gives_boluses: ClassVar[bool] = True
+
+    def with_profile(self, profile: Profile) -> LoopLike:
+        """The same controller for a person with the given profile; settings that were given stay as they are."""
+        return dataclasses.replace(
+            self,
+            basal_mU_min=jnp.asarray(profile.basal_mU_min),
+            carb_ratio_g_U=profile.carb_ratio() if self.own_ratio else self.carb_ratio_g_U,
+            correction_mg_dl_U=profile.correction_factor() if self.own_correction else self.correction_mg_dl_U,
+        )
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> LoopLike:
+        """The same controller for a person of whom the basal rate alone is known."""
+        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+
+    def settled(self) -> dict[str, Any]:
+        """Basal rate, carbohydrate ratio and correction factor."""
+        names = ("basal_mU_min", "carb_ratio_g_U", "correction_mg_dl_U")
+        return {name: getattr(self, name) for name in names}
+
+    # ------------------------------------------------------------------------------------------ curves
+
+    @property
+    def horizon(self) -> int:
+        """Samples of the forecast, at whose end all insulin has acted."""
+        kind = INSULINS[self.insulin]
+        return math.ceil((kind.action_min + kind.delay_min) / self.sample_time_min - 1e-9)
+
+    def left(self, samples: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Part of a dose that has not acted yet, some samples after it."""
+        kind = INSULINS[self.insulin]
+        with jax.ensure_compile_time_eval():
+            return np.asarray(
+                insulin_left(samples * self.sample_time_min - kind.delay_min, kind.action_min, kind.peak_min), float
+            )
+
+    @property
+    def _slope_readings(self) -> int:
+        return max(_READINGS, math.floor(MOMENTUM_MIN / self.sample_time_min + 1e-9) + 1)
+
+    @property
+    def _longest_min(self) -> jax.Array | float:
+        return OVERRUN * self.absorption_min
+
+    # ------------------------------------------------------------------------------------------ steps
+
+    def init(self, observation: Observation) -> LoopLikeState:
+        """State of somebody who has rested at the basal rate, without a meal."""
+        glucose = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
+        glucose = jnp.clip(glucose, 0.0, _MOST_MG_DL)
+        zero = jnp.zeros_like(observation.delivered_mU_min)
+        none = jnp.stack([zero] * MEALS)
+        return LoopLikeState(
+            readings_mg_dl=jnp.stack([glucose] * self._slope_readings),
+            in_a_row=zero,
+            stale_min=zero,
+            acting_U=jnp.stack([zero] * (self.horizon - 1)),
+            unexplained_mg_dl=jnp.stack([zero] * self._grouped),
+            meals=Meals(carbs_g=none, since_min=none, observed_g=none),
+            rate_mU_min=rate_at_start(observation, jnp.asarray(self.basal_mU_min)),
+            asked_mU=zero,
+        )
+
+    @property
+    def _grouped(self) -> int:
+        """Samples whose unexplained changes are added up; LoopKit counts those at both ends of the time."""
+        return math.floor(GROUPING_MIN * _SLACK / self.sample_time_min) + 1
+
+    def step(self, state: LoopLikeState, observation: Observation) -> tuple[LoopLikeState, Decision]:
+        """Include what was read and delivered, and correct the forecast."""
+        state = self.observed(state, observation)
+        told, basal = carbs_told(observation), jnp.asarray(self.basal_mU_min)
+        units, highest, spare = self._correction(self.forecast(state), observation.setpoint_mg_dl)
+        recent = state.stale_min < RECENT_MIN
+        limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
+        for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), told / self.carb_ratio_g_U)
+        for_meal = jnp.where(told > 0.0, self.meal_bolus * for_forecast, 0.0)
+        per_U = MU_PER_U / TEMPORARY_BASAL_MIN
+        most = basal
+        automatic = jnp.zeros_like(for_meal)
+        if self.automatic_bolus:
+            most_U = jnp.clip(limit_U, 0.0, BOLUS_SHARE * self.max_bolus_U)
+            automatic = jnp.where(highest & recent, jnp.clip(BOLUS_SHARE * units, 0.0, most_U), 0.0)
+        else:
+            most = jnp.where(highest, jnp.minimum(self.max_basal * basal, basal + per_U * limit_U), basal)
+            most = jnp.where(for_meal > 0.0, jnp.minimum(most, basal), most)  # the bolus corrects the forecast
+        rate = jnp.where(spare, jnp.clip(basal + per_U * units, 0.0, jnp.maximum(most, 0.0)), 0.0)
+        rate = jnp.where(recent, rate, basal)
+        bolus = jnp.where(told > 0.0, for_meal, automatic) * MU_PER_U
+        bolus = jnp.clip(jnp.where(jnp.isfinite(bolus), bolus, 0.0), 0.0, self.bolus.max_mU)
+        decision = decide(rate, state.rate_mU_min, self.limits, is_known(observation))
+        return dataclasses.replace(state, asked_mU=bolus), dataclasses.replace(decision, bolus_mU=bolus)
+
+    def observed(self, state: LoopLikeState, observation: Observation) -> LoopLikeState:
+        """State with a reading, what was delivered since the last sample, and an announced meal."""
+        T, sensitivity = self.sample_time_min, jnp.asarray(self.correction_mg_dl_U)
+        delivered = delivered_since(observation, state.rate_mU_min)
+        given = jnp.clip(delivered, 0.0, self.limits.max_mU_min)
+        bolus = bolus_since(observation, state.asked_mU, self.bolus)
+        dose_U = ((given - self.basal_mU_min) * T + bolus) / MU_PER_U
+        left = self.left(np.arange(self.horizon + 1))
+        acted_U = state.acting_U[0] + dose_U * (1.0 - left[1])
+        coming = jnp.concatenate([state.acting_U[1:], jnp.zeros_like(state.acting_U[:1])])
+        acting = coming + _column(left[1:-1] - left[2:], dose_U) * dose_U
+        # what insulin does not explain is absorption of meals, as far as there are any
+        known = is_known(observation)
+        y = jnp.clip(observation.glucose_mg_dl, 0.0, _MOST_MG_DL)
+        fall = sensitivity * acted_U
+        counteracted = y - state.readings_mg_dl[0] + fall
+        per_g = sensitivity / self.carb_ratio_g_U
+        before = state.meals.progress(self._longest_min)
+        meals = state.meals.seen(jnp.where(known, counteracted / per_g, 0.0), self._longest_min, T)
+        at, length, seen = meals.progress(self._longest_min)
+        modelled = meals.carbs_g * (part_absorbed(at) - part_absorbed(at - T / length))
+        credited = meals.observed_g - state.meals.observed_g
+        risen = per_g * jnp.sum(jnp.where(seen, credited, modelled), axis=0)
+        expected = per_g * jnp.sum(
+            meals.carbs_g * (part_absorbed(before[0] + T / before[1]) - part_absorbed(before[0])), axis=0
+        )
+        forecast = jnp.clip(state.readings_mg_dl[0] - fall + expected, 0.0, _MOST_MG_DL)
+        unexplained = jnp.where(known, counteracted - risen, 0.0)
+        glucose = jnp.where(known, y, forecast)
+        row = jnp.minimum(state.in_a_row + 1.0, float(self._slope_readings))
+        return LoopLikeState(
+            readings_mg_dl=jnp.concatenate([glucose[None], state.readings_mg_dl[:-1]]),
+            in_a_row=jnp.where(known, row, 0.0),
+            stale_min=jnp.where(known, 0.0, jnp.minimum(state.stale_min + T, 2.0 * RECENT_MIN)),
+            acting_U=acting,
+            unexplained_mg_dl=jnp.concatenate([unexplained[None], state.unexplained_mg_dl[:-1]]),
+            meals=meals.with_new(carbs_told(observation)),
+            rate_mU_min=delivered,
+            asked_mU=state.asked_mU,
+        )
+
+    def forecast(self, state: LoopLikeState) -> jax.Array:
+        """Glucose ``(1 + horizon, ...)`` from now on, at each sample: that of now, and the sum of all effects."""
+        T, n, glucose = self.sample_time_min, self.horizon, state.readings_mg_dl[0]
+        insulin = -self.correction_mg_dl_U * state.acting_U
+        insulin = jnp.concatenate([insulin, jnp.zeros_like(insulin[:1])])
+        at, length, _ = state.meals.progress(self._longest_min)
+        ahead = _column(T * np.arange(n + 1.0), at)
+        absorbed = jnp.sum(state.meals.carbs_g * part_absorbed(at + ahead / length), axis=1)
+        carbs = self.correction_mg_dl_U / self.carb_ratio_g_U * jnp.diff(absorbed, axis=0)
+        velocity = jnp.sum(state.unexplained_mg_dl, axis=0) / GROUPING_MIN
+        fades = T * np.clip(1.0 - T * np.arange(n) / (CORRECTION_MIN - T), 0.0, 1.0)
+        effects = insulin + carbs + _column(fades, velocity) * velocity
+        points = math.floor(MOMENTUM_MIN / T + 1e-9)
+        if points >= _READINGS - 1:
+            share = np.clip((points - np.arange(1.0, n + 1.0)) / (points - 1), 0.0, 1.0)
+            split = _column(share, velocity) * (state.in_a_row >= _READINGS)
+            effects = (1.0 - split) * effects + split * T * self._slope(state)
+        return jnp.concatenate([glucose[None], glucose + jnp.cumsum(effects, axis=0)])
+
+    def _slope(self, state: LoopLikeState) -> jax.Array:
+        """Slope of the valid readings in a row, by least squares [mg/dl/min]."""
+        order = np.arange(float(self._slope_readings))
+        weight = jnp.where(_column(order, state.in_a_row) < state.in_a_row, 1.0, 0.0)
+        times = _column(-self.sample_time_min * order, state.in_a_row)
+        t = weight * (times - jnp.sum(weight * times, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
+        slope = jnp.sum(t * state.readings_mg_dl, axis=0) / jnp.maximum(jnp.sum(t * t, axis=0), 1e-9)
+        return jnp.minimum(slope, MOST_RISE_MG_DL_MIN)
+
+    def _correction(self, forecast: jax.Array, setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Insulin [U] that corrects a forecast, whether more than the basal rate may be given, and whether any."""
+        n, kind = self.horizon, INSULINS[self.insulin]
+        low, high = setpoint_mg_dl - self.half_range_mg_dl, setpoint_mg_dl + self.half_range_mg_dl
+        passed = self.sample_time_min * np.arange(n + 1.0) / (kind.action_min + kind.delay_min)
+        late = _column(np.clip(2.0 * passed - 1.0, 0.0, 1.0), setpoint_mg_dl)
+        target = self.suspend_mg_dl + (setpoint_mg_dl - self.suspend_mg_dl) * late
+        acted = _column(np.maximum(1.0 - self.left(np.arange(n + 1)), 1e-12), setpoint_mg_dl)
+        effect = acted * self.correction_mg_dl_U
+        needed = (forecast - target) / effect
+        least, eventual = jnp.min(forecast, axis=0), forecast[-1]
+        first = jnp.min(jnp.where(forecast <= least, effect, jnp.inf), axis=0)
+        below = (least < low) & (eventual < low)
+        units = jnp.where(eventual > high, jnp.min(jnp.where(needed > 0.0, needed, jnp.inf), axis=0), 0.0)
+        units = jnp.where(below, (least - setpoint_mg_dl) / first, units)
+        spare = least >= self.suspend_mg_dl
+        units = jnp.where(spare & jnp.isfinite(units), units, 0.0)
+        return units, least >= low, spare
+
+
+def _column(values: npt.NDArray[np.float64], like: jax.Array) -> jax.Array:
+    """Numbers along a first axis, before those of an array."""
+    return jnp.asarray(values).reshape(-1, *(1,) * jnp.ndim(like))
+
+
+@checked
+def design_loop_like(
+    profile: Profile,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    dosing: str = "automatic-bolus",
+    insulin: str = "rapid-adult",
+    carb_ratio_g_U: float | None = None,
+    correction_mg_dl_U: float | None = None,
+    range_mg_dl: float = 10.0,
+    suspend_mg_dl: float = 75.0,
+    absorption_min: float = 180.0,
+    max_basal: float = 4.0,
+    max_bolus_U: float = 10.0,
+    meal_bolus: float = 1.0,
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    sample_time_min: float = 5.0,
+) -> LoopLike:
+    """Controller after LoopKit's, for a person's basal rate, carbohydrate ratio and correction factor.
+
+    The forecast of glucose is the reading and the sum of the effects of insulin that is still to act, of meals that are
+    still absorbed, of the changes of the last 30 min that these do not explain, which fade within an hour, and of the
+    slope of the last 15 min, which fades into the other effects in as long. The dose is the least by which no forecast
+    is above its target, where eventual glucose is above the range; the target goes from the suspend threshold to the
+    setpoint in the second half of the action of insulin. Forecast glucose below the threshold suspends insulin.
+
+    ====================  ====================================================================  ====================
+    dose                  value                                                                 ``dosing``
+    ====================  ====================================================================  ====================
+    temporary basal rate  basal + dose in 30 min, up to ``max_basal`` basal rates               ``temporary-basal``
+    automatic bolus       40 % of the dose; the rate is at most the basal rate                  ``automatic-bolus``
+    bolus of a meal       the dose at its announcement, up to ``max_bolus_U``                   both
+    ====================  ====================================================================  ====================
+
+    Insulin on board is kept within twice the largest bolus. After 15 min without a reading the basal rate is given, and
+    the bolus of a meal is that of the carbohydrate ratio.
+
+    Parameters
+    ----------
+    profile : Profile
+        The person's basal rate, carbohydrate ratio and correction factor.
+    limits : DoseLimits
+        Limits of the basal rate.
+    dosing : str
+        ``"automatic-bolus"`` or ``"temporary-basal"``.
+    insulin : str
+        Kind of insulin whose course of action is assumed, of `insulin_action.INSULINS`.
+    carb_ratio_g_U, correction_mg_dl_U : float, optional
+        Ratio and factor in place of those of the profile.
+    range_mg_dl : float
+        Width of the correction range around the setpoint, a choice here.
+    suspend_mg_dl : float
+        Suspend threshold, a choice here.
+    absorption_min : float
+        Absorption time of meals.
+    max_basal : float
+        Largest rate, in basal rates, a choice here.
+    max_bolus_U : float
+        Largest bolus, a choice here.
+    meal_bolus : float
+        Share of the bolus of a meal that is given; 0 for a loop without announced boluses.
+    bolus : BolusLimits
+        Limits of the pump.
+
+    Raises
+    ------
+    ValueError
+        For a basal rate outside the limits, or a setting that is not possible.
+
+    Examples
+    --------
+    >>> controller = design_loop_like(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
+    >>> round(float(controller.correction_mg_dl_U)), controller.horizon
+    (40, 74)
+    """
+    check_sample_time(sample_time_min)
+    if sample_time_min > RECENT_MIN:
+        raise Refusal(
+            f"a sample time of {sample_time_min:g} min is not possible here, where a reading counts for "
+            f"{RECENT_MIN:g} min; give at most that"
+        )
+    check_rate("basal", profile.basal_mU_min, limits)
+    for name, value, unit in (
+        ("carb ratio", carb_ratio_g_U, "g/U"),
+        ("correction factor", correction_mg_dl_U, "mg/dl/U"),
+        ("suspend threshold", suspend_mg_dl, "mg/dl"),
+        ("absorption time", absorption_min, "min"),
+        ("largest bolus", max_bolus_U, "U"),
+    ):
+        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
+            raise Refusal(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
+    for name, value, least in (
+        ("correction range", range_mg_dl, 0.0),
+        ("largest rate in basal rates", max_basal, 1.0),
+        ("share of the meal bolus", meal_bolus, 0.0),
+    ):
+        if not is_traced(value) and not least <= value < math.inf:
+            raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of {least:g} or more")
+    for name, choice, known in (
+        ("insulin", insulin, INSULINS),
+        ("way of dosing", dosing, ("automatic-bolus", "temporary-basal")),
+    ):
+        if choice not in known:
+            raise Refusal(f"there is no {name} {choice!r}; give one of {', '.join(known)}")
+    return LoopLike(
+        basal_mU_min=profile.basal_mU_min,
+        carb_ratio_g_U=profile.carb_ratio() if carb_ratio_g_U is None else carb_ratio_g_U,
+        correction_mg_dl_U=profile.correction_factor() if correction_mg_dl_U is None else correction_mg_dl_U,
+        half_range_mg_dl=range_mg_dl / 2.0,
+        suspend_mg_dl=suspend_mg_dl,
+        absorption_min=absorption_min,
+        max_basal=max_basal,
+        max_bolus_U=max_bolus_U,
+        meal_bolus=meal_bolus,
+        limits=limits,
+        bolus=bolus,
+        insulin=insulin,
+        automatic_bolus=dosing == "automatic-bolus",
+        own_ratio=carb_ratio_g_U is None,
+        own_correction=correction_mg_dl_U is None,
+        sample_time_min=sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: LoopLikeSettings) -> LoopLike:
+    """Controller after LoopKit's of the catalogue, for a person's profile."""
+    return design_loop_like(
+        case.profile,
+        case.limits,
+        dosing=settings.dosing,
+        insulin=settings.insulin,
+        carb_ratio_g_U=settings.carb_ratio_g_U or None,
+        correction_mg_dl_U=settings.correction_mg_dl_U or None,
+        range_mg_dl=settings.range_mg_dl,
+        suspend_mg_dl=settings.suspend_mg_dl,
+        absorption_min=settings.absorption_min,
+        max_basal=settings.max_basal,
+        max_bolus_U=settings.max_bolus_U,
+        meal_bolus=settings.meal_bolus,
+        bolus=case.bolus,
+        sample_time_min=case.sample_time_min,
+    )

@@ -1,0 +1,292 @@
+"""The controller that holds the histories from which oref0 doses, for one person or many.
+
+It acts every 5 min. The ratio of autosens is 1: the profile is what the person has, and nothing is learned from days
+gone by. A person who announces a meal gives a bolus for it by the carbohydrate ratio, and oref0 knows of both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked
+from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
+from glucoloop.control.oref0.dose import determine_basal
+from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
+from glucoloop.control.oref0.iob import PEAKS_MIN, SAMPLE_MIN, iob_total, treatments
+from glucoloop.control.oref0.records import DosingProfile, TempBasal
+from glucoloop.control.oref0.rounding import whole
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import Oref0Settings
+from glucoloop.control.tuning import check_rate
+from glucoloop.profile import Profile
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
+
+_LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
+"""Range of a reading that is used. Sensors show 40 to 400; 39 stands for what is lower, since 38 is a code of an error.
+"""
+_LONG_AGO_MIN: Final = 1e4
+_LEAST_BASAL_U_H: Final = 0.01
+"""Least basal rate of a profile, so that a person without one has finite numbers."""
+_MEALS_A_DAY, _MEAL_SHARE = 3.0, 0.5
+"""Mean meal of the rule for insulin on board: a third of half the total daily dose."""
+_BASAL_HOURS: Final = 3.0
+
+
+@pytree
+class Oref0State:
+    """Histories, the newest first, and the temporary basal rate in force."""
+
+    readings_mg_dl: jax.Array
+    """Readings of 50 min; 0 where there was none."""
+    glucose_mg_dl: jax.Array
+    """Glucose of six hours, with a line where there was no reading."""
+    activity_U_min: jax.Array
+    """Insulin activity of six hours."""
+    insulin_U: jax.Array
+    """Insulin of each past sample beyond the basal rate, boluses included."""
+    carbs_g: jax.Array
+    """Announced carbohydrate of six hours."""
+    gap: jax.Array
+    """Samples since the last reading."""
+    temp: TempBasal
+    since_bolus_min: jax.Array
+    """Time since the last bolus."""
+    asked_mU_min: jax.Array
+    """Rate that was asked for at the last sample, used if the pump reports nothing."""
+    asked_mU: jax.Array
+    """Bolus that was asked for at the last sample, likewise."""
+
+
+@pytree
+class Oref0:
+    """Controller oref0; see `design_oref0`."""
+
+    profile: DosingProfile
+    basal_mU_min: jax.Array | float
+    setpoint_mg_dl: jax.Array | float
+    limits: DoseLimits
+    bolus: BolusLimits
+    settings: Oref0Settings = static()
+    sample_time_min: float = static(default=float(SAMPLE_MIN))
+    gives_boluses: ClassVar[bool] = True
+    memory_bound: ClassVar[float] = 2e4
+    """Bound on its memory for a guard: times end at 10 000 min, and no other number is as large."""
+
+    def with_profile(self, profile: Profile) -> Oref0:
+        """The same controller for a person with the given profile; settings that were given stay as they are."""
+        basal = jnp.asarray(profile.basal_mU_min)
+        return dataclasses.replace(
+            self,
+            profile=_dosing(profile, self.settings, self.limits),
+            basal_mU_min=basal,
+            setpoint_mg_dl=jnp.asarray(profile.setpoint_mg_dl, basal.dtype),
+        )
+
+    def settled(self) -> dict[str, Any]:
+        """Basal rate, carb ratio, correction factor and the largest insulin on board."""
+        profile = self.profile
+        return {
+            "basal_mU_min": self.basal_mU_min,
+            "carb_ratio_g_U": profile.carb_ratio_g_U,
+            "correction_mg_dl_U": profile.sens_mg_dl_U,
+            "max_iob_U": profile.max_iob_U,
+        }
+
+    def init(self, observation: Observation) -> Oref0State:
+        """State after hours with this reading, the basal rate, no bolus and no meal."""
+        zero = jnp.zeros_like(observation.delivered_mU_min)
+        reading = self._reading(observation, jnp.broadcast_to(self.setpoint_mg_dl, zero.shape))
+
+        def row(count: int) -> jax.Array:
+            return jnp.zeros((count, *zero.shape), zero.dtype)
+
+        return Oref0State(
+            readings_mg_dl=row(READINGS),
+            glucose_mg_dl=row(DEVIATIONS + 1) + reading,
+            activity_U_min=row(DEVIATIONS),
+            insulin_U=row(treatments(self._action_h) - 1),
+            carbs_g=row(MEALS),
+            gap=zero + 1.0,
+            temp=TempBasal(rate_U_h=zero, duration_min=zero),
+            since_bolus_min=zero + _LONG_AGO_MIN,
+            asked_mU_min=zero + self.basal_mU_min,
+            asked_mU=zero,
+        )
+
+    def step(self, state: Oref0State, observation: Observation) -> tuple[Oref0State, Decision]:
+        """Take in what was read, given and announced, and dose."""
+        known = is_known(observation)
+        zero = jnp.zeros_like(state.gap)
+        reading = self._reading(observation, state.glucose_mg_dl[0])
+        readings = _pushed(state.readings_mg_dl, jnp.where(known, reading, 0.0))
+        gap = jnp.where(known, state.gap, 1.0)  # without a reading, the last one stands in its place
+        glucose_mg_dl = bucketed(state.glucose_mg_dl, reading, gap)
+        carbs = carbs_told(observation)
+        meal_mU = self.settings.meal_bolus * carbs * (MU_PER_U / self.profile.carb_ratio_g_U)
+        meal_mU = self.bolus.allowed(meal_mU)
+        insulin = _pushed(state.insulin_U, self._given_U(state, observation))
+        waited = jnp.minimum(state.since_bolus_min + SAMPLE_MIN, _LONG_AGO_MIN)
+
+        setpoint = observation.setpoint_mg_dl
+        setpoint = jnp.where(jnp.isfinite(setpoint) & (setpoint > 0.0), setpoint, self.setpoint_mg_dl)
+        target = whole(jnp.minimum(setpoint, _HIGHEST_MG_DL))
+        profile = dataclasses.replace(self.profile, min_bg_mg_dl=target, max_bg_mg_dl=target)
+        glucose = glucose_get_last(readings)
+        iob = iob_total(
+            jnp.concatenate([(meal_mU / MU_PER_U)[None], insulin]),
+            profile.current_basal_U_h,
+            jnp.where(meal_mU > 0.0, 0.0, waited),
+            dia_h=self._action_h,
+            peak_min=self.settings.insulin_peak_min or PEAKS_MIN[self.settings.curve],
+        )
+        activity = _pushed(state.activity_U_min, iob.activity_U_min)
+        eaten = _pushed(state.carbs_g, carbs)
+        meal = recent_carbs(eaten, glucose_mg_dl, activity, profile)
+        left = jnp.maximum(state.temp.duration_min - SAMPLE_MIN, 0.0)
+        temp = TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left)
+        told = determine_basal(glucose, temp, iob, meal, profile)
+
+        temp = jax.tree.map(lambda new, old: jnp.where(told.sets_temp, new, old), told.temp, temp)
+        wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
+        decision = decide(wanted, delivered_since(observation, state.asked_mU_min), self.limits, known)
+        bolus = jnp.minimum(meal_mU + told.units_U * MU_PER_U, self.bolus.max_mU)
+        after = Oref0State(
+            readings_mg_dl=readings,
+            glucose_mg_dl=glucose_mg_dl,
+            activity_U_min=activity,
+            insulin_U=insulin,
+            carbs_g=eaten,
+            gap=jnp.where(known, zero + 1.0, jnp.minimum(state.gap + 1.0, DEVIATIONS + 1.0)),
+            temp=temp,
+            since_bolus_min=jnp.where(bolus > 0.0, 0.0, waited),
+            asked_mU_min=decision.insulin_mU_min,
+            asked_mU=bolus,
+        )
+        return after, dataclasses.replace(decision, bolus_mU=bolus)
+
+    @property
+    def _action_h(self) -> float:
+        return self.settings.insulin_action_min / MIN_PER_H
+
+    def _reading(self, observation: Observation, otherwise: jax.Array) -> jax.Array:
+        """Reading in the range of a sensor, or another value where there is none."""
+        reading = jnp.clip(observation.glucose_mg_dl, _LOWEST_MG_DL, _HIGHEST_MG_DL)
+        return jnp.where(is_known(observation), reading, otherwise)
+
+    def _given_U(self, state: Oref0State, observation: Observation) -> jax.Array:
+        """Insulin since the last sample beyond the basal rate, as the pump reports it where that is possible."""
+        rate = delivered_since(observation, state.asked_mU_min)
+        rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
+        bolus = bolus_since(observation, state.asked_mU, self.bolus)
+        return ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
+
+
+def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
+    """A history with a new entry at its head."""
+    return jnp.concatenate([newest[None], row[:-1]])
+
+
+def _dosing(profile: Profile, settings: Oref0Settings, limits: DoseLimits) -> DosingProfile:
+    """Profile of oref0 from that of a person, and the settings."""
+    basal = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _LEAST_BASAL_U_H)
+    target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
+    by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
+    most = limits.max_mU_min
+    if settings.max_basal_mU_min:
+        most = jnp.minimum(most, settings.max_basal_mU_min)
+    preferences = {
+        field.name: getattr(settings, field.name)
+        for field in dataclasses.fields(DosingProfile)
+        if field.default is not dataclasses.MISSING and field.name != "max_iob_U"
+    }
+    return DosingProfile(
+        current_basal_U_h=basal,
+        max_daily_basal_U_h=basal,
+        max_basal_U_h=u_h_from_mu_min(jnp.asarray(most)),
+        sens_mg_dl_U=settings.correction_mg_dl_U or profile.correction_factor(),
+        carb_ratio_g_U=settings.carb_ratio_g_U or profile.carb_ratio(),
+        min_bg_mg_dl=target,
+        max_bg_mg_dl=target,
+        max_iob_U=settings.max_iob_U or by_rule,
+        **preferences,
+    )
+
+
+@checked
+def design_oref0(
+    profile: Profile,
+    settings: Oref0Settings | None = None,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    sample_time_min: float = float(SAMPLE_MIN),
+) -> Oref0:
+    """Controller that doses as oref0 0.7.1 does. Research only: it is neither oref0 nor a medical device.
+
+    Four forecasts start from the reading, by insulin on board, carbohydrate on board, glucose that nobody announced,
+    and no basal insulin. By the least of them, insulin is suspended; by where they end, a temporary basal rate or a
+    microbolus is given, of half the insulin that is wanting.
+
+    ==================  ==========================================================  =====================
+    variable            meaning                                                     size
+    ==================  ==========================================================  =====================
+    ``readings``        readings, for the change of glucose                         11
+    ``glucose``         glucose of six hours, for deviations                        71
+    ``activity``        insulin activity of six hours                               70
+    ``insulin``         insulin beyond the basal rate                               60, or by its action
+    ``carbs``           announced carbohydrate of six hours                         72
+    ==================  ==========================================================  =====================
+
+    Parameters
+    ----------
+    profile : Profile
+        Basal rate, setpoint, carbohydrate ratio, correction factor and daily dose of the person.
+    settings : Oref0Settings, optional
+        Preferences; by default those of oref0 with microboluses.
+    limits : DoseLimits
+        Limits of the basal rate.
+    bolus : BolusLimits
+        Limits of a bolus.
+    sample_time_min : float
+        Time between two readings, which is 5 min.
+
+    Raises
+    ------
+    ValueError
+        For a basal rate outside the limits, or another sample time.
+
+    Examples
+    --------
+    >>> controller = design_oref0(Profile(basal_mU_min=15.0, setpoint_mg_dl=100.0))
+    >>> round(float(controller.settled()["max_iob_U"]), 1)
+    9.9
+    """
+    if sample_time_min != SAMPLE_MIN:
+        raise Refusal(
+            f"oref0 doses every {SAMPLE_MIN} min, and not every {sample_time_min:g} min; "
+            "give the controller every=5min, or the loop a sample time of 5 min"
+        )
+    check_rate("basal", profile.basal_mU_min, limits)
+    settings = settings or Oref0Settings()
+    return Oref0(
+        profile=_dosing(profile, settings, limits),
+        basal_mU_min=profile.basal_mU_min,
+        setpoint_mg_dl=profile.setpoint_mg_dl,
+        limits=limits,
+        bolus=bolus,
+        settings=settings,
+    )
+
+
+def design(case: DesignCase, settings: Oref0Settings) -> Oref0:
+    """Controller oref0 of the catalogue, for a patient's profile."""
+    return design_oref0(case.profile, settings, case.limits, bolus=case.bolus, sample_time_min=case.sample_time_min)

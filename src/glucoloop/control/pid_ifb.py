@@ -1,0 +1,286 @@
+"""PID control with insulin feedback, as in hybrid closed loops: the rate falls by insulin that is still to act.
+
+G. M. Steil et al., "The effect of insulin feedback on closed loop glucose control", J. Clin. Endocrinol. Metab. 96(5),
+2011, 1402-1408. J. L. Ruiz et al., "Effect of insulin feedback on closed-loop glucose control: a crossover study",
+J. Diabetes Sci. Technol. 6(5), 2012, 1123-1130 (the model of insulin and the feedback gains). The derivative gain from
+the daily dose by the rule of 1500, and the derivative time of 90 min, are those of public implementations of
+proportional-derivative control for the artificial pancreas, which name no paper; the integral time is a choice.
+
+The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of a hybrid closed loop gives it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop._pytree import pytree, static
+from glucoloop.arguments import checked, is_traced
+from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.pid import ROUNDING
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import PIDIFBSettings
+from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.profile import Profile
+from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.refusal import Refusal
+from glucoloop.units import MU_PER_U
+
+TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
+"""Time constants of insulin under the skin, in plasma and at its effect, each a lag of gain 1. Ruiz et al. print the
+matrix for steps of 1 min, in which 0.9802, 0.98582 and 0.98198 are ``exp(-1/50)``, ``exp(-1/70)`` and ``exp(-1/55)``.
+"""
+FEEDBACK: Final = (0.64935, 0.34128, 0.0093667)
+"""Gains of the feedback of the three, Ruiz et al."""
+DERIVATIVE_RULE: Final = 1500.0
+"""Fall of glucose [mg/dl] by 1 U, times the total daily dose [U], from which the derivative gain follows."""
+_MOST_MG_DL: Final = 1000.0
+"""Largest difference of glucose that enters the rate; no sensor reads so far from a setpoint."""
+
+
+def insulin_lags(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Exact step of the model of insulin: the matrix ``(3, 3)`` of its states, and the effect ``(3,)`` of a rate."""
+    from scipy.linalg import expm
+
+    rates = 1.0 / np.asarray(TIME_CONSTANTS_MIN)
+    A = np.diag(-rates) + np.diag(rates[1:], -1)
+    Phi = expm(A * sample_time_min)
+    return Phi, 1.0 - Phi.sum(axis=1)  # a lasting rate is met by states that equal it
+
+
+@pytree
+class PIDIFBState:
+    """Last reading, integral part, modelled insulin, and what was asked for and is in force."""
+
+    last_mg_dl: jax.Array
+    integral_mU_min: jax.Array
+    insulin_mU_min: jax.Array
+    """(3, ...) modelled insulin under the skin, in plasma and at its effect, as the rate that would hold it."""
+    rate_mU_min: jax.Array
+    """Rate in force."""
+    asked_mU_min: jax.Array
+    """Last rate that was asked for, within the range of the pump."""
+    asked_mU: jax.Array
+    """Bolus that was asked for at the last sample, used if the pump reports nothing."""
+
+
+@pytree
+class PIDIFB:
+    """PID controller with insulin feedback; see `design_pid_ifb`."""
+
+    basal_mU_min: jax.Array | float
+    daily_dose_U: jax.Array | float
+    carb_ratio_g_U: jax.Array | float
+    gain: jax.Array | float
+    """Factor on the proportional gain that follows from the daily dose."""
+    integral_time_min: jax.Array | float
+    derivative_time_min: jax.Array | float
+    feedback: jax.Array | npt.NDArray[np.float64]
+    """(3,) gains of the feedback."""
+    meal_bolus: jax.Array | float
+    own_ratio: bool = static()
+    """Whether the carbohydrate ratio is that of a profile, and follows it."""
+    limits: DoseLimits
+    bolus: BolusLimits
+    sample_time_min: float = static()
+    gives_boluses: ClassVar[bool] = True
+
+    def with_profile(self, profile: Profile) -> PIDIFB:
+        """The same controller for a person with the given profile; a ratio that was given stays."""
+        return dataclasses.replace(
+            self,
+            basal_mU_min=jnp.asarray(profile.basal_mU_min),
+            daily_dose_U=profile.daily_dose_U(),
+            carb_ratio_g_U=profile.carb_ratio() if self.own_ratio else self.carb_ratio_g_U,
+        )
+
+    def with_basal(self, insulin_mU_min: jax.Array) -> PIDIFB:
+        """The same controller for a person of whom the basal rate alone is known."""
+        return self.with_profile(Profile(basal_mU_min=insulin_mU_min, setpoint_mg_dl=jnp.nan))
+
+    def settled(self) -> dict[str, Any]:
+        """Gain in mU/min per mg/dl, total daily dose and carbohydrate ratio."""
+        return {
+            "gain": self.proportional(),
+            "daily_dose_U": self.daily_dose_U,
+            "carb_ratio_g_U": self.carb_ratio_g_U,
+        }
+
+    def proportional(self) -> jax.Array:
+        """Proportional gain [mU/min per mg/dl]: a rise is met by the insulin that the rule of 1500 gives against it."""
+        return jnp.asarray(self.gain * self.daily_dose_U * MU_PER_U / DERIVATIVE_RULE / self.derivative_time_min)
+
+    def init(self, observation: Observation) -> PIDIFBState:
+        """State in which the first reading calls for the basal rate, after the rate in force for a long time."""
+        reading = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
+        rate = rate_at_start(observation, self.limits.min_mU_min)
+        return PIDIFBState(
+            last_mg_dl=reading,
+            integral_mU_min=jnp.broadcast_to(jnp.asarray(self.basal_mU_min, rate.dtype), rate.shape),
+            insulin_mU_min=jnp.stack([rate] * 3),
+            rate_mU_min=rate,
+            asked_mU_min=rate,
+            asked_mU=jnp.zeros_like(rate),
+        )
+
+    def step(self, state: PIDIFBState, observation: Observation) -> tuple[PIDIFBState, Decision]:
+        """Follow the delivered insulin, and answer the reading and the insulin that is still to act.
+
+        The integral waits where the rate is at a limit of the pump, or was cut, and would go further that way.
+        """
+        delivered = delivered_since(observation, state.rate_mU_min)
+        given = jnp.where((delivered >= 0.0) & (delivered <= self.limits.max_mU_min), delivered, state.asked_mU_min)
+        given = given + bolus_since(observation, state.asked_mU, self.bolus) / self.sample_time_min
+        Phi, Gamma = insulin_lags(self.sample_time_min)
+        insulin = jnp.stack(
+            [sum((Phi[i, j] * state.insulin_mU_min[j] for j in range(i + 1)), Gamma[i] * given) for i in range(3)]
+        )
+        known = is_known(observation)
+        y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
+        error = jnp.clip(y - observation.setpoint_mg_dl, -_MOST_MG_DL, _MOST_MG_DL)
+        rise = jnp.clip(y - state.last_mg_dl, -_MOST_MG_DL, _MOST_MG_DL)
+        gain = self.proportional()
+        grown = state.integral_mU_min + gain * error * (self.sample_time_min / self.integral_time_min)
+        beta_cell = gain * (error + self.derivative_time_min / self.sample_time_min * rise) + grown
+        fed_back = sum((self.feedback[i] * insulin[i] for i in range(3)), jnp.zeros(()))
+        wanted = (1.0 + jnp.sum(jnp.asarray(self.feedback))) * beta_cell - fed_back
+        wanted = jnp.where(known, wanted, state.asked_mU_min)
+        finite, least, most = jnp.isfinite(wanted), self.limits.min_mU_min, self.limits.max_mU_min
+        asked = jnp.clip(jnp.where(finite, wanted, state.asked_mU_min), least, most)
+        cut, rounding = state.asked_mU_min - delivered, ROUNDING * most
+        waits = (error > 0.0) & ((wanted >= most) | (cut > rounding))
+        waits = waits | ((error < 0.0) & ((wanted <= least) | (cut < -rounding)))
+        grown = jnp.where(known & finite & ~waits, jnp.clip(grown, least, most), state.integral_mU_min)
+        for_meal = self.meal_bolus * carbs_told(observation) * (MU_PER_U / self.carb_ratio_g_U)
+        bolus = jnp.clip(for_meal, 0.0, self.bolus.max_mU)
+        decision = decide(wanted, delivered, self.limits, known)
+        after = PIDIFBState(
+            last_mg_dl=y,
+            integral_mU_min=grown,
+            insulin_mU_min=insulin,
+            rate_mU_min=delivered,
+            asked_mU_min=asked,
+            asked_mU=bolus,
+        )
+        return after, dataclasses.replace(decision, bolus_mU=bolus)
+
+
+@checked
+def design_pid_ifb(
+    profile: Profile,
+    limits: DoseLimits = PARKER_1999_LIMITS,
+    *,
+    gain: float = 1.0,
+    integral_time_min: float = 450.0,
+    derivative_time_min: float = 90.0,
+    feedback: float = 1.0,
+    carb_ratio_g_U: float | None = None,
+    meal_bolus: float = 1.0,
+    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    sample_time_min: float = 5.0,
+) -> PIDIFB:
+    """PID controller with insulin feedback, for a person's total daily dose.
+
+    With the error ``e = y - r`` the rate is::
+
+        v = K_P e_k + I_k + K_P (T_D / T) (y_k - y_(k-1)),    I_k = I_(k-1) + K_P (T / T_I) e_k
+        u = (1 + g_1 + g_2 + g_3) v - g_1 I_SC - g_2 I_P - g_3 I_EFF,    K_P = k (TDD / 1500) / T_D
+
+    where the modelled insulin follows the delivered one, boluses included: 50 I_SC' = u - I_SC, 70 I_P' = I_SC - I_P,
+    55 I_EFF' = I_P - I_EFF. At rest all are the rate, so that the feedback changes no rate that lasts. The integral
+    begins with the basal rate, keeps the range of the pump, and waits where the rate is cut or at a limit. With a meal
+    that is announced a bolus of carbs / CR is given, and the feedback takes the insulin of the bolus into account.
+
+    ===================  ==========================================  ======================
+    variable             meaning                                     setting
+    ===================  ==========================================  ======================
+    ``TDD``              total daily dose, U                         ``profile``
+    ``k``                factor on the gain                          ``gain``
+    ``T_I, T_D``         integral, derivative time, min              ``integral_time_min``, ``derivative_time_min``
+    ``g_1, g_2, g_3``    0.64935, 0.34128, 0.0093667, times          ``feedback``
+    ``CR``               carbohydrate that 1 U covers, g/U           ``carb_ratio_g_U``
+    ===================  ==========================================  ======================
+
+    Parameters
+    ----------
+    profile : Profile
+        The person's basal rate, total daily dose and carbohydrate ratio; what is not known of these follows from the
+        basal rate.
+    limits : DoseLimits
+        Limits of the basal rate.
+    gain : float
+        Factor on the gain that follows from the daily dose.
+    integral_time_min : float
+        Integral time. The default, five derivative times, is a choice here.
+    derivative_time_min : float
+        Derivative time.
+    feedback : float
+        Factor on the gains of the feedback; 0 for a PID controller.
+    carb_ratio_g_U : float, optional
+        Carbohydrate that 1 U covers; by default that of the profile.
+    meal_bolus : float
+        Share of the meal bolus that is given; 0 for a loop without boluses.
+    bolus : BolusLimits
+        Limits of the pump; no larger bolus is asked for.
+
+    Raises
+    ------
+    ValueError
+        For a basal rate outside the limits, or a setting that is not possible.
+
+    Examples
+    --------
+    >>> controller = design_pid_ifb(Profile(basal_mU_min=15.0, setpoint_mg_dl=110.0, total_daily_dose_U=45.0))
+    >>> round(float(controller.proportional()), 3)
+    0.333
+    """
+    check_sample_time(sample_time_min)
+    check_rate("basal", profile.basal_mU_min, limits)
+    for name, value, unit in (
+        ("gain", gain, ""),
+        ("integral time", integral_time_min, " min"),
+        ("derivative time", derivative_time_min, " min"),
+        ("carb ratio", carb_ratio_g_U, " g/U"),
+    ):
+        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
+            raise Refusal(f"a {name} of {value:g}{unit} is not possible; give a finite value above 0")
+    for name, value in (("feedback", feedback), ("share of the meal bolus", meal_bolus)):
+        if not is_traced(value) and not 0.0 <= value < math.inf:
+            raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of 0 or more")
+    return PIDIFB(
+        basal_mU_min=profile.basal_mU_min,
+        daily_dose_U=profile.daily_dose_U(),
+        carb_ratio_g_U=profile.carb_ratio() if carb_ratio_g_U is None else carb_ratio_g_U,
+        gain=gain,
+        integral_time_min=integral_time_min,
+        derivative_time_min=derivative_time_min,
+        feedback=feedback * np.asarray(FEEDBACK),
+        meal_bolus=meal_bolus,
+        own_ratio=carb_ratio_g_U is None,
+        limits=limits,
+        bolus=bolus,
+        sample_time_min=sample_time_min,
+    )
+
+
+def design(case: DesignCase, settings: PIDIFBSettings) -> PIDIFB:
+    """PID controller with insulin feedback of the catalogue, for a person's profile."""
+    return design_pid_ifb(
+        case.profile,
+        case.limits,
+        gain=settings.gain,
+        integral_time_min=settings.integral_time_min,
+        derivative_time_min=settings.derivative_time_min,
+        feedback=settings.feedback,
+        carb_ratio_g_U=settings.carb_ratio_g_U or None,
+        meal_bolus=settings.meal_bolus,
+        bolus=case.bolus,
+        sample_time_min=case.sample_time_min,
+    )

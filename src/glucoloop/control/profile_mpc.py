@@ -1,0 +1,346 @@
+"""Nonlinear model predictive control by a person's profile, with announced meals, for insulin under the skin.
+
+The idea of a forecast by the person's equations, a meal that is announced and costs that are dearer below the target
+is that of R. Hovorka et al., Physiol. Meas. 25, 2004, 905-920, and D. Boiroux, J. B. Jørgensen, "Nonlinear model
+predictive control and artificial pancreas technologies", IEEE CDC 2018. The linearisation along the last plan is the
+real-time iteration of M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43(5), 2005.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from typing import Any, ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop._pytree import pytree, static
+from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
+from glucoloop.control.design_case import DesignCase
+from glucoloop.control.protocol import Decision, Observation
+from glucoloop.control.settings import ProfileMPCSettings
+from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter
+from glucoloop.estimation.noise_level import CORRELATION
+from glucoloop.models.nonlinear import NonlinearModel
+from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step, profiled_model
+from glucoloop.models.state_space import LinearModel
+from glucoloop.optimize.bounded_rates import OneSided, minimise_rates
+from glucoloop.profile import Profile
+from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.units import MG_PER_G
+
+_BLOCK_ENDS_MIN: Final = (15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
+"""Ends of the blocks of the plan, in each of which the rate is held; the first one is a sample."""
+_STEPS_MIN: Final = ((240.0, 30.0), (math.inf, 60.0))
+"""Longest step of the forecast in blocks that end by a time."""
+_ITERATIONS: Final = 2
+"""Linearisations at each sample."""
+_MOST_CARBS_G: Final = 1000.0
+"""Largest carbohydrate of a meal that is accepted."""
+_LEAST_VARIANCE: Final = 0.25
+"""(mg/dl)^2 that the filter expects of readings without noise."""
+
+
+@pytree
+class ProfileMPCState:
+    """State of the controller."""
+
+    estimate: FedEstimate
+    plan_mU_min: jax.Array
+    """(m,) rates of the last plan, block by block."""
+    asked_mU_min: jax.Array
+    """Rate that was asked for at the last sample, used where the pump reports nothing."""
+    asked_bolus_mU: jax.Array
+    """Bolus that was asked for at the last sample, used likewise."""
+
+
+@pytree
+class ForecastSteps:
+    """Steps of a forecast over the blocks of a plan."""
+
+    step: Step
+    """Matrices of the steps ``(p, ...)``."""
+    of_block: Any
+    """(p, m) 1 where a step lies in a block."""
+    block_min: Any
+    """(m,) lengths of the blocks."""
+
+
+@pytree
+class ProfileMPC:
+    """Predictive control by a profile; see `design_profile_mpc`."""
+
+    model: ProfiledModel
+    filter: FedFilter
+    forecast: ForecastSteps
+    costs: OneSided
+    glucose_floor_mg_dl: jax.Array | float
+    doubt: jax.Array | float
+    disturbance_doubt: jax.Array | float
+    move_weight: jax.Array | float
+    bolus_weight: jax.Array | float
+    limits: DoseLimits
+    bolus: BolusLimits
+    automatic: bool = static()
+    sample_time_min: float = static()
+    gives_boluses: ClassVar[bool] = True
+    heals: ClassVar[bool] = True
+    """Whether a step leaves a finite state after any state, so that a guard need not check it."""
+
+    def with_profile(self, profile: Profile) -> ProfileMPC:
+        """The same controller for a person, or for people, with a profile."""
+        return dataclasses.replace(self, model=self.model.with_profile(profile))
+
+    def settled(self) -> dict[str, Any]:
+        """Gains of insulin and of meals in the person, relative to the nominal person's."""
+        return {"insulin_gain": self.model.insulin_gain, "meal_gain": self.model.meal_gain}
+
+    def init(self, observation: Observation) -> ProfileMPCState:
+        """State of a controller whose person rests under the basal rate."""
+        delivered = jnp.clip(
+            rate_at_start(observation, self.model.basal_mU_min), self.limits.min_mU_min, self.limits.max_mU_min
+        )
+        return ProfileMPCState(
+            estimate=self.filter.init(self.model),
+            plan_mU_min=jnp.ones(self.forecast.block_min.shape[0]) * self.model.basal_mU_min,
+            asked_mU_min=delivered,
+            asked_bolus_mU=jnp.zeros_like(delivered),
+        )
+
+    def step(self, state: ProfileMPCState, observation: Observation) -> tuple[ProfileMPCState, Decision]:
+        """Carry the estimate to this sample, correct it by the reading, hear of a meal, plan, and dose."""
+        known = is_known(observation)
+        delivered = delivered_since(observation, state.asked_mU_min)
+        bolus = self._delivered_bolus(state, observation)
+        estimate = self.filter.predict(self.model, state.estimate, delivered + bolus / self.sample_time_min)
+        estimate = self.filter.update(self.model, estimate, observation.glucose_mg_dl, known)
+        carbs = observation.announced_carbs_g
+        eats = (carbs > 0.0) & (carbs <= _MOST_CARBS_G)
+        estimate = self.filter.announce(estimate, jnp.where(eats, carbs, 0.0))
+
+        finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
+        sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
+        fresh = self.init(observation)
+        estimate = jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh.estimate)
+        plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
+
+        plan = self._plan(estimate, plan, observation.setpoint_mg_dl, delivered, eats)
+        # What the plan wants now and not later is a bolus, if the pump can give one so small.
+        at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
+        rate = jnp.where((eats | self.automatic) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
+        decision = decide(jnp.where(sound, rate, jnp.nan), delivered, self.limits, known)
+        rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
+        wanted = jnp.clip(jnp.where((eats | self.automatic) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
+        state = ProfileMPCState(
+            estimate=estimate, plan_mU_min=plan, asked_mU_min=decision.insulin_mU_min, asked_bolus_mU=wanted
+        )
+        return state, dataclasses.replace(decision, bolus_mU=wanted)
+
+    def _delivered_bolus(self, state: ProfileMPCState, observation: Observation) -> jax.Array:
+        """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""
+        word, asked = observation.delivered_bolus_mU, state.asked_bolus_mU
+        return asked if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, asked)
+
+    def _glucose(self, estimate: FedEstimate, plan: jax.Array) -> jax.Array:
+        """Glucose ``(p,)`` at the ends of the steps ahead, under a plan."""
+        gut, fading = self.filter.gut, self.filter.disturbance_min
+
+        def one(carry: Any, entry: Any) -> Any:
+            x, content, disturbance = carry
+            step, in_block = entry
+            h = step.minutes
+            left = jnp.exp(-h / fading)
+            flux = self.model.meal_gain * gut.appearance_mg_min(content, h)
+            flux = flux + disturbance * (1.0 - left) * (fading / h)
+            x = self.model.advance(x, in_block @ plan, flux, step)
+            return (x, gut.after(content, h), left * disturbance), self.model.glucose_mg_dl(x)
+
+        start = estimate.x, estimate.gut_mg, estimate.disturbance_mg_min
+        glucose: jax.Array = jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block))[1]
+        return glucose
+
+    def _doubted(self, estimate: FedEstimate) -> FedEstimate:
+        """The estimate without what is uncertain of meals and of what no meal explains."""
+        content = jnp.sum(estimate.gut_mg)
+        there = jnp.maximum(content - self.doubt * estimate.gut_error_mg, 0.0) / jnp.maximum(content, 1e-6)
+        gut = estimate.gut_mg * jnp.where(content > 0.0, there, 1.0)
+        disturbance = estimate.disturbance_mg_min
+        disturbance = disturbance - self.disturbance_doubt * jnp.maximum(disturbance, 0.0)
+        return dataclasses.replace(estimate, gut_mg=gut, disturbance_mg_min=disturbance)
+
+    def _plan(
+        self, estimate: FedEstimate, plan: jax.Array, setpoint: jax.Array, delivered: jax.Array, eats: jax.Array
+    ) -> jax.Array:
+        """Rates ``(m,)`` of the blocks, the first of which takes a bolus with a meal."""
+        doubted, basal = self._doubted(estimate), self.model.basal_mU_min
+        blocks = self.forecast.block_min
+        change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
+        up = jnp.where(
+            eats | self.automatic,
+            highest + self.bolus.max_mU / self.sample_time_min,
+            jnp.minimum(delivered + change, highest),
+        )
+        later = jnp.zeros_like(plan)[1:]
+        least = jnp.append(jnp.maximum(delivered - change, lowest), later + lowest)
+        most = jnp.append(up, later + highest)
+        # a bolus for a meal costs nothing by its size
+        first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic else self.move_weight)
+        preference = self.model.insulin_gain**2 * blocks * jnp.append(first, later + self.move_weight)
+
+        def expected(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
+            glucose = self._glucose(estimate, plan)
+            return glucose, glucose
+
+        for _ in range(_ITERATIONS):
+            A, likely = jax.jacfwd(expected, has_aux=True)(plan)
+            A = jnp.minimum(A, 0.0)  # insulin never raises glucose, whatever a forecast far from any person says
+            careful = self._glucose(doubted, plan)
+            plan = minimise_rates(
+                self.costs,
+                likely - setpoint,
+                careful - jnp.minimum(self.glucose_floor_mg_dl, setpoint),
+                A,
+                plan,
+                jnp.zeros_like(plan) + basal,
+                preference,
+                least,
+                most,
+            )
+        return plan
+
+
+def forecast_of(model: ProfiledModel, sample_time_min: float) -> ForecastSteps:
+    """Steps over blocks that end with samples."""
+    ends = [0.0]
+    for wanted in (sample_time_min, *_BLOCK_ENDS_MIN):
+        end = round(wanted / sample_time_min) * sample_time_min
+        if end > ends[-1]:
+            ends.append(end)
+    lengths, of_block = [], []
+    for block, (start, end) in enumerate(itertools.pairwise(ends)):
+        longest = next(step for until, step in _STEPS_MIN if end <= until)
+        number = math.ceil((end - start) / longest - 1e-9)
+        lengths += [(end - start) / number] * number
+        of_block += [block] * number
+    return ForecastSteps(
+        step=model.steps_of(lengths),
+        of_block=jnp.asarray(np.eye(len(ends) - 1)[of_block]),
+        block_min=jnp.asarray(np.diff(ends)),
+    )
+
+
+def design_profile_mpc(
+    nominal: NonlinearModel,
+    linear: LinearModel,
+    profile: Profile,
+    settings: ProfileMPCSettings,
+    limits: DoseLimits,
+    bolus: BolusLimits,
+    *,
+    nominal_weight_kg: float | None = None,
+    noise_variance: float = 0.0,
+) -> ProfileMPC:
+    """Predictive control on the family's equations, scaled to a person by the profile.
+
+    A filter, `estimation.fed_filter`, estimates glucose, the content of the gut, an unexplained appearance and the
+    error of the sensor; what insulin does is known from what was delivered. From there the equations forecast glucose
+    twice: as expected, G, and cautiously, G_c, where the gut lacks `doubt` standard deviations of its content, and a
+    part of the unexplained appearance is not there. The rates u of blocks over eight hours, not below zero and
+    within the pump's limits, minimise::
+
+        sum over t of  h(G - r) + b/2 max(0, r - G)^2 + f/2 max(0, floor - G_c)^2  +  sum_j w_j (u_j - u_b)^2 / 2
+
+    where h is half the square of ``max(0, G - r)`` up to some distance above the target r and straight beyond, so that
+    a high peak asks for no more insulin than a lower one that lasts as long. What is wanted at once, beyond the rate
+    that follows, is a bolus: with an announced meal, and at other times if the pump can give one so small and
+    `automatic_boluses` allows it. The boluses that the pump reports are part of what was delivered.
+
+    ============  ===========================================================  ======
+    variable      meaning                                                      size
+    ============  ===========================================================  ======
+    ``G``         glucose expected at the steps ahead                          (14,)
+    ``G_c``       the same with what is uncertain left out                     (14,)
+    ``u``         rates of the blocks                                          (10,)
+    ``w``         weight of each rate; none on a bolus for an announced meal   (10,)
+    ============  ===========================================================  ======
+
+    The program is solved in a fixed number of rounds (`optimize.bounded_rates`), for two linearisations at each sample,
+    the first along the plan of the sample before. A known dead time of the readings is not taken into account.
+
+    Parameters
+    ----------
+    nominal : NonlinearModel
+        Equations of the nominal person, at rest.
+    linear : LinearModel
+        The same linearised at rest, with the appearance of a meal as its disturbance.
+    profile : Profile
+        Profile of the person; see `models.profiled` for what is not known of the person.
+    settings : ProfileMPCSettings
+        Costs, doubts, and the noise that the filter expects.
+    limits, bolus : DoseLimits, BolusLimits
+        Limits of the pump.
+    nominal_weight_kg : float, optional
+        Weight of the nominal person.
+    noise_variance : float
+        Variance of white noise of the readings, (mg/dl)^2, where the settings give none.
+
+    Raises
+    ------
+    ValueError
+        For a linear model without a disturbance, or a model whose glucose insulin does not lower.
+    """
+    gut = GutCompartments(time_to_peak_min=settings.gut_min)
+    sample = nominal.sample_time_min
+    model = profiled_model(nominal, linear, gut, nominal_weight_kg)
+    forecast = forecast_of(model, sample)
+    minutes = np.asarray(forecast.step.minutes)
+    return ProfileMPC(
+        model=model.with_profile(profile),
+        filter=FedFilter(
+            gut=gut,
+            step=model.step_of(sample),
+            meal_noise_mg=MG_PER_G * settings.meal_noise_g,
+            disturbance_noise_mg_min=settings.disturbance_noise_mg_min,
+            disturbance_min=settings.disturbance_min,
+            glucose_noise_mg_min=settings.glucose_noise_mg_min,
+            counting_error=settings.counting_error_pct / 100.0,
+            measurement_variance=settings.measurement_variance or max(noise_variance, _LEAST_VARIANCE),
+            sensor_error_mg_dl=settings.sensor_error_mg_dl,
+            sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
+            fed=model.fed_states(),
+        ),
+        forecast=forecast,
+        costs=OneSided(
+            weight=jnp.asarray(minutes),
+            straight_beyond=settings.straight_beyond_mg_dl,
+            below=settings.low_weight,
+            floor=settings.floor_weight,
+        ),
+        glucose_floor_mg_dl=settings.glucose_floor_mg_dl,
+        doubt=settings.doubt,
+        disturbance_doubt=settings.disturbance_doubt,
+        move_weight=settings.move_weight,
+        bolus_weight=settings.bolus_weight,
+        automatic=settings.automatic_boluses,
+        limits=limits,
+        bolus=bolus,
+        sample_time_min=sample,
+    )
+
+
+def design(case: DesignCase, settings: ProfileMPCSettings) -> ProfileMPC:
+    """Predictive controller of the catalogue, on the equations of the patient, for a patient's profile."""
+    case = case.behind_lag(settings.sensor_lag_min)
+    return design_profile_mpc(
+        case.nonlinear(),
+        case.linearised(),
+        case.profile,
+        settings,
+        case.limits,
+        case.bolus,
+        nominal_weight_kg=case.profile.weight_kg,
+        noise_variance=case.noise_variance,
+    )

@@ -1,0 +1,124 @@
+"""Rescue carbohydrate: what a person eats against low glucose, in the loop, since it depends on the run.
+
+By the rule of 15, a person with low glucose takes 15 g of fast carbohydrate, and the same again if glucose is still low
+15 min later: American Diabetes Association, "Standards of care in diabetes", Diabetes Care 47 (Suppl. 1), 2024, Sec. 6.
+It passes two compartments in a row with one time constant, as meals of Hovorka et al. (2004) do, but faster, and all of
+it reaches the blood; a patient that digests in its own states eats it evenly until the next sample instead.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from glucoloop._pytree import pytree, static
+from glucoloop.meals.ingestion import Ingestion
+from glucoloop.meals.protocol import MealModel
+from glucoloop.meals.settings import RescueSettings
+from glucoloop.units import MG_PER_G
+
+_LONG_AGO_MIN = 1e5
+
+
+@pytree
+class RescueState:
+    """Time since the person last ate against low glucose, and what of it is still digested."""
+
+    since_min: jax.Array
+    compartments_mg_min: jax.Array
+    """(2, ...) rates at which the second compartment empties into the blood, and the first into the second."""
+
+
+@pytree
+class RescueCarbs:
+    """Carbohydrate that a person eats when glucose is low; make it with `rescue_carbs`."""
+
+    below_mg_dl: jax.Array | float
+    carbs_g: jax.Array | float
+    again_min: jax.Array | float
+    time_to_maximum_min: jax.Array | float
+    by_reading: bool = static()
+    """Whether the person goes by the reading of the sensor; if not, by true glucose, as by symptoms or a meter."""
+    digested_by_patient: bool = static(default=False)
+
+    def for_gut(self, gut: MealModel) -> RescueCarbs:
+        """The same for a patient whose meals are absorbed by a model, or digested in the patient's own states."""
+        return dataclasses.replace(self, digested_by_patient=isinstance(gut, Ingestion))
+
+    def init(self, like: jax.Array) -> RescueState:
+        """State of a person who has not eaten against low glucose for long."""
+        zero = jnp.zeros_like(like)
+        return RescueState(since_min=zero + _LONG_AGO_MIN, compartments_mg_min=jnp.stack([zero, zero]))
+
+    def eat(
+        self, state: RescueState, seen_mg_dl: jax.Array, moments: jax.Array, sample_time_min: float
+    ) -> tuple[RescueState, jax.Array, jax.Array]:
+        """State after a sample, what is eaten at its beginning [g], and the moments of the appearance of all meals.
+
+        `moments` ``(steps, 3, ...)`` are those of the other meals. What appears from rescue carbohydrate within a step
+        is added evenly over the step, so that none of it is lost. Glucose that is not known, NaN, is not low.
+        """
+        eats = (seen_mg_dl < self.below_mg_dl) & (state.since_min >= self.again_min)
+        eaten_g = jnp.where(eats, self.carbs_g, 0.0)
+        eaten_mg = MG_PER_G * eaten_g
+        steps = moments.shape[0]
+        if self.digested_by_patient:
+            blood, gut = state.compartments_mg_min
+            means = [eaten_mg / sample_time_min] * steps
+        else:
+            tau, step_min = self.time_to_maximum_min, sample_time_min / steps
+            decay = jnp.exp(-step_min / tau)
+            blood, gut, means = state.compartments_mg_min[0], state.compartments_mg_min[1] + eaten_mg / tau, []
+            for _ in range(steps):
+                after = (blood + step_min / tau * gut) * decay, gut * decay
+                means.append(tau / step_min * (blood + gut - after[0] - after[1]))
+                blood, gut = after
+        added = jnp.stack([jnp.stack([mean, 0.0 * mean, 0.0 * mean]) for mean in means])
+        since = jnp.minimum(jnp.where(eats, 0.0, state.since_min) + sample_time_min, _LONG_AGO_MIN)
+        return RescueState(since_min=since, compartments_mg_min=jnp.stack([blood, gut])), eaten_g, moments + added
+
+
+def rescue_carbs(
+    below_mg_dl: float = 70.0,
+    carbs_g: float = 15.0,
+    again_min: float = 15.0,
+    time_to_maximum_min: float = 20.0,
+    by: str = "reading",
+) -> RescueCarbs:
+    """Carbohydrate that a person eats when glucose is low.
+
+    Parameters
+    ----------
+    below_mg_dl : float
+        Glucose below which the person eats.
+    carbs_g : float
+        Carbohydrate that is eaten at once.
+    again_min : float
+        Time after which the person eats again if glucose is still low.
+    time_to_maximum_min : float
+        Time from eating to the largest appearance; 20 min, half of that of a meal, is a choice here.
+    by : str
+        ``"reading"`` of the sensor, or true ``"glucose"``.
+
+    Raises
+    ------
+    ValueError
+        For a setting beyond its bounds.
+
+    Examples
+    --------
+    >>> import glucoloop as gl
+    >>> gl.Scenario(rescue=gl.meals.rescue_carbs(65.0)).rescue.carbs_g
+    15.0
+    """
+    asked = RescueSettings(
+        below_mg_dl=below_mg_dl,
+        carbs_g=carbs_g,
+        again_min=again_min,
+        time_to_maximum_min=time_to_maximum_min,
+        by=by,  # type: ignore[arg-type]
+    )
+    numbers = {name: value for name, value in asked.values().items() if name != "by"}
+    return RescueCarbs(**numbers, by_reading=asked.by == "reading")

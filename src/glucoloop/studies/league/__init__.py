@@ -1,0 +1,143 @@
+"""League: every controller on the people of every family, under each sensor and in each scenario.
+
+A cell is a family, a sensor and a scenario; in it every controller meets the same people, days and noise. A row that is
+kept holds the people of a shard under one controller, so that an interrupted league resumes.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from typing import Annotated, ClassVar, Final
+
+from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.limits import LARGEST_SEED
+from glucoloop.parts.grammar import Tree, part_text
+from glucoloop.parts.part import Part
+from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import SENSORS, SensorPart
+from glucoloop.situations.case import Case, cases_of
+from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
+from glucoloop.situations.scenarios import SCENARIOS, ScenarioPart
+from glucoloop.studies.study import PARTS_TOLD, SearchStudy
+
+MOST_PEOPLE: Final = 10_000
+_people = functools.partial(Option, panel=PEOPLE_PANEL)
+_controller = functools.partial(Option, panel=CONTROLLER_PANEL)
+
+
+class League(Part):
+    """The families, sensors, scenarios and controllers of a league."""
+
+    kind: ClassVar = "league"
+
+    people: Annotated[
+        int,
+        _people("Number of people of each family, or all of one that has fewer.", at_least=2, at_most=MOST_PEOPLE),
+    ] = 100
+    families: Annotated[
+        tuple[PatientPart, ...],
+        _people("Patient, around whom the people of the usual population vary; repeat it for more.", flag="--patient"),
+    ] = tuple(part.partial({}) for part in PATIENTS.values())
+    scenarios: Annotated[
+        tuple[ScenarioPart, ...],
+        Option("Scenario, like 'week, days=14'; repeat it for more.", panel=PATIENT_PANEL, flag="--scenario"),
+    ] = tuple(map(SCENARIOS.parse, ("plain-day", "unkind-day", "week")))
+    sensors: Annotated[
+        tuple[SensorPart, ...],
+        Option("Sensor that is tried alone; repeat it for more.", panel=SENSOR_PANEL, flag="--sensor"),
+    ] = tuple(map(SENSORS.parse, ("dexcom-g6", "white-noise, variance=1.45")))
+    controllers: Annotated[
+        tuple[Case, ...],
+        _controller(
+            "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more. Slow ones "
+            "take part only if they are named.",
+            flag="--controller",
+        ),
+    ] = cases_of(*(name for name, part in CONTROLLERS.items() if not part.slow))
+    reference: Annotated[
+        Case, _controller("Therapy with which each person is compared under the controllers; it takes part too.")
+    ] = cases_of("basal-bolus")[0]
+    worse_by_pct: Annotated[
+        float,
+        _controller(
+            "Time below 54 or 70 mg/dl, in percent of the run, beyond that under the reference, above which a person "
+            "counts as harmed.",
+            at_least=0.0,
+            below=100.0,
+        ),
+    ] = 1.0
+    seed: Annotated[
+        int, Option("The same seed gives the same people, days and noise.", at_least=0, at_most=LARGEST_SEED)
+    ] = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("controllers", "scenarios", "sensors"):
+            object.__setattr__(self, name, tuple(part.completed() for part in getattr(self, name)))
+        object.__setattr__(self, "reference", self.reference.completed())
+        for flag, names in (
+            ("--patient", self.family_names),
+            ("--scenario", texts(self.scenarios)),
+            ("--sensor", texts(self.sensors)),
+            ("--controller", tuple(case.label for case in self.controllers)),
+        ):
+            if not names:
+                raise Refusal(f"{flag} is none; a league needs at least one, leave {flag} out for the usual ones")
+            for text in names:
+                if names.count(text) > 1:
+                    raise Refusal(f"{flag} {text!r} is given twice; leave one out, or give each another label")
+
+    @property
+    def family_names(self) -> tuple[str, ...]:
+        """Name of each family."""
+        return texts(self.families)
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """The controllers, the reference among them."""
+        known = any(case.label == self.reference.label for case in self.controllers)
+        return self.controllers if known else (*self.controllers, self.reference)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Controllers of the catalogue that take no part because they are slow, unless others were asked for."""
+        return () if "controllers" in self.given else tuple(name for name, part in CONTROLLERS.items() if part.slow)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings as plain values; what is usual of a controller depends on the cell and is not among them."""
+        found = super().tree(whole=whole)
+        if whole:
+            found |= {"controllers": [case.tree() for case in self.controllers], "reference": self.reference.tree()}
+        return found
+
+
+def texts(parts: Iterable[Part]) -> tuple[str, ...]:
+    """Text of each part, with what was given of it."""
+    return tuple(part_text(part.tree()) for part in parts)
+
+
+LEAGUE: Final = SearchStudy(
+    name="league",
+    what="a league",
+    help=(
+        "Say which controller is best for whom, and where each does harm: every controller on the people of every "
+        "family, under each sensor and in each scenario; the results are tables and a page.\n\n"
+        "A family is a patient with its usual population. Every controller meets the same people, days and noise. "
+        "Times in ranges stand beside the targets of the international consensus (Battelino et al., 2019), and each "
+        "person is compared with the same person under a reference therapy. Controllers are ranked by the glycemia "
+        "risk index. By default 100 people of each family take part, which takes some minutes. The folder of --out is "
+        "written as it grows; after Ctrl-C, the same command continues where it stopped.\n\n"
+        f"{PARTS_TOLD}\n\n"
+        "  glucoloop league --out league\n\n"
+        "  glucoloop league --people 1000 --out whole-league\n\n"
+        "  glucoloop league --patient hovorka-2004 --controller mpc-se --controller 'mpc-se, label=guarded, "
+        "guard=usual' --out guarded\n\n"
+        "  glucoloop league --config league/league.toml --out again"
+    ),
+    module="glucoloop.studies.league.study",
+    request=League,
+    option_texts={"default": {"sensors": "dexcom-g6; and white-noise, variance=1.45"}},
+    files=("league.csv", "league.parquet", "league.html"),
+)

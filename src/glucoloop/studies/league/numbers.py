@@ -1,0 +1,264 @@
+"""Numbers of a league: those of each controller in each cell, and who is best for whom.
+
+Every comparison is paired, a person with the same person. A difference of means has the 95 % interval of Student's t
+over the people; that of the worst-off tenth, which no closed form has, the 2.5th and 97.5th percentile of a bootstrap
+over the people.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+from scipy import stats
+
+from glucoloop.printable import glucose_text
+from glucoloop.report.columns import Column, Row, decimals, measured, terse_percent, whole
+
+Array = npt.NDArray[np.float64]
+
+CELL: Final = ("family", "sensor", "scenario")
+LINE: Final = (*CELL, "controller")
+METRICS: Final = (
+    *("time_70_180_pct", "time_below_70_pct", "time_below_54_pct", "time_above_180_pct", "time_above_250_pct"),
+    *("gri", "lbgi", "hbgi", "mean_mg_dl", "minimum_mg_dl", "time_below_validity_pct", "insulin_total_mU"),
+)
+"""Metrics of each person that are kept."""
+ALL: Final = ""
+"""Sensor and scenario of the line in which a person's numbers are the means over all cells of the family."""
+TARGETS: Final[Mapping[str, tuple[float, float]]] = {
+    "time_70_180_pct": (70.0, math.inf),
+    "time_below_70_pct": (-math.inf, 4.0),
+    "time_below_54_pct": (-math.inf, 1.0),
+    "time_above_180_pct": (-math.inf, 25.0),
+    "time_above_250_pct": (-math.inf, 5.0),
+}
+"""Bounds between which a percentage is on target, themselves excluded: T. Battelino et al., "Clinical targets for
+continuous glucose monitoring data interpretation: recommendations from the international consensus on time in range",
+Diabetes Care 42(8), 1593-1603, 2019, for type 1 diabetes."""
+_RESAMPLES: Final = 2000
+_WORST_PART: Final = 10
+"""The worst-off are one of so many people."""
+_FEWEST: Final = 5
+"""Number of the worst-off below which a bootstrap says nothing."""
+_INTERVAL: Final = 0.025, 0.975
+
+
+def _mean(of: str, group: str, head: str, *, name: str = "", **others: Any) -> Column:
+    return Column(name=name or f"{of}_mean", value=pl.col(of).mean(), group=group, head=head, **others)
+
+
+def _on_target(metric: str) -> pl.Expr:
+    return pl.col(metric).is_between(*TARGETS[metric], closed="none")
+
+
+def _time(metric: str, head: str, short: str) -> Column:
+    """Mean of a time, in bold where it is on target."""
+    low, high = TARGETS[metric]
+    name = f"{metric.removesuffix('_pct')}_mean_pct"
+
+    def strong(row: Row) -> bool:
+        return row[name] is not None and bool(low < row[name] < high)
+
+    short = f"{short}\n%"
+    return _mean(metric, "Time (%), target", head, name=name, short=short, short_text=terse_percent, strong=strong)
+
+
+def signed(value: float) -> str:
+    """Text of a difference, with its sign."""
+    return f"{value:+z.1f}"
+
+
+def _harm(bound: int) -> list[Column]:
+    """Number of people who are harmed, and how the difference from the reference is spread over all people."""
+    more, of = pl.col(f"more_{bound}_pct"), f"below_{bound}"
+    harmed = more > pl.col("worse_by_pct")
+    column = functools.partial(Column, group=f"Below {bound} mg/dl longer than the reference")
+    count = pl.when(more.count() > 0).then(harmed.sum())
+    ordered = pl.col("person").filter(harmed).sort_by(more.filter(harmed), descending=True, maintain_order=True)
+    quantiles = (("median", 0.5, "median (%)"), ("p95", 0.95, "95th"), ("most", 1.0, "most"))
+    return [
+        column(name=f"harmed_{of}", value=count, head="people", text=whole, short=f"harmed\n<{bound}"),
+        Column(name=f"harmed_{of}_people", value=ordered),
+        *(
+            column(name=f"more_{of}_{name}_pct", value=more.quantile(at, "linear"), head=head, text=signed)
+            for name, at, head in quantiles
+        ),
+    ]
+
+
+def _difference(of: str, name: str, group: str, short: str | None = None) -> list[Column]:
+    """Mean difference from the reference, with its interval."""
+    mean = pl.col(of).mean()
+    half = pl.col("student").first() * pl.col(of).std() / pl.col(of).count().sqrt()
+    column = functools.partial(Column, group=f"{group} less reference", text=signed)
+    return [
+        column(name=name, value=mean, head="mean", short=short),
+        column(name=f"{name}_low", value=mean - half, head="from"),
+        column(name=f"{name}_high", value=mean + half, head="to"),
+    ]
+
+
+_people = functools.partial(Column, group="People")
+_worst_in_range: Final = pl.col("time_70_180_pct").quantile(0.05, "linear")
+_all_targets: Final = 100.0 * pl.all_horizontal(*map(_on_target, TARGETS)).mean()
+_ever_below_54: Final = (pl.col("minimum_mg_dl") < 54.0).sum()
+_not_valid: Final = (pl.col("time_below_validity_pct") > 0.0).sum()
+COLUMNS: Final = (
+    _people(name="people", value=pl.len(), empty=0, head="known", text=whole),
+    _people(
+        name="on_target_pct",
+        value=_all_targets,
+        head="on all targets (%)",
+        short="on all\ntargets %",
+        short_text=terse_percent,
+    ),
+    _people(name="ever_below_54", value=_ever_below_54, head="ever < 54", text=whole, short="ever\n<54"),
+    _people(name="people_below_validity", value=_not_valid, head="model not valid", text=whole),
+    _mean("gri", "Risk", "GRI", text=decimals(1), short="GRI"),
+    _mean("lbgi", "Risk", "LBGI", text=decimals(2)),
+    _mean("hbgi", "Risk", "HBGI", text=decimals(2)),
+    _time("time_70_180_pct", "70-180: >70", "70-180"),
+    Column(name="time_70_180_p5_pct", value=_worst_in_range, group="Time (%), target", head="its 5th percentile"),
+    _time("time_below_70_pct", "<70: <4", "<70"),
+    _time("time_below_54_pct", "<54: <1", "<54"),
+    _time("time_above_180_pct", ">180: <25", ">180"),
+    _time("time_above_250_pct", ">250: <5", ">250"),
+    _mean("mean_mg_dl", "Glucose (mg/dl)", "mean", name="mean_mg_dl", text=glucose_text),
+    _mean("insulin_U_day", "Insulin", "U/day", name="insulin_U_day", text=decimals(1), short="U/day"),
+    *_harm(54),
+    *_harm(70),
+    *_difference("more_in_range_pct", "in_range_difference_pct", "70-180 (%)", "70-180\nless ref."),
+    *_difference("more_54_pct", "below_54_difference_pct", "< 54 (%)"),
+    *_difference("more_70_pct", "below_70_difference_pct", "< 70 (%)"),
+    *_difference("more_gri", "gri_difference", "GRI", "GRI\nless ref."),
+)
+"""Numbers of a controller in a cell; the people who are harmed most come first."""
+_MORE: Final = {
+    "more_in_range_pct": "time_70_180_pct",
+    "more_70_pct": "time_below_70_pct",
+    "more_54_pct": "time_below_54_pct",
+    "more_gri": "gri",
+}
+"""Metric of each difference from the reference."""
+
+
+def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_by_pct: float) -> pl.DataFrame:
+    """The numbers of each line over its people; those less the reference over the people known under it as well.
+
+    `people` has the columns of `LINE`, ``person``, ``insulin_U_day`` and those of `METRICS`; `lines` the columns of
+    `LINE` alone.
+    """
+    same = [*CELL, "person"]
+    under_reference = people.filter(controller=reference).select(*same, **{f"ref_{of}": of for of in _MORE.values()})
+    paired = people.join(under_reference, on=same, how="left", maintain_order="left").with_columns(
+        worse_by_pct=worse_by_pct,
+        compared=pl.col("ref_gri").count().over(LINE),
+        **{more: pl.col(of) - pl.col(f"ref_{of}") for more, of in _MORE.items()},
+    )
+    student = stats.t.ppf(_INTERVAL[1], np.maximum(paired["compared"].to_numpy().astype(float) - 1.0, 1.0))
+    return measured(paired.with_columns(student=pl.Series(student)), lines, COLUMNS)
+
+
+def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:
+    """Each person once for each controller: means over the cells of the family, for those known in all `cells`.
+
+    The least glucose is that of all cells.
+    """
+    found = people.group_by("family", "controller", "person", maintain_order=True).agg(
+        pl.col(*METRICS, "insulin_U_day").exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
+    )
+    every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
+    known = found.filter(pl.col("len") == cells).with_columns(every)
+    return known.select(*LINE, "person", *METRICS, "insulin_U_day")
+
+
+def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
+    """The ranking of a family by the glycemia risk index, on the people who are known under all controllers.
+
+    `people` are those of `over_all_cells`. For all people and for the worst-off tenth under each controller: the best
+    controller, the next one, and the difference of the two means with its interval. ``for_whom`` has the number of
+    people for whom each controller alone has the least index.
+    """
+    wide = people.filter(family=family).pivot(on="controller", index="person", values="gri").drop_nulls()
+    labels = [name for name in wide.columns if name != "person"]
+    if not labels or not wide.height:
+        return {"family": family, "people": 0}
+    risk = wide.select(labels).to_numpy().astype(np.float64)
+    least = risk.min(axis=1, keepdims=True)
+    alone = ((risk == least).sum(axis=1) == 1)[:, None] & (risk == least)
+    return {
+        "family": family,
+        "people": wide.height,
+        "overall": _first_two(labels, risk.mean(axis=0), functools.partial(_of_means, risk)),
+        "worst_off": {
+            "people": _tenth(wide.height),
+            **_first_two(labels, worst_mean(risk), functools.partial(_of_worst, risk, seed)),
+        },
+        "for_whom": dict(zip(labels, alone.sum(axis=0).tolist(), strict=True)),
+    }
+
+
+def _first_two(labels: list[str], values: Array, interval: Any) -> dict[str, Any]:
+    """The least value and the next, and the second less the first, with its interval."""
+    order = np.argsort(values, kind="stable")
+    found = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
+    if order.size < 2:
+        return found
+    best, second = order[:2]
+    low, high = interval(best, second)
+    return {
+        **found,
+        "second": labels[second],
+        "difference": float(values[second] - values[best]),
+        "low": float(low),
+        "high": float(high),
+        "told_apart": bool(low > 0.0),
+    }
+
+
+def _of_means(risk: Array, best: int, second: int) -> tuple[float, float]:
+    """Interval of the mean paired difference, by Student's t; without bounds for one person."""
+    difference = risk[:, second] - risk[:, best]
+    if difference.size < 2:
+        return -math.inf, math.inf
+    half = stats.t.ppf(_INTERVAL[1], difference.size - 1) * difference.std(ddof=1) / math.sqrt(difference.size)
+    return float(difference.mean() - half), float(difference.mean() + half)
+
+
+def _of_worst(risk: Array, seed: int, best: int, second: int) -> tuple[float, float]:
+    """Interval of the difference of the worst-off, by a bootstrap over the people; without bounds for few of them."""
+    if _tenth(len(risk)) < _FEWEST:
+        return -math.inf, math.inf
+    drawn = np.random.default_rng(seed).integers(0, len(risk), (_RESAMPLES, len(risk)))
+    worst = [worst_mean(risk[drawn, column].T) for column in (best, second)]
+    low, high = np.quantile(worst[1] - worst[0], _INTERVAL)
+    return float(low), float(high)
+
+
+def _tenth(people: int) -> int:
+    return -(-people // _WORST_PART)
+
+
+def worst_mean(values: Array) -> Array:
+    """Mean of the greatest tenth of the values in each column ``(people, columns)``, a whole number of people."""
+    number = _tenth(len(values))
+    return np.asarray(np.partition(values, len(values) - number, axis=0)[-number:].mean(axis=0))
+
+
+def harms(rows: Sequence[Row], reference: str) -> list[Row]:
+    """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70."""
+    worst: dict[str, Row] = {}
+
+    def share(row: Row) -> tuple[float, ...]:
+        return tuple((row[f"harmed_below_{bound}"] or 0) / max(row["people"], 1) for bound in (54, 70))
+
+    for row in rows:
+        if row["sensor"] != ALL and row["controller"] != reference:
+            worst[row["controller"]] = max(worst.get(row["controller"], row), row, key=share)
+    return [row for row in worst.values() if any(share(row))]

@@ -1,0 +1,421 @@
+"""A league carried out: its cells and rows, its tables and sentences, and its page."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from glucoloop.cohorts.blocks import block_size
+from glucoloop.cohorts.engine import prepare, run_people
+from glucoloop.cohorts.trial import Trial
+from glucoloop.parts.setting import Default
+from glucoloop.patients.settings import NOMINAL
+from glucoloop.printable import how_many
+from glucoloop.refusal import Refusal
+from glucoloop.report import Repeat
+from glucoloop.report.columns import FittingTable, Row, headings, terminal_table
+from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap
+from glucoloop.report.template import render
+from glucoloop.situations.run import boluses_into_a_vein
+from glucoloop.storage.findings import Findings
+from glucoloop.storage.rows import Rows
+from glucoloop.studies.league import MOST_PEOPLE, League, texts
+from glucoloop.studies.league.numbers import (
+    ALL,
+    COLUMNS,
+    LINE,
+    METRICS,
+    TARGETS,
+    harms,
+    line_table,
+    over_all_cells,
+    ranking,
+    signed,
+)
+from glucoloop.units import MIN_PER_DAY
+
+_DESIGN_S: Final = 0.5
+_PATIENT_DAYS_S: Final = 2200.0
+_SLOW_PATIENT_DAYS_S: Final = 30.0
+"""Time of a design, and the patient-days a second of a processor, for the estimate of the time."""
+_SAID: Final = ("engine", "lacks", "reason")
+"""Texts of a row, by its names."""
+_LONGEST_TEXT: Final = 4000
+
+
+class Line(NamedTuple):
+    """A controller in a cell."""
+
+    family: str
+    sensor: str
+    scenario: str
+    controller: str
+    """Label of the case."""
+    trial: Trial | None
+    """Trial of the controller alone; None where it is not possible."""
+    reason: str
+    """Refusal of that trial."""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Values of the columns `LINE`."""
+        return {name: getattr(self, name) for name in LINE}
+
+    @property
+    def days(self) -> float:
+        """Length of the run in days."""
+        return 0.0 if self.trial is None else self.trial.horizon_min / MIN_PER_DAY
+
+    def estimated_s(self, people: int) -> float:
+        """Time that some people take in one go, on all cores; rough."""
+        slow = self.trial is not None and any(case.controller.slow for case in self.trial.cases)
+        size = block_size("xla" if slow else "native")
+        rounds = math.ceil(math.ceil(people / size) / (os.cpu_count() or 1))
+        return rounds * size * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
+
+
+class ShardResult(NamedTuple):
+    """People of a shard of a line: one row."""
+
+    line: Line
+    shard: int
+    engine: str
+    lacks: str
+    """Operation that native code lacks, where another engine computed."""
+    reason: str
+    """Refusal of a controller that takes no part; empty where it does."""
+    people: Mapping[str, npt.NDArray[Any]]
+    """``person``, ``able`` and the metrics."""
+
+
+@functools.lru_cache(maxsize=1)
+def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[Line]:
+    found = []
+    for patient, sensor, scenario, case in itertools.product(*parts):
+        given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
+        family, of_sensor, of_scenario = texts((patient, sensor, scenario))
+        trial, reason = None, ""
+        try:
+            trial = Trial.partial(given).completed({"people": Default(people)})
+        except Refusal as error:
+            reason = str(error)
+        found.append(Line(family, of_sensor, of_scenario, case.label, trial, reason))
+    return found
+
+
+def lines_of(asked: League) -> list[Line]:
+    """Every controller in every cell; the controllers of a cell follow one another."""
+    return _lines((asked.families, asked.sensors, asked.scenarios, asked.cases), asked.people, asked.seed)
+
+
+def shards_of(asked: League) -> list[tuple[Line, int, npt.NDArray[np.int64]]]:
+    """All shards with their people, in the order in which they are computed; one of nobody where it is not possible."""
+    nobody = np.empty(0, np.int64)
+    return [
+        (line, number, nobody if line.trial is None else line.trial.shard(number))
+        for line in lines_of(asked)
+        for number in range(1 if line.trial is None else line.trial.shards)
+    ]
+
+
+def notes(asked: League) -> Iterator[str]:
+    """Notes on the amount of work and the time that it may take, and on controllers that take no part."""
+    kind, lines = rows(asked), lines_of(asked)
+    minutes = max(1, round(kind.amount(kind.wanted) / 60.0))
+    patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
+    yield (
+        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days: about "
+        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}, or as the "
+        "progress tells."
+    )
+    yield from _left_out(asked)
+
+
+def _left_out(asked: League) -> Iterator[str]:
+    for name in asked.left_out:
+        yield f"{name} takes no part, since its decisions take long; --controller {name} has it in the league."
+
+
+def rows(asked: League) -> Rows[ShardResult]:
+    """Rows that are kept: the people of each shard."""
+    shards = shards_of(asked)
+
+    def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
+        line, number, person = shards[len(before)]
+        people = {name: np.asarray(cells[name]) for name in ("person", "able", *METRICS)}
+        person = person[:0] if cells["reason"] else person
+        expected = {**line.names, "shard": number}
+        same_people = np.array_equal(people["person"], person) and len({v.shape for v in people.values()}) == 1
+        if not same_people or any(cells[name] != value for name, value in expected.items()):
+            raise Refusal("this is not the next shard of the league")
+        return ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
+
+    return Rows(
+        file="people.parquet",
+        what="shards",
+        wanted=len(shards),
+        most=len(shards),
+        schema={
+            **dict.fromkeys(LINE, pl.String),
+            "shard": pl.Int64,
+            **dict.fromkeys(_SAID, pl.String),
+            "person": pl.List(pl.Int64),
+            "able": pl.List(pl.Boolean),
+            **dict.fromkeys(METRICS, pl.List(pl.Float64)),
+        },
+        cells=lambda of: {
+            **of.line.names,
+            "shard": of.shard,
+            **{name: getattr(of, name) for name in _SAID},
+            **{name: pl.Series(values) for name, values in of.people.items()},
+        },
+        row=row,
+        width=MOST_PEOPLE * (2 + len(METRICS)),
+        longest_text=_LONGEST_TEXT,
+        every_s=15.0,  # since all people are written each time
+        unit="estimated seconds",
+        rate_over_s=600.0,  # one controller may take ten times as long as another
+        work=lambda number: max(1, round(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size))),
+    )
+
+
+class LeagueSearch:
+    """The loops of a league, one controller in one cell after the other."""
+
+    def __init__(self, asked: League) -> None:
+        self._asked = asked
+
+    def missing(self, rows: Sequence[ShardResult]) -> Iterator[ShardResult]:
+        """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
+        for line, number, person in shards_of(self._asked)[len(rows) :]:
+            try:
+                if line.trial is None:
+                    raise Refusal(line.reason)
+                prepared = prepare(line.trial)
+            except Refusal as error:
+                people = {"person": person[:0], "able": person[:0] > 0, **dict.fromkeys(METRICS, np.empty(0))}
+                yield ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
+                continue
+            found, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
+            metrics = {name: found.metrics[name] for name in METRICS}
+            people = {"person": found.person, "able": found.feasible, **metrics}
+            yield ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
+
+    def found(self, results: Sequence[ShardResult]) -> Findings:
+        """Numbers of all lines, the ranking of each family, who is harmed, and who takes no part and why."""
+        asked, table = self._asked, rows(self._asked).table(results)
+        lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(asked)])
+        people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
+        people = people.with_columns(
+            insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days"),
+            known=pl.col("able") & pl.all_horizontal(pl.col(METRICS).is_finite()),
+        )
+        cells = len(asked.sensors) * len(asked.scenarios)
+        together = over_all_cells(people.filter("known"), cells)
+        every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
+        heads = lines.with_columns(every).unique(maintain_order=True, subset=LINE)
+        shown, known = [of.select(LINE) for of in (heads, lines)], people.filter("known").select(together.columns)
+        numbers = line_table(pl.concat([together, known]), pl.concat(shown), asked.reference.label, asked.worse_by_pct)
+        plain = {
+            "config": asked.tree(whole=True),
+            "families": dict(_families(asked)),
+            "rows": numbers.to_dicts(),
+            "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
+            "harms": harms(numbers.to_dicts(), asked.reference.label),
+            "absent": [*_left_out(asked), *_absent(table, people)],
+            "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},
+        }
+        return Findings(plain, {"league.csv": numbers, "league.parquet": numbers})
+
+
+search = LeagueSearch
+
+
+def _families(asked: League) -> Iterator[tuple[str, str]]:
+    """Population and people of each family, and what is special about it."""
+    for family, of_family in groupby(lines_of(asked), lambda line: line.family):
+        trials = [line.trial for line in of_family if line.trial is not None]
+        names = sorted({f"{how_many(trial.people, 'person', 'people')} of {trial.population.name}" for trial in trials})
+        told = [f"{'; '.join(names)}."] if names else []
+        if any(trial.population.name == NOMINAL for trial in trials):
+            told.append("All are the nominal patient, and differ in their days and readings alone.")
+        told += dict.fromkeys(text for trial in trials for text in boluses_into_a_vein(trial))
+        yield family, " ".join(told)
+
+
+def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
+    """Sentences on the pairs that do not go together, on slow engines, and on people whose numbers are not known."""
+    refused = table.filter(pl.col("reason") != "").group_by("controller", "family", "reason", maintain_order=True)
+    for row in refused.agg(cell=pl.format("{}, {}", "sensor", "scenario").unique(maintain_order=True)).to_dicts():
+        where = f"{how_many(len(row['cell']), 'cell')} ({'; '.join(row['cell'])})"
+        what = f"{row['controller']} takes no part on {row['family']} in {where}, and is not ranked there"
+        yield f"{what}: {row['reason'].rstrip('.')}."
+    slow = table.filter(pl.col("lacks") != "").select("controller", "lacks").unique(maintain_order=True)
+    for controller, lacks in slow.rows():
+        yield f"{controller} is computed by the slower engine xla, since native code lacks {lacks}."
+    for family, of_family in people.filter(~pl.col("able")).group_by("family", maintain_order=True):
+        number = how_many(of_family["person"].n_unique(), "person has", "people have")
+        yield f"{family[0]}: {number} no basal rate for the setpoint, and no part in any number."
+    lost = people.filter("able", ~pl.col("known")).group_by("controller", "family", maintain_order=True).len()
+    for controller, family, number in lost.rows():
+        runs = how_many(number, "run")
+        yield f"{controller} on {family}: {runs} did not stay finite, and these people have no part in the ranking."
+
+
+# ---------------------------------------------------------------------------------------------- how it is shown
+
+
+def _by_family(asked: League, found: Findings) -> dict[str, list[Row]]:
+    return {name: [row for row in found.rows if row["family"] == name] for name in asked.family_names}
+
+
+def cell_name(row: Row) -> str:
+    """Sensor and scenario of a row, or both together."""
+    return "all cells" if row["sensor"] == ALL else f"{row['sensor']}, {row['scenario']}"
+
+
+def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
+    """A section for each family and a line for each controller, over all cells."""
+    sections = [
+        (family, [(row["controller"], [row]) for row in rows if row["sensor"] == ALL])
+        for family, rows in _by_family(asked, found).items()
+    ]
+    yield terminal_table(
+        "Controller",
+        sections,
+        COLUMNS,
+        caption=f"Over all sensors and scenarios. In bold: on target (Battelino et al., 2019). Harmed: people below 54 "
+        f"or 70 mg/dl for over {asked.worse_by_pct:g} % of the time longer than under {asked.reference.label}. Less "
+        "ref.: the mean difference from it. GRI: glycemia risk index, 0 is best.",
+    )
+
+
+def sentences(asked: League, found: Findings) -> Iterator[str]:
+    """Conclusions: the controllers that are best for whom, where each does harm, and those that take no part."""
+    yield from _verdicts(found)
+    yield from _harms(asked, found)
+    yield from found.plain["absent"]
+
+
+def _harms(asked: League, found: Findings) -> Iterator[str]:
+    for row in found.plain["harms"]:
+        median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
+        yield (
+            f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): of "
+            f"{how_many(row['people'], 'person', 'people')}, {row['harmed_below_54']} are below 54 mg/dl, and "
+            f"{row['harmed_below_70']} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer than under "
+            f"{asked.reference.label}. Below 54 mg/dl that is {median} % for the median of all people, {p95} % at "
+            f"the 95th percentile, and {most} % at most."
+        )
+
+
+def _verdicts(found: Findings) -> Iterator[str]:
+    """Best overall, best for the worst-off, for how many people each is best, and whom the best one harms."""
+    harmed = {(row["family"], row["controller"]): row["harmed_below_54"] for row in found.rows if row["sensor"] == ALL}
+    for of in found.plain["rankings"]:
+        if not of["people"]:
+            yield f"{of['family']}: nobody's numbers are known under all controllers that took part in all cells."
+            continue
+        best, worst = of["overall"]["best"], of["worst_off"]
+        whom = sorted(((number, label) for label, number in of["for_whom"].items() if number), reverse=True)
+        best_for = "; ".join(f"{label} for {number}" for number, label in whom) or "no single controller for anybody"
+        number = harmed[of["family"], best]
+        harm = how_many(number, "person is", "people are") if number else "nobody is"
+        yield (
+            f"{of['family']}: best overall is {_first(of['overall'])}. For the worst-off tenth, "
+            f"{how_many(worst['people'], 'person', 'people')}, it is {_first(worst)}. Of "
+            f"{how_many(of['people'], 'person', 'people')}, the least index is with {best_for}."
+            f"{'' if number is None else f' With {best} {harm} harmed below 54 mg/dl.'}"
+        )
+
+
+def _first(of: Mapping[str, Any]) -> str:
+    """The best controller, and how far ahead of the next it is."""
+    best = f"{of['best']} with a glycemia risk index of {of['gri'][of['best']]:.1f}"
+    if "second" not in of:
+        return f"{best}, the only one"
+    interval = "" if of["low"] is None else f" (95 % interval {of['low']:z.1f} to {of['high']:z.1f})"
+    told = f"{of['difference']:.1f}{interval} less than {of['second']}, the next"
+    return f"{best}, {told}" if of["told_apart"] else f"{best}, which is not told apart from {of['second']}: {told}"
+
+
+_ZONES: Final = tuple(
+    shade._replace(most=most, label=label)
+    for shade, (most, label) in zip(
+        SHADES_PCT[1:],
+        ((20.0, "A: to 20"), (40.0, "B: to 40"), (60.0, "C: to 60"), (80.0, "D: to 80"), (100.0, "E: above 80")),
+        strict=False,
+    )
+)
+"""Zones of the glycemia risk index, of D. C. Klonoff et al., J. Diabetes Sci. Technol. 17(5), 1226-1242, 2023."""
+
+
+def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
+    """Glycemia risk index of a family: cells in rows, all of them first, and controllers across."""
+    by_place = {(cell_name(row), row["controller"]): row for row in rows}
+    risk = next(column for column in COLUMNS if column.name == "gri_mean")
+
+    def cell(name: str, controller: str) -> HeatCell:
+        row = by_place[name, controller]
+        told = [f"{controller}, {family}, {name}"]
+        for group, columns in headings(COLUMNS):
+            told.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
+        shade = UNKNOWN
+        if row["gri_mean"] is not None:
+            shade = next((zone for zone in _ZONES if row["gri_mean"] <= zone.most), _ZONES[-1])
+        harmed = row["harmed_below_54"]
+        return HeatCell(shade, risk.value_text(row), f"▲{harmed}" if harmed else "", "\n".join(told))
+
+    controllers = list(dict.fromkeys(row["controller"] for row in rows))
+    return HeatMap("Glycemia risk index", list(dict.fromkeys(map(cell_name, rows))), controllers, cell)
+
+
+def page(asked: League, found: Findings) -> str:
+    """The page of a league: one file that needs neither network nor script."""
+    by_family = _by_family(asked, found)
+    maps = {family: family_map(family, rows) for family, rows in by_family.items()}
+    unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
+    bodies = {
+        family: [(name, [(row["controller"], row) for row in alike]) for name, alike in groupby(rows, cell_name)]
+        for family, rows in by_family.items()
+    }
+    facts = {
+        "People": f"{asked.people} of each family, or all of one that has fewer",
+        "Scenarios": "; ".join(texts(asked.scenarios)),
+        "Sensors": "; ".join(texts(asked.sensors)),
+        "Controllers": "; ".join(case.label for case in asked.cases),
+        "Reference": asked.reference.label,
+        "Seed": str(asked.seed),
+    }
+    files = {"league.csv": "all numbers", "people.parquet": "metrics of each person", "summary.json": "what was found"}
+    return render(
+        Path(__file__).with_name("page.html"),
+        "League of controllers",
+        sentences=_harms(asked, found),
+        facts=facts,
+        repeat=Repeat("league --config league.toml", asked.tree(whole=True), files, given=asked.tree()),
+        asked=asked,
+        about=found.plain["families"],
+        verdicts=dict(zip(by_family, _verdicts(found), strict=True)),
+        rankings=found.plain["rankings"],
+        maps=maps,
+        shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
+        bodies=bodies,
+        columns=COLUMNS,
+        absent=found.plain["absent"],
+    )
+
+
+def drawn(asked: League, found: Findings) -> dict[str, bytes]:
+    """The page, by the name of its file."""
+    return {"league.html": page(asked, found).encode()}

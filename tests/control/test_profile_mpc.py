@@ -1,0 +1,152 @@
+"""The controller by profile on the patient of Hovorka et al. (2004)."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import glucoloop as gl
+from glucoloop.control.profile_mpc import design_profile_mpc, forecast_of
+from glucoloop.control.protocol import Observation, Status, computed_settings
+from glucoloop.control.settings import ProfileMPCSettings
+from glucoloop.meals import Scenario
+from glucoloop.profile import Profile
+from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+from glucoloop.simulation import linear_model, nonlinear_model, simulate
+
+PATIENT = gl.patient("hovorka-2004")
+BASAL = float(PATIENT.basal_insulin_mU_min)
+NOMINAL, LINEAR = nonlinear_model(PATIENT), linear_model(PATIENT)
+
+
+def designed(profile, **settings):
+    return design_profile_mpc(
+        NOMINAL, LINEAR, profile, ProfileMPCSettings(**settings), PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+    )
+
+
+PROFILE = Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0, carb_ratio_g_U=20.0, correction_mg_dl_U=60.0)
+CONTROLLER = designed(PROFILE)
+step = jax.jit(lambda controller, state, observation: controller.step(state, observation))
+
+
+def seen(glucose=120.0, *, carbs_g=0.0, delivered=BASAL, bolus_mU=0.0, valid=True):
+    numbers = (glucose, 120.0, delivered, carbs_g, bolus_mU)
+    glucose, setpoint, delivered, carbs, bolus = (jnp.asarray(number, float) for number in numbers)
+    return Observation(
+        glucose_mg_dl=glucose,
+        valid=jnp.asarray(valid),
+        setpoint_mg_dl=setpoint,
+        delivered_mU_min=delivered,
+        announced_carbs_g=carbs,
+        delivered_bolus_mU=bolus,
+    )
+
+
+def after(controller, *observations):
+    """Decision at the last of some observations."""
+    state = controller.init(observations[0])
+    for observation in observations:
+        state, decision = step(controller, state, observation)
+    return decision
+
+
+def test_rest_is_held():
+    decision = after(CONTROLLER, *[seen()] * 4)
+    assert float(decision.insulin_mU_min) == pytest.approx(BASAL, rel=1e-6)
+    assert float(decision.bolus_mU) == 0.0
+    assert int(decision.status) == Status.OK
+
+
+@pytest.mark.long
+def test_a_day_without_meals_stays_where_it_began():
+    trace = simulate(
+        PATIENT, designed(Profile(basal_mU_min=BASAL, setpoint_mg_dl=120.0)), scenario=Scenario([], 1440.0)
+    )
+    np.testing.assert_allclose(trace.glucose_mg_dl, 120.0, atol=0.5)
+    np.testing.assert_allclose(trace.insulin_mU_min, BASAL, rtol=0.02)
+
+
+def test_an_announced_meal_gets_a_bolus_by_the_ratio():
+    for carbs_g in (30.0, 60.0):
+        decision = after(CONTROLLER, seen(), seen(carbs_g=carbs_g))
+        by_ratio_mU = 1000.0 * carbs_g / 20.0
+        assert 0.5 * by_ratio_mU < float(decision.bolus_mU) < 1.5 * by_ratio_mU
+        # more at once than the ratio has it is taken from the rate that follows
+        assert float(decision.insulin_mU_min) < BASAL
+
+
+def test_boluses_follow_the_persons_own_ratio():
+    """People who need more of all insulin by a factor get boluses that are larger by this factor."""
+    several, boluses = (8.0, 16.0, 32.0), []
+    for ratio in several:
+        basal = BASAL * 16.0 / ratio
+        profile = Profile(
+            basal_mU_min=basal, setpoint_mg_dl=120.0, carb_ratio_g_U=ratio, correction_mg_dl_U=3.0 * ratio
+        )
+        rest, meal = seen(delivered=basal), seen(delivered=basal, carbs_g=40.0)
+        boluses.append(float(after(CONTROLLER.with_profile(profile), rest, meal).bolus_mU))
+    for bolus_mU, ratio in zip(boluses, several, strict=True):
+        assert bolus_mU * ratio == pytest.approx(boluses[1] * 16.0, rel=0.02)
+
+
+def test_people_are_given_the_gains_of_their_profiles():
+    told = computed_settings(CONTROLLER)
+    assert told["insulin_gain"] == pytest.approx(60.0 / float(CONTROLLER.model.own_correction_mg_dl_U))
+    many = CONTROLLER.with_profile(Profile(basal_mU_min=jnp.array([5.0, 10.0]), setpoint_mg_dl=120.0))
+    np.testing.assert_allclose(many.model.insulin_gain, [BASAL / 5.0, BASAL / 10.0])
+
+
+def test_low_glucose_gets_no_insulin():
+    falling = [seen(glucose) for glucose in (120.0, 112.0, 104.0, 96.0, 88.0, 80.0, 72.0, 64.0)]
+    decision = after(CONTROLLER, *falling)
+    assert float(decision.insulin_mU_min) == 0.0
+    assert float(decision.bolus_mU) == 0.0
+
+
+def test_glucose_that_rises_gets_insulin_unless_it_was_given_already():
+    rising = [seen(glucose) for glucose in (120.0, 124.0, 132.0, 144.0, 158.0)]
+    wanting = after(CONTROLLER, *rising)
+    assert float(wanting.bolus_mU) > 100.0
+    given = [*rising[:-1], seen(158.0, bolus_mU=8000.0)]
+    assert float(after(CONTROLLER, *given).bolus_mU) == 0.0
+
+
+@pytest.mark.long
+def test_without_automatic_boluses_only_the_rate_answers_a_rise():
+    controller = designed(PROFILE, automatic_boluses=False)
+    decision = after(controller, *[seen(glucose) for glucose in (120.0, 124.0, 132.0, 144.0, 158.0)])
+    assert float(decision.bolus_mU) == 0.0
+    assert float(decision.insulin_mU_min) > 2.0 * BASAL
+    assert float(after(controller, seen(), seen(carbs_g=50.0)).bolus_mU) > 1000.0
+
+
+@pytest.mark.parametrize("carbs_g", [np.nan, -5.0, 2000.0])
+def test_meals_that_are_not_possible_are_not_heard(carbs_g):
+    wanted, found = after(CONTROLLER, seen(), seen()), after(CONTROLLER, seen(), seen(carbs_g=carbs_g))
+    assert float(found.insulin_mU_min) == pytest.approx(float(wanted.insulin_mU_min))
+    assert float(found.bolus_mU) == 0.0
+
+
+def test_a_missing_reading_is_told():
+    assert int(after(CONTROLLER, seen(), seen(np.nan, valid=False)).status) == Status.READING_MISSING
+
+
+def test_a_bolus_that_the_pump_does_not_report_is_the_one_asked_for():
+    meal = seen(carbs_g=60.0)
+    state, first = step(CONTROLLER, CONTROLLER.init(meal), meal)
+    reported = seen(125.0, bolus_mU=float(first.bolus_mU), delivered=float(first.insulin_mU_min))
+    silent = dataclasses.replace(reported, delivered_bolus_mU=jnp.asarray(-1.0), delivered_mU_min=jnp.asarray(np.nan))
+    wanted, found = (step(CONTROLLER, state, observation)[0] for observation in (reported, silent))
+    np.testing.assert_allclose(found.estimate.x, wanted.estimate.x, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sample_min", [1.0, 5.0, 10.0, 30.0])
+def test_the_forecast_covers_eight_hours_in_blocks_of_whole_samples(sample_min):
+    forecast = forecast_of(CONTROLLER.model, sample_min)
+    assert float(jnp.sum(forecast.step.minutes)) == pytest.approx(480.0)
+    assert float(forecast.block_min[0]) == sample_min
+    np.testing.assert_allclose(np.asarray(forecast.block_min) % sample_min, 0.0, atol=1e-9)
+    np.testing.assert_allclose(forecast.step.minutes @ forecast.of_block, forecast.block_min)

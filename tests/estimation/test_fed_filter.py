@@ -1,0 +1,111 @@
+"""The filter of a fed person against a Kalman step by hand, in NumPy."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import glucoloop as gl
+from glucoloop.control.profile_mpc import design_profile_mpc
+from glucoloop.control.settings import ProfileMPCSettings
+from glucoloop.profile import Profile
+from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+from glucoloop.simulation import linear_model, nonlinear_model
+
+PATIENT = gl.patient("hovorka-2004")
+PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, carb_ratio_g_U=12.0, correction_mg_dl_U=50.0)
+CONTROLLER = design_profile_mpc(
+    nonlinear_model(PATIENT),
+    linear_model(PATIENT),
+    PROFILE,
+    ProfileMPCSettings(sensor_error_mg_dl=6.0, measurement_variance=2.0),
+    PARKER_1999_LIMITS,
+    USUAL_BOLUS_LIMITS,
+)
+FILTER, MODEL = CONTROLLER.filter, CONTROLLER.model
+predict = jax.jit(lambda estimate, insulin: FILTER.predict(MODEL, estimate, insulin))
+update = jax.jit(lambda estimate, reading, known: FILTER.update(MODEL, estimate, reading, known))
+
+
+def some():
+    """An estimate amid a meal."""
+    estimate = FILTER.announce(FILTER.init(MODEL), jnp.asarray(50.0))
+    for insulin, reading in ((300.0, 121.0), (0.0, 126.0), (0.0, 137.0)):
+        estimate = update(predict(estimate, jnp.asarray(insulin)), jnp.asarray(reading), jnp.asarray(True))
+    return estimate
+
+
+def vector(estimate):
+    """Fed states, gut, disturbance and error of the sensor."""
+    return np.array([*estimate.x[:3], *estimate.gut_mg, estimate.disturbance_mg_min, estimate.sensor_mg_dl], np.float64)
+
+
+def with_vector(estimate, v):
+    return dataclasses.replace(
+        estimate,
+        x=jnp.concatenate([jnp.asarray(v[:3]), estimate.x[3:]]),
+        gut_mg=jnp.asarray(v[3:5]),
+        disturbance_mg_min=jnp.asarray(v[5]),
+        sensor_mg_dl=jnp.asarray(v[6]),
+    )
+
+
+def test_the_covariance_goes_on_as_that_of_the_transition_itself():
+    estimate, insulin = some(), jnp.asarray(4.0)
+    v = vector(estimate)
+    F = np.empty((7, 7))
+    for i in range(7):
+        h = 1e-4 * max(1.0, abs(v[i]))
+        ends = [vector(predict(with_vector(estimate, v + sign * h * np.eye(7)[i]), insulin)) for sign in (1.0, -1.0)]
+        F[:, i] = (ends[0] - ends[1]) / (2.0 * h)
+    settings = ProfileMPCSettings()
+    Q = np.diag(
+        [0.0, 0.0, 0.0, (1000.0 * settings.meal_noise_g) ** 2, 0.0, settings.disturbance_noise_mg_min**2, 0.51 * 36.0]
+    )
+    # further appearance comes in as a disturbance does, for one sample
+    flux = F[:3, 5]
+    Q[:3, :3] = settings.glucose_noise_mg_min**2 * np.outer(flux, flux)
+    later = predict(estimate, insulin)
+    wanted = F @ np.asarray(estimate.covariance) @ F.T + Q
+    size = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(later.covariance / np.outer(size, size), wanted / np.outer(size, size), atol=1e-5)
+
+
+def test_a_reading_corrects_as_the_formula_of_kalman_says():
+    estimate = predict(some(), jnp.asarray(4.0))
+    P, v = np.asarray(estimate.covariance), vector(estimate)
+    C = np.zeros(7)
+    C[0] = 18.016 / (float(PATIENT.parameters.V_G) * float(PATIENT.parameters.weight_kg))
+    C[6] = 1.0
+    K = P @ C / (C @ P @ C + 2.0)
+    corrected = update(estimate, jnp.asarray(150.0), jnp.asarray(True))
+    np.testing.assert_allclose(vector(corrected), v + K * (150.0 - C @ v), rtol=1e-9)
+    np.testing.assert_allclose(corrected.covariance, P - np.outer(K, C @ P), rtol=1e-6, atol=1e-9)
+
+
+def test_without_a_reading_nothing_is_corrected():
+    estimate = some()
+    left = update(estimate, jnp.asarray(np.nan), jnp.asarray(False))
+    jax.tree.map(np.testing.assert_array_equal, left, estimate)
+
+
+def test_an_announced_meal_enters_the_gut_with_the_error_of_counting():
+    before = FILTER.init(MODEL)
+    after = FILTER.announce(before, jnp.asarray(60.0))
+    np.testing.assert_allclose(after.gut_mg, [60_000.0, 0.0])
+    assert float(after.gut_error_mg) == pytest.approx(0.3 * 60_000.0)
+    assert float(before.gut_error_mg) == 0.0
+
+
+def test_readings_of_a_smaller_meal_take_back_what_was_announced():
+    """Glucose that rises half as fast as announced, read exactly, halves the meal within two hours."""
+    real = FILTER.announce(FILTER.init(MODEL), jnp.asarray(30.0))
+    believed = FILTER.announce(FILTER.init(MODEL), jnp.asarray(60.0))
+    basal = jnp.asarray(10.0)
+    for _ in range(12):
+        real, believed = predict(real, basal), predict(believed, basal)
+        believed = update(believed, MODEL.glucose_mg_dl(real.x), jnp.asarray(True))
+    assert float(jnp.sum(believed.gut_mg)) == pytest.approx(float(jnp.sum(real.gut_mg)), rel=0.35)
+    assert float(MODEL.glucose_mg_dl(believed.x)) == pytest.approx(float(MODEL.glucose_mg_dl(real.x)), abs=6.0)

@@ -1,0 +1,255 @@
+"""The league: its numbers against NumPy and SciPy, the ranking by hand, and what it refuses."""
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from glucoloop.cohorts import engine
+from glucoloop.control.catalogue import CONTROLLERS
+from glucoloop.patients.settings import PATIENTS
+from glucoloop.refusal import Refusal
+from glucoloop.situations.situation import configured
+from glucoloop.studies.league import League
+from glucoloop.studies.league.numbers import (
+    ALL,
+    LINE,
+    METRICS,
+    harms,
+    line_table,
+    over_all_cells,
+    ranking,
+    worst_mean,
+)
+from glucoloop.studies.league.study import LeagueSearch, lines_of, rows
+
+ON_TARGET = {
+    "time_70_180_pct": 90.0,
+    "time_below_70_pct": 1.0,
+    "time_below_54_pct": 0.0,
+    "time_above_180_pct": 9.0,
+    "time_above_250_pct": 0.0,
+    "gri": 10.0,
+    "minimum_mg_dl": 60.0,
+}
+
+
+def people_of(controller, number=12, scenario="day", **metrics):
+    """People of one line, whose metrics are on all targets unless they are given."""
+    columns = {name: np.full(number, ON_TARGET.get(name, 1.0)) for name in (*METRICS, "insulin_U_day")}
+    columns |= {name: np.asarray(values, float) for name, values in metrics.items()}
+    line = {"family": "f", "sensor": "s", "scenario": scenario, "controller": controller}
+    head = {name: [value] * number for name, value in line.items()}
+    return pl.DataFrame({**head, "person": np.arange(number), **columns})
+
+
+def numbers(*people, reference="ref", worse_by_pct=1.0):
+    table = pl.concat(people)
+    lines = table.select(LINE).unique(maintain_order=True)
+    return {row["controller"]: row for row in line_table(table, lines, reference, worse_by_pct).to_dicts()}
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 40))
+def test_the_numbers_of_a_line_are_those_of_numpy_and_scipy(seed, number):
+    rng = np.random.default_rng(seed)
+    drawn = {name: rng.uniform(0.0, 100.0, (2, number)) for name in (*METRICS, "insulin_U_day")}
+    ours, reference = ({name: values[which] for name, values in drawn.items()} for which in (0, 1))
+    row = numbers(people_of("c", number, **ours), people_of("ref", number, **reference))["c"]
+    assert row["people"] == number
+    assert row["gri_mean"] == pytest.approx(ours["gri"].mean())
+    assert row["lbgi_mean"] == pytest.approx(ours["lbgi"].mean())
+    assert row["insulin_U_day"] == pytest.approx(ours["insulin_U_day"].mean())
+    assert row["time_70_180_p5_pct"] == pytest.approx(np.quantile(ours["time_70_180_pct"], 0.05))
+    assert row["ever_below_54"] == (ours["minimum_mg_dl"] < 54.0).sum()
+    targets = (
+        (ours["time_70_180_pct"] > 70.0)
+        & (ours["time_below_70_pct"] < 4.0)
+        & (ours["time_below_54_pct"] < 1.0)
+        & (ours["time_above_180_pct"] < 25.0)
+        & (ours["time_above_250_pct"] < 5.0)
+    )
+    assert row["on_target_pct"] == pytest.approx(100.0 * targets.mean())
+    for bound in (54, 70):
+        more = ours[f"time_below_{bound}_pct"] - reference[f"time_below_{bound}_pct"]
+        assert row[f"harmed_below_{bound}"] == (more > 1.0).sum()
+        assert row[f"more_below_{bound}_most_pct"] == pytest.approx(more.max())
+        assert row[f"more_below_{bound}_p95_pct"] == pytest.approx(np.quantile(more, 0.95))
+        harmed = row[f"harmed_below_{bound}_people"]
+        assert harmed == sorted(np.flatnonzero(more > 1.0), key=lambda person: -more[person])
+    for name, metric in (
+        ("in_range_difference_pct", "time_70_180_pct"),
+        ("below_54_difference_pct", "time_below_54_pct"),
+        ("gri_difference", "gri"),
+    ):
+        interval = stats.ttest_rel(ours[metric], reference[metric]).confidence_interval(0.95)
+        found = row[name], row[f"{name}_low"], row[f"{name}_high"]
+        assert found == pytest.approx(((ours[metric] - reference[metric]).mean(), *interval))
+
+
+def test_a_target_is_met_strictly_by_every_person_alone():
+    row = numbers(people_of("ref", 4, time_70_180_pct=[70.0, 70.1, 99.0, 20.0], time_below_54_pct=[0.0, 0.9, 1.0, 0.0]))
+    assert row["ref"]["on_target_pct"] == 25.0
+
+
+def test_a_person_is_compared_only_where_the_reference_is_known():
+    row = numbers(people_of("c", 3, time_below_54_pct=[5.0, 3.0, 90.0]), people_of("ref", 2))["c"]
+    assert (row["people"], row["harmed_below_54"], row["harmed_below_54_people"]) == (3, 2, [0, 1])
+    interval = stats.ttest_1samp([5.0, 3.0], 0.0).confidence_interval(0.95)
+    assert (row["below_54_difference_pct_low"], row["below_54_difference_pct_high"]) == pytest.approx(tuple(interval))
+
+
+def test_without_the_reference_nobody_is_compared_and_nobody_said_to_be_unharmed():
+    row = numbers(people_of("c", 3, gri=[1.0, 2.0, 3.0]))["c"]
+    assert (row["people"], row["gri_mean"]) == (3, 2.0)
+    assert (row["harmed_below_54"], row["gri_difference"], row["gri_difference_low"]) == (None, None, None)
+
+
+def test_a_line_without_people_has_no_numbers():
+    table = people_of("ref", 3)
+    lines = pl.concat([table.select(LINE).unique(), people_of("c", 1).select(LINE)])
+    _, row = line_table(table, lines, "ref", 1.0).to_dicts()
+    assert (row["people"], row["gri_mean"], row["harmed_below_54"]) == (0, None, None)
+    assert harms([row], "ref") == []
+
+
+def test_all_cells_together_are_the_means_of_those_who_are_known_in_all():
+    day = people_of("c", 3, gri=[10.0, 20.0, 30.0], minimum_mg_dl=[50.0, 60.0, 70.0])
+    week = people_of("c", 2, "week", gri=[30.0, 0.0], minimum_mg_dl=[80.0, 55.0])
+    together = over_all_cells(pl.concat([day, week]), 2)
+    assert together["person"].to_list() == [0, 1]
+    assert together["gri"].to_list() == [20.0, 10.0]
+    assert together["minimum_mg_dl"].to_list() == [50.0, 55.0]
+    assert together["sensor"].to_list() == [ALL, ALL]
+
+
+def ranked(**gri):
+    people = [people_of(name, len(values), gri=values) for name, values in gri.items()]
+    return ranking(pl.concat(people), "f", seed=1)
+
+
+def test_the_best_on_average_need_not_be_best_for_the_worst_off():
+    steady = np.full(100, 30.0) + np.linspace(0.0, 1.0, 100)
+    bold = np.where(np.arange(100) < 90, 5.0, 80.0)
+    found = ranked(steady=steady, bold=bold, poor=steady + 40.0)
+    assert (found["overall"]["best"], found["overall"]["second"]) == ("bold", "steady")
+    assert found["overall"]["difference"] == pytest.approx(steady.mean() - bold.mean())
+    interval = stats.ttest_rel(steady, bold).confidence_interval(0.95)
+    assert (found["overall"]["low"], found["overall"]["high"]) == pytest.approx(tuple(interval))
+    assert found["overall"]["told_apart"]
+    assert (found["worst_off"]["best"], found["worst_off"]["people"]) == ("steady", 10)
+    assert found["worst_off"]["gri"]["bold"] == pytest.approx(80.0)
+    assert found["worst_off"]["gri"]["steady"] == pytest.approx(np.sort(steady)[-10:].mean())
+    assert found["for_whom"] == {"steady": 10, "bold": 90, "poor": 0}
+
+
+def test_equals_are_not_told_apart_and_best_for_nobody():
+    found = ranked(one=np.arange(60.0), other=np.arange(60.0))
+    assert not found["overall"]["told_apart"]
+    assert not found["worst_off"]["told_apart"]
+    assert found["for_whom"] == {"one": 0, "other": 0}
+
+
+def test_few_of_the_worst_off_are_not_told_apart():
+    found = ranked(one=np.zeros(40), other=np.full(40, 50.0))
+    assert found["overall"]["told_apart"]
+    assert (found["worst_off"]["people"], found["worst_off"]["told_apart"]) == (4, False)
+
+
+def test_the_interval_of_the_worst_off_holds_what_more_people_show():
+    rng = np.random.default_rng(3)
+    one, other = rng.normal(40.0, 5.0, 300), rng.normal(46.0, 5.0, 300)
+    worst = ranked(one=one, other=other)["worst_off"]
+    many = [worst_mean(rng.normal(mean, 5.0, (100_000, 1)))[0] for mean in (40.0, 46.0)]
+    assert worst["low"] < many[1] - many[0] < worst["high"]
+    assert worst["told_apart"]
+
+
+def test_who_is_not_known_under_all_controllers_is_not_ranked():
+    assert ranked(one=np.arange(5.0), other=np.arange(3.0))["people"] == 3
+    assert ranking(people_of("c", 3), "another family", 0) == {"family": "another family", "people": 0}
+
+
+def test_a_controller_that_harms_is_named_with_its_worst_cell():
+    lines = [
+        people_of("ref", 10),
+        people_of("c", 10, time_below_54_pct=[5.0] + [0.0] * 9),
+        people_of("good", 10),
+        people_of("ref", 10, "week"),
+        people_of("c", 10, "week", time_below_54_pct=[5.0] * 2 + [0.0] * 8),
+    ]
+    table = pl.concat(lines)
+    found = line_table(table, table.select(LINE).unique(maintain_order=True), "ref", 1.0).to_dicts()
+    [harm] = harms(found, "ref")
+    assert (harm["controller"], harm["scenario"], harm["harmed_below_54"]) == ("c", "week", 2)
+
+
+# ------------------------------------------------------------------------------------------- what is asked for
+
+
+def asked(**keys):
+    return configured(League, keys)
+
+
+def test_everything_of_the_catalogues_takes_part_but_slow_controllers():
+    whole = asked()
+    assert list(whole.family_names) == list(PATIENTS)
+    assert {case.label for case in whole.cases} | set(whole.left_out) == set(CONTROLLERS)
+    assert all(CONTROLLERS[name].slow for name in whole.left_out)
+
+
+def test_the_reference_takes_part_once():
+    assert [case.label for case in asked(controllers=["imc"]).cases] == ["imc", "basal-bolus"]
+    assert [case.label for case in asked(controllers=["imc"], reference="imc").cases] == ["imc"]
+    assert asked(controllers=["imc"]).left_out == ()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"families": []}, "--patient is none; a league needs at least one"),
+        ({"sensors": ["lag", "lag"]}, "--sensor 'lag' is given twice"),
+        ({"scenarios": ["week", "week"]}, "--scenario 'week' is given twice"),
+        ({"controllers": ["mpc", "mpc"]}, "--controller 'mpc' is given twice"),
+        ({"people": 1}, "people is 1"),
+        ({"worse_by_pct": -1.0}, "worse_by_pct is -1"),
+        ({"families": ["nobody"]}, "unknown patient 'nobody'"),
+        ({"reference": "nothing"}, "unknown controller 'nothing'"),
+    ],
+)
+def test_what_is_not_possible_is_refused_in_a_sentence(keys, said):
+    with pytest.raises(Refusal) as refused:
+        asked(**keys)
+    assert said in str(refused.value)
+
+
+SMALL = {"people": 3, "families": ["kanderian-2009"], "scenarios": ["plain-day"], "controllers": ["imc"], "seed": 4}
+
+
+def test_a_table_of_people_limits_their_number_and_a_scenario_its_length():
+    lines = lines_of(asked(**{**SMALL, "people": 50, "scenarios": ["week, days=2"], "seed": 4}))
+    assert {line.trial.people for line in lines} == {10}
+    assert {line.days for line in lines} == {2.0}
+
+
+@pytest.mark.long
+def test_a_row_is_the_very_trial_that_it_stands_for():
+    league = asked(**SMALL)
+    results = list(LeagueSearch(league).missing([]))
+    assert [result.line for result in results] == lines_of(league)
+    for result in results:
+        alone = engine.run_people(engine.prepare(result.line.trial), result.line.controller, np.arange(3))
+        for name in METRICS:
+            np.testing.assert_array_equal(result.people[name], alone.metrics[name])
+    kind = rows(league)
+    cells = [dict(row) for row in kind.table(results).iter_rows(named=True)]
+    again = [kind.row(row, results[:number]) for number, row in enumerate(cells)]
+    for read, result in zip(again, results, strict=True):
+        assert read[:5] == result[:5]
+        for name, values in result.people.items():
+            np.testing.assert_array_equal(read.people[name], values)
+    for wrong in ({"controller": "pid"}, {"person": [0, 1]}, {"shard": 1}):
+        with pytest.raises(Refusal):
+            kind.row({**cells[1], **wrong}, results[:1])
