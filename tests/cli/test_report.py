@@ -121,6 +121,28 @@ def test_what_cannot_be_reported_is_refused(refused, record, tmp_path, arguments
     assert sentence in refused("report", *arguments)
 
 
+def test_each_traced_person_of_a_trial_is_a_record(glucoloop, tmp_path):
+    t_min = [5.0 * sample for sample in range(289)]
+    for shard, person in enumerate((3, 8)):
+        (tmp_path / "trial" / "shards" / f"0000{shard}").mkdir(parents=True)
+        table = {
+            "person": [person] * 289,
+            "controller": ["mpc"] * 289,
+            "t_min": t_min,
+            "glucose_mg_dl": [100.0 + person] * 289,
+        }
+        frame = pl.DataFrame(table, schema_overrides={"glucose_mg_dl": pl.Float32})
+        frame.write_parquet(tmp_path / "trial" / "shards" / f"0000{shard}" / "traces.parquet")
+    records = glucoloop("report", "trial", "--json").json["records"]
+    assert [(one["label"], one["mean_mg_dl"]) for one in records] == [("mpc person 3", 103.0), ("mpc person 8", 108.0)]
+
+
+def test_a_damaged_folder_is_refused(refused, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "glucose_1min.parquet").write_bytes(b"PAR1 and nothing more")
+    assert "run is damaged" in refused("report", "run")
+
+
 def test_a_simulated_course_is_reported_from_its_folder(glucoloop, tmp_path):
     (tmp_path / "run").mkdir()
     t_min = [float(minute) for minute in range(2881)]
