@@ -55,7 +55,7 @@ class GlucoseEpisode(NamedTuple):
 def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
     """Episodes beyond one of `BOUNDS_MG_DL`, in the order of time."""
     bound = BOUNDS_MG_DL[kind]
-    grid = readings.grid()
+    grid = readings.grid
     in_a_row = math.ceil(LASTING_MIN / grid.step_min - 1e-9)
     found = []
     for segment in grid.segments():

@@ -33,7 +33,7 @@ def lagged_differences(readings: Readings) -> Mapping[str, float]:
     J. Hermanides et al., "Glucose variability is associated with intensive care unit mortality", Crit. Care Med. 38(3),
     838-842, 2010: MAG.
     """
-    grid = readings.grid()
+    grid = readings.grid
     hour, day, step = (grid.lagged(lag) for lag in (MIN_PER_H, MIN_PER_DAY, grid.step_min))
 
     def deviation(of: Floats) -> float:
@@ -68,7 +68,7 @@ def amplitude(readings: Readings) -> Mapping[str, float]:
     threshold = float(readings.glucose_mg_dl.std(ddof=1))
     sizes = [
         np.abs(np.diff(turning_points(_extremes(segment.glucose_mg_dl), threshold)))
-        for segment in readings.grid(_MAGE_STEP_MIN).segments()
+        for segment in readings.at_steps(_MAGE_STEP_MIN).segments()
         if segment.glucose_mg_dl.size > _LONG
     ]
     swings = np.concatenate(sizes) if sizes else np.empty(0)

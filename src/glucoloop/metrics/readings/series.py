@@ -149,14 +149,17 @@ class Readings:
         steps = np.rint(np.diff(self.t_min) / self.interval_min)
         return 1 + int(np.maximum(steps, 1.0).sum())
 
-    @functools.cache  # noqa: B019 (a record is read, reported and gone)
-    def grid(self, step_min: float | None = None) -> GlucoseGrid:
-        """Glucose at equal steps, interpolated between readings at most 45 min apart; by default at the interval."""
-        step = step_min or self.interval_min
-        first, last = int(np.ceil(self.t_min[0] / step)), int(np.floor(self.t_min[-1] / step))
-        t = step * np.arange(first, last + 1, dtype=float)
+    @functools.cached_property
+    def grid(self) -> GlucoseGrid:
+        """Glucose at each interval; see `at_steps`."""
+        return self.at_steps(self.interval_min)
+
+    def at_steps(self, step_min: float) -> GlucoseGrid:
+        """Glucose at equal steps, interpolated between readings at most 45 min apart."""
+        first, last = int(np.ceil(self.t_min[0] / step_min)), int(np.floor(self.t_min[-1] / step_min))
+        t = step_min * np.arange(first, last + 1, dtype=float)
         glucose = np.interp(t, self.t_min, self.glucose_mg_dl)
         after = np.searchsorted(self.t_min, t, side="left").clip(1, self.t_min.size - 1)
         gap = self.t_min[after] - self.t_min[after - 1]
         inside = (t > self.t_min[after - 1]) & (t < self.t_min[after])
-        return GlucoseGrid(step, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))
+        return GlucoseGrid(step_min, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))
