@@ -1,13 +1,25 @@
 """Damaged and odd files: a sentence, never a traceback, and never a row lost in silence."""
 
 import itertools
+import json
 
 import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 
 import glucoloop as gl
-from device_files import START, carelink, clarity, every, glucose, libre, nightscout_entries, ohio, tidepool
+from device_files import (
+    START,
+    carelink,
+    clarity,
+    every,
+    glucose,
+    libre,
+    nightscout_entries,
+    nightscout_treatments,
+    ohio,
+    tidepool,
+)
 
 SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
 FILES = {
@@ -18,6 +30,9 @@ FILES = {
     "tidepool": tidepool(30),
     "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
 }
+TEMPORARY = [
+    (time, {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30, "percent": -50}) for time in every(20, 10)
+]
 BYTES = {name: text.encode() for name, text in FILES.items()}
 TABLES = ("clarity", "libre")
 QUICK = settings(
@@ -75,6 +90,24 @@ def test_binary_junk_within(tmp_path, name, place, junk):
     read_or_refused(tmp_path / "junk", whole[:at] + junk + whole[at + len(junk) :])
 
 
+ODD = st.one_of(
+    *(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), st.lists(st.integers(), max_size=2)),
+    st.sampled_from([1e300, -1e14, 10**13, "2024-02-30T00:00:00Z", "12/12/12 12:12", "Temp Basal", {}]),
+)
+
+
+@pytest.mark.parametrize("name", ["nightscout", "tidepool", "treatments"])
+@QUICK
+@given(odd=st.lists(st.tuples(st.integers(0, 29), st.integers(0, 20), ODD), min_size=1, max_size=6))
+def test_odd_values_in_json(tmp_path, name, odd):
+    items = json.loads(FILES.get(name) or nightscout_treatments(*TEMPORARY))
+    for row, key, value in odd:
+        item = items[row % len(items)]
+        item[list(item)[key % len(item)]] = value
+    record = read_or_refused(tmp_path / "odd", json.dumps(items).encode())
+    assert record is None or record.rows == len(items)
+
+
 @QUICK
 @given(junk=st.binary(max_size=400))
 @example(junk=b"")
@@ -90,6 +123,8 @@ def test_nothing_but_junk(tmp_path, junk):
 @pytest.mark.parametrize("name", TABLES)
 @QUICK
 @given(quotes=st.sets(st.integers(0, 20_000), min_size=1, max_size=5))
+@example(quotes={0, 1})
+@example(quotes={0, 2101})
 def test_quotes_that_do_not_close_swallow_no_row(tmp_path, name, quotes):
     lines = FILES[name].splitlines()
     head = {"clarity": 1, "libre": 2}[name]
@@ -147,6 +182,17 @@ def test_notes_of_several_files_name_the_file(read):
     assert [note[:8] for note in record.notes if "no number." in note] == ["File 1: ", "File 2: "]
 
 
+def test_a_note_of_two_lines_is_one_row(read):
+    note = (
+        "FreeStyle LibreLink,X,13-03-2024 00:09,6,,,,,,,,,,",
+        '"a walk, then, oddly,\nsleep, and, later, more"',
+        ",,,,,",
+    )
+    record = read(FILES["libre"] + "".join(note) + "\n")
+    assert record.rows == 31
+    assert record.left_out == {"notes and other entries": 1}
+
+
 def test_another_unit_than_is_said_is_refused(refused):
     lines = [line.replace(f"G6,{glucose(n - 5)},", "G6,5.5,") for n, line in enumerate(clarity(30).splitlines())]
     assert refused("\n".join(lines)) == (
@@ -189,8 +235,8 @@ def test_a_folder_a_missing_file_and_none_are_refused(tmp_path):
 
 def test_a_file_without_anything_to_use_says_what_it_has(refused):
     assert refused(clarity(0)) == (
-        "nothing in it can be used: it has 4 rows, of which 4 rows about the patient and the devices; give a file with "
-        "readings, meals or insulin"
+        "nothing in it can be used: it has 4 rows, of which rows about the patient and the devices (4); give a file "
+        "with readings, meals or insulin"
     )
 
 

@@ -124,6 +124,22 @@ def test_libreview_in_mmol_with_the_limits_of_its_sensor(read):
     assert record.frame["glucose_mg_dl"].to_list() == [pytest.approx(99.0858), 40.0, 500.0]
 
 
+def test_libreview_in_german(read):
+    text = (
+        f"Glukose-Werte,Erstellt am,25-02-2024 09:55 UTC,Erstellt von,{NAME}\n\n"
+        "Gerät,Seriennummer,Gerätezeitstempel,Aufzeichnungstyp,Glukosewert-Verlauf mg/dL,Glukose-Scan mg/dL,"
+        "Nicht numerisches schnellwirkendes Insulin,Schnellwirkendes Insulin (Einheiten),Kohlenhydrate (Gramm)\n"
+        f"FreeStyle Libre 3,{SERIAL},13-02-2024 00:03,0,104,,,,\n"
+        f'FreeStyle Libre 3,{SERIAL},13-02-2024 00:05,4,,,,"2,5",\n'
+        f"FreeStyle Libre 3,{SERIAL},13-02-2024 00:06,5,,,,,40\n"
+    )
+    frame = read(text).frame
+    assert frame["glucose_mg_dl"].to_list() == [104.0, None, None]
+    assert frame["bolus_U"].to_list() == [None, 2.5, None]
+    assert frame["carbs_g"].to_list() == [None, None, 40.0]
+    assert frame["device"][0] == "FreeStyle Libre 3"
+
+
 PUMP = (
     (minutes(0), {"Basal Rate": "1,0"}),
     (minutes(30), {"Temp Basal Amount": "50", "Temp Basal Type": "Percent", "Temp Basal Duration": "0:30:00"}),

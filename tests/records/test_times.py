@@ -98,6 +98,13 @@ def test_the_hour_that_a_clock_repeats_is_kept_and_told(read, newest_first):
     assert not [note for note in record.notes if "gap" in note]
 
 
+def test_a_meal_in_the_repeated_hour_has_no_known_offset(read):
+    meal = "99,2024-10-27T02:30:00,Carbs,,,,iPhone G6,,,45,,,,\n"
+    told = read(autumn() + meal, time_zone="Europe/Berlin").frame
+    assert told.filter(pl.col("carbs_g").is_not_null())["utc_offset_min"].to_list() == [None]
+    assert told["utc_offset_min"].null_count() == 1
+
+
 def test_a_repeated_hour_with_one_pass_has_no_known_offset(read):
     record = read(clarity(12, start=datetime(2024, 10, 27, 2, 3)), time_zone="Europe/Berlin")
     assert record.frame["utc_offset_min"].null_count() == 12

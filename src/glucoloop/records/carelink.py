@@ -68,6 +68,8 @@ def rows(content: FileText, answers: Answers) -> Extract:
     frame = pl.concat(parts).with_columns(
         pl.when(~pl.col(name).str.starts_with(_RULE)).then(name) for name in _COLUMNS if name != "device"
     )
+    spoilt = pl.concat([table.spoilt for _, table in sections])
+    frame = frame.with_columns(pl.when(pl.lit(spoilt).is_null()).then(name) for name in _COLUMNS)
     times, notes = times_of(frame.select(pl.concat_str("date", "clock", separator=" ")).to_series(), answers)
     meal = pl.col("marker").str.extract(r"(?i)^Meal: *([0-9.,]+) *g")
     known = pl.col("marker").str.extract(r"(?i)^(Insulin|Meal|Exercise|BG)\b").str.to_lowercase()
@@ -91,7 +93,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     found = extract_frame(
         frame,
         times,
-        pl.concat([table.spoilt for _, table in sections]),
+        spoilt,
         glucose=pl.col("glucose"),
         carbs=pl.coalesce("carbs", meal),
         bolus=pl.col("bolus"),

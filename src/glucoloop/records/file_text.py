@@ -1,11 +1,11 @@
-"""FileText of a file: its text whatever the encoding, and that text as a table or as JSON."""
+"""Text of a file whatever its encoding, and that text as a table or as JSON."""
 
 from __future__ import annotations
 
 import functools
 import io
 import json
-from collections.abc import Iterable
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +17,7 @@ from glucoloop.refusal import Refusal
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t")
 _EMPTY: Final = "it is empty; give the file as it was exported"
+_BLANK_LINES: Final = re.compile(r"\n(?:[ \t]*\n)+")
 _EXTRA: Final = ("more 1", "more 2")
 """Columns for fields beyond those of the header."""
 _HEAD: Final = 20_000
@@ -33,7 +34,7 @@ class FileText:
     @functools.cached_property
     def head(self) -> tuple[str, ...]:
         """First lines of the text."""
-        return tuple(self.text[:_HEAD].splitlines()[:60])
+        return tuple(self.text[:_HEAD].split("\n")[:60])
 
     @functools.cached_property
     def json(self) -> Any:
@@ -61,7 +62,7 @@ class FileText:
         return None
 
     def table(self, place: tuple[int, str]) -> CellTable:
-        """CellTable that begins with the header at a place that `header` found."""
+        """Table that begins with the header at a place that `header` found."""
         number, delimiter = place
         at = 0
         for _ in range(number):
@@ -138,47 +139,41 @@ class CellTable:
         return pl.when(cell != "").then(cell)
 
 
-def table_of(lines: str, delimiter: str) -> CellTable:
-    """CellTable of a text whose first line names the columns; Refusal if it is none."""
-    notes: list[str] = []
-    names = _names(lines.partition("\n")[0], delimiter)
-    frame = _frame(lines, delimiter, names, '"')
-    swallowed = frame is not None and _swallows_rows(frame, delimiter, len(names))
-    if frame is None or swallowed:
-        frame = _frame(lines, delimiter, names, None)
-        notes.append("Quotes in the file do not close; it was read as if there were none.")
+def table_of(text: str, delimiter: str) -> CellTable:
+    """Table of a text whose first line names the columns; Refusal if it is none."""
+    header, _, body = text.partition("\n")
+    body = _BLANK_LINES.sub("\n", body).strip("\n")
+    names = _names(header, delimiter)
+    notes: tuple[str, ...] = ()
+    frame = _frame(body, delimiter, names, '"')
+    quoted = '"' in body
+    lines = body.split("\n") if quoted or body.count(delimiter) != (len(names) - 1) * (body.count("\n") + 1) else []
+    counts = pl.Series([line.count(delimiter) for line in lines], dtype=pl.Int64)
+    if frame is None or (quoted and frame.height < _whole_lines(counts, len(names) - 1)):
+        quoted, frame = False, _frame(body, delimiter, names, None)
+        notes = ("Quotes in the file do not close; it was read as if there were none.",)
     if frame is None:
         raise Refusal("it is no whole table; export it again")
-    cells = pl.col(names)
-    extra = pl.any_horizontal(pl.col(_EXTRA).is_not_null())
-    too_many = frame.select(extra).to_series() | _has_too_many(lines, delimiter, frame.height)
-    last = lines.rsplit("\n", 2)[-2:]
-    cut = len(last) == 2 and bool(last[1].strip()) and last[1].count(delimiter) < last[0].count(delimiter)
+    cut = len(counts) > 1 and counts[-1] < counts[-2] and not text.endswith("\n")
+    too_many = frame.select(pl.any_horizontal(pl.col(_EXTRA).is_not_null())).to_series()
+    if not quoted and len(counts) == frame.height and counts.head(len(counts) - cut).n_unique() > 1:
+        too_many |= counts > len(names) - 1  # as where a decimal comma divides a number in two
     reason = (
         pl.when(pl.lit(cut) & (pl.int_range(pl.len()) == pl.len() - 1))
         .then(pl.lit("a last row that is cut off"))
         .when(pl.lit(too_many))
         .then(pl.lit("rows with more fields than the header"))
     )
+    cells = pl.col(names)
     blank = pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == ""))
     frame = frame.with_columns(_spoilt=reason).filter(~blank)
-    return CellTable(frame.select(names), frame["_spoilt"], tuple(notes))
+    return CellTable(frame.select(names), frame["_spoilt"], notes)
 
 
-def _has_too_many(lines: str, delimiter: str, rows: int) -> pl.Series:
-    """Whether each row has more fields than the header, as where a decimal comma divides a number in two.
-
-    A file whose rows all end with one delimiter more is no such file.
-    """
-    header, _, body = lines.partition("\n")
-    usual = header.count(delimiter)
-    none = pl.Series([False], dtype=pl.Boolean).new_from_index(0, rows)
-    if '"' in body or body.count(delimiter) <= usual * rows:
-        return none
-    counts = pl.Series([line.count(delimiter) for line in body.split("\n")][:rows], dtype=pl.Int64)
-    if len(counts) != rows or counts.filter(counts > 0).n_unique() == 1:
-        return none
-    return counts > usual
+def _whole_lines(counts: pl.Series, delimiters: int) -> int:
+    """Number of lines that have as many delimiters as a row of the table has: each is a row, whatever quotes say."""
+    usual = min(delimiters, int(counts.median() or 0))  # type: ignore[arg-type]
+    return int((counts >= max(usual, 1)).sum())
 
 
 def _names(line: str, delimiter: str) -> list[str]:
@@ -190,8 +185,7 @@ def _names(line: str, delimiter: str) -> list[str]:
     return names
 
 
-def _frame(lines: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
-    body = lines.partition("\n")[2]
+def _frame(body: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
     every = (*names, *_EXTRA)
     if not body.strip():
         return pl.DataFrame(schema=dict.fromkeys(every, pl.String()))
@@ -208,10 +202,3 @@ def _frame(lines: str, delimiter: str, names: list[str], quote: str | None) -> p
         return None
     frame.columns = list(every)
     return frame
-
-
-def _swallows_rows(frame: pl.DataFrame, delimiter: str, columns: int) -> bool:
-    """Whether a quoted cell holds what looks like rows of the table."""
-    looks = rf"(?s)\n(?:[^{delimiter}\n]*{delimiter}){{{max(2, columns // 2)}}}"
-    cells: Iterable[pl.Expr] = (pl.col(name).str.contains(looks).any() for name in frame.columns)
-    return bool(frame.select(pl.any_horizontal(*cells).fill_null(False)).item()) if frame.height else False

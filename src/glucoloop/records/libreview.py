@@ -1,4 +1,4 @@
-"""CSV of LibreView, of sensors FreeStyle Libre.
+"""CSV of LibreView, of sensors FreeStyle Libre, in English or German.
 
 The first line is about the export, the second names the columns. A record type of 0 is a reading that the sensor stores
 every 5 or 15 min, 1 a scan, 2 a strip, 4 insulin, 5 food, 6 anything else. Dates have the day or the month first,

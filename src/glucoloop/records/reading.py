@@ -8,7 +8,6 @@ from pathlib import Path
 import polars as pl
 
 from glucoloop.parts.setting import choices_text
-from glucoloop.printable import how_many
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart
@@ -67,7 +66,7 @@ def _seen(content: FileText) -> str:
         value = content.json
         if value is None:
             return "it begins like JSON and is no whole JSON"
-        return "it is JSON, one object" if isinstance(value, dict) else f"it is JSON, {how_many(len(value), 'item')}"
+        return f"it is JSON, {'one object' if isinstance(value, dict) else f'a list of {len(value)}'}"
     if text.startswith("<"):
         return "it is XML or HTML"
     lines = content.text.count("\n") + 1

@@ -19,7 +19,7 @@ from glucoloop.records.file_text import FileText
 from glucoloop.records.times import TIME, from_utc, times_of
 from glucoloop.units import MG_DL_PER_MMOL_L, S_PER_MIN
 
-_TYPES: Final = {"cbg", "smbg", "basal", "bolus", "wizard", "food", "upload", "pumpSettings", "deviceEvent"}
+_TYPES: Final = ("cbg", "smbg", "basal", "bolus", "wizard", "food", "upload", "pumpSettings", "deviceEvent")
 _KINDS: Final = {
     "smbg": "finger pricks",
     "wizard": "bolus calculations without carbohydrate",

@@ -61,7 +61,7 @@ def record_of(frames: Sequence[pl.DataFrame], account: Account) -> DeviceRecord:
     """Record of one person from the settled rows of one file or several; Refusal if there is nothing to use."""
     frame = pl.concat(frames)
     if not frame.height:
-        seen = ", ".join(f"{count} {reason}" for reason, count in account.left_out.items())
+        seen = ", ".join(f"{reason} ({count})" for reason, count in account.left_out.items())
         raise Refusal(
             f"nothing in it can be used: it has {how_many(account.rows, 'row')}{f', of which {seen}' if seen else ''}; "
             "give a file with readings, meals or insulin"
@@ -110,8 +110,7 @@ def settled(extract: Extract, answers: Answers, account: Account) -> pl.DataFram
 
 
 def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, account: Account) -> pl.DataFrame:
-    text = frame["glucose"].dtype == pl.String
-    if text:
+    if frame["glucose"].dtype == pl.String:
         word = pl.col("glucose").str.strip_chars(' "').str.to_lowercase()
         low, high = (word.is_in(words) | word.str.starts_with(words[-1]) for words in (_LOW, _HIGH))
         mark = pl.when(low).then(pl.lit("low")).when(high).then(pl.lit("high"))
@@ -121,9 +120,7 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
             glucose=pl.when(pl.col("_word").is_null()).then("glucose"),
         )
     marked = pl.col("out_of_range").is_not_null() & pl.col("glucose").is_null()
-    frame = frame.with_columns(
-        *(_number(name, frame[name].dtype) for name in VALUES), _marked=marked, _given=pl.lit(False)
-    )
+    frame = frame.with_columns(*(_number(name, frame[name].dtype) for name in VALUES), _marked=marked)
     factor = _factor(frame["_glucose"], extract, answers)
     lowest, highest = extract.limits_mg_dl
     glucose = pl.col("_glucose") * factor

@@ -18,6 +18,7 @@ _PATTERN: Final = (
 )
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_YEARS: Final = (1970, 2199)
 _MOST_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
 
@@ -42,7 +43,7 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
         day=pl.when("year_first").then("c").when(day_first).then("a").otherwise("b"),
     )
     bounds = {
-        "year": (1970, 2199),
+        "year": _YEARS,
         "month": (1, 12),
         "day": (1, 31),
         "hour": (0, 23),
@@ -122,6 +123,7 @@ def clock(time: object) -> str:
 def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time of instants in UTC: in the zone that is asked for, or by the offsets [min] that the file has."""
     frame = pl.DataFrame({"instant": instants.cast(TIME)})
+    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*_YEARS)).then("instant"))
     if answers.time_zone is not None:
         there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(answers.time_zone)
         offset = (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)
@@ -168,8 +170,8 @@ def settled_clock(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, 
     frame = frame.with_columns(_early=offset(early), _late=offset(late))
     repeated = pl.col("_early") != pl.col("_late")
     settled = pl.when("second_pass").then("_late").otherwise("_early")
-    passes = pl.col("second_pass").any().over(pl.col("time").dt.date())
-    frame = frame.with_columns(_open=unknown & repeated & ~passes, _gone=unknown & pl.col("_early").is_null())
+    told = pl.col("second_pass").any().over(pl.col("time").dt.date()) & pl.col("glucose_mg_dl").is_not_null()
+    frame = frame.with_columns(_open=unknown & repeated & ~told, _gone=unknown & pl.col("_early").is_null())
     open_rows, gone = int(frame["_open"].fill_null(False).sum()), int(frame["_gone"].fill_null(False).sum())
     frame = frame.with_columns(
         utc_offset_min=pl.when(pl.col("_open")).then(None).when(unknown).then(settled).otherwise("utc_offset_min")
