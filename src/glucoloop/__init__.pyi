@@ -36,6 +36,7 @@ from . import shown_units as shown_units
 from . import simulation as simulation
 from . import situations as situations
 from . import snapshot as snapshot
+from . import sparse as sparse
 from . import storage as storage
 from . import studies as studies
 from . import threefry as threefry
