@@ -6,6 +6,7 @@ import datetime as dt
 import polars as pl
 import pytest
 
+import device_files
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.series import Readings
 from monitor_records import with_gaps
@@ -60,6 +61,16 @@ def test_no_result_has_the_name_of_the_file(glucoloop, record, tmp_path):
     answer = glucoloop("report", tmp_path / "Doe_Jane_export.csv", "--out", "out", "--json")
     assert "Doe" not in answer.out
     assert not [place for place in (tmp_path / "out").iterdir() if b"Doe" in place.read_bytes()]
+
+
+def test_no_result_has_a_name_or_a_serial_number_of_the_file(glucoloop, tmp_path):
+    (tmp_path / "export.csv").write_text(device_files.clarity(600), encoding="utf-8")
+    answer = glucoloop("report", "export.csv", "--out", "out", "--json")
+    assert answer.code == 0, answer.err
+    written = b"".join(place.read_bytes() for place in (tmp_path / "out").iterdir()) + answer.out.encode()
+    for hidden in (device_files.NAME, device_files.SURNAME, device_files.SERIAL):
+        assert hidden in (tmp_path / "export.csv").read_text(encoding="utf-8")
+        assert hidden.encode() not in written
 
 
 def test_periods_stand_side_by_side(glucoloop, record):
