@@ -23,6 +23,7 @@ from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
 from glucoloop.lab import pack
+from glucoloop.metrics.readings import MEASURES
 from glucoloop.metrics.settings import METRICS
 from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.parts.setting import Default, value_text
@@ -194,6 +195,16 @@ def elsewhere(controller: str, setting: str) -> Iterator[str]:
 def metrics() -> str:
     rows = [[code(result.name), result.summary] for part in METRICS.values() for result in part().results]
     return table(["Metric", "Definition"], rows)
+
+
+def metrics_of_records() -> str:
+    """Metrics of a record, with the function that has the source of each."""
+    rows = [
+        [code(result.name), result.summary, code(f"{measure.of.__module__.rpartition('.')[2]}.{measure.of.__name__}")]
+        for measure in MEASURES
+        for result in measure.results
+    ]
+    return table(["Metric", "Definition", "Source, in `glucoloop.metrics.readings`"], rows)
 
 
 def interpretations() -> str:
@@ -368,6 +379,7 @@ def write_all(docs: Path) -> None:
         made / "controllers.md": controllers(),
         made / "faults.md": faults(),
         made / "metrics.md": metrics(),
+        made / "metrics-of-records.md": metrics_of_records(),
         made / "interpretations.md": interpretations(),
         made / "printed.md": printed(),
         made / "deviations.md": deviations(),

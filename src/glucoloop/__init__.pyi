@@ -27,6 +27,7 @@ from . import plausible as plausible
 from . import printable as printable
 from . import profile as profile
 from . import pumps as pumps
+from . import records as records
 from . import refusal as refusal
 from . import report as report
 from . import rhythms as rhythms
@@ -35,6 +36,7 @@ from . import shown_units as shown_units
 from . import simulation as simulation
 from . import situations as situations
 from . import snapshot as snapshot
+from . import sparse as sparse
 from . import storage as storage
 from . import studies as studies
 from . import threefry as threefry
@@ -71,6 +73,7 @@ from .patients import virtual_people as virtual_people
 from .pumps import LimitedPump as LimitedPump
 from .pumps import dose_limits as dose_limits
 from .pumps import with_resolution as with_resolution
+from .records import read_record as read_record
 from .refusal import Refusal as Refusal
 from .report import plot as plot
 from .rhythms import rhythm as rhythm

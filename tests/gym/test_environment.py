@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import glucoloop.gym.people
 from glucoloop._pytree import pytree
+from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.protocol import Decision
@@ -98,7 +99,7 @@ def test_steps_with_the_doses_of_a_closed_loop_are_that_loop_to_the_bit(changed)
     loop = loop_of(
         trial, Planned(rates=jnp.asarray(rates), boluses=jnp.asarray(boluses)), _Nothing(), record_decisions=True
     )
-    block = np.arange(512)  # people are drawn in blocks of this size
+    block = np.arange(block_size(loop.engine))  # people are drawn in blocks of this size
     run = loop.run(people_of(trial, block), **brought(trial, trial.drawn_days(block)))
     assert loop.engine == "native"
     people = DosedPeople(settings, number.size)

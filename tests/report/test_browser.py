@@ -1,5 +1,7 @@
 """Pages in a browser: axe-core finds nothing, nothing is loaded, and plots answer to the keyboard."""
 
+import datetime as dt
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +9,16 @@ import pytest
 
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
+from glucoloop.metrics.readings import Readings, numbers_of
 from glucoloop.papers.parker1999 import POINTS
 from glucoloop.papers.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.study import page
 from glucoloop.report import Repeat, interactive_page, trial_page
+from glucoloop.report.record_page import GOALS, ReportedRecord, record_page
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
+from monitor_records import with_gaps
 
 FAULT = "stuck, start_min=60, latest_min=120, duration_min=90"
 
@@ -24,6 +29,11 @@ def _as_wide_as_the_full_one():
     """All printed entries, each with a result that does not agree, at every operating point."""
     found = Reproduced(120.25, low=99.75, high=130.25)
     return [ComparedEntry(entry=entry, reproduced=dict.fromkeys(POINTS, found)) for entry in ENTRIES]
+
+
+def _record(label, days):
+    readings = Readings.of(*with_gaps(days, 3), dt.date(2025, 1, 6))
+    return ReportedRecord(label, readings, numbers_of(readings), ("Glucose was brought from mmol/l to mg/dl.",))
 
 
 pytestmark = [pytest.mark.long, needs_browser]
@@ -50,6 +60,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, league_page, surf
         "surface": surface_page(
             Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
+        "record": record_page([_record("before", 14), _record("after", 3)], GOALS["adult"]),
         "reproduction": page(dict.fromkeys(POINTS, _NO_RUNS), _as_wide_as_the_full_one(), 1),
     }
     folder = tmp_path_factory.mktemp("pages")
@@ -85,6 +96,13 @@ def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
         assert of["saved"][1].startswith('"Glucose and insulin","calm, glucose","0","80"')
 
 
+def test_a_time_of_day_is_told_with_its_percentiles(seen):
+    told = seen["record", 390, "light"]["moment"]
+    assert told.startswith("0.08 h")
+    assert re.search(r"median [\d.]+ mg/dl \([\d.]+ mmol/l\), 25 to 75 % [\d.]+ – [\d.]+ mg/dl", told)
+    assert "Mean (mmol/l)" in seen["record", 1280, "dark"]["units"]
+
+
 def test_people_are_told_as_percentiles(seen):
     told = seen["trial", 1280, "dark"]["moment"]
     first = [told.index(name) for name in ("median", "50 % of the people", "90 % of the people")]
@@ -118,7 +136,7 @@ def test_pictures_are_told_in_words(seen, quiet, noisy):
 
 def test_who_has_no_script_is_told_where_the_numbers_are(seen):
     for (kind, _, _), of in seen.items():
-        assert len(of["plain"]) == {"runs": 1, "trial": 2}.get(kind, 0)
+        assert len(of["plain"]) == {"runs": 1, "trial": 2, "record": 2}.get(kind, 0)
         assert of["plainLooks"] == 0
 
 

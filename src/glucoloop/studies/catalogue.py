@@ -35,6 +35,7 @@ _ENTRIES: Final = (
     ("studies.hil:HIL", CARRY_ON, "Close the loop with the controller on a chip."),
     ("studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
     ("studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."),
+    ("studies.record_report:REPORT", RESULTS, "Report glucose of a monitor or a simulation as clinics do."),
     ("papers.parker1999:REPRODUCE", RESULTS, "Reproduce a published study, number by number."),
 )
 STUDIES: Final = {

@@ -20,7 +20,6 @@ from glucoloop.studies.study import SearchStudy
 GENERATIONS: Final = 300
 FEW_GENERATIONS: Final = 30
 """Number of generations for a slow controller."""
-_SLOW: Final = tuple(name for name, entry in CONTROLLERS.items() if entry.slow)
 _errors = functools.partial(Option, panel="Errors")
 _search = functools.partial(Option, panel="Search")
 
@@ -66,7 +65,7 @@ class Adversary(GuardedTrial):
         int | None,
         _search(
             "Number of generations of each search.",
-            default=f"{GENERATIONS}; {', '.join(_SLOW)}: {FEW_GENERATIONS}",
+            default=f"{GENERATIONS}; {FEW_GENERATIONS} of slow controllers",
             at_least=1,
             at_most=1_000_000,
         ),
@@ -95,13 +94,13 @@ ADVERSARY: Final = SearchStudy(
     name="adversary",
     what="a search for the worst errors",
     help=(
-        "Search for the worst plausible sensor errors: those with which a controller lets glucose fall lowest.\n\n"
+        "Search for the worst plausible sensor errors: those by which glucose falls lowest.\n\n"
         "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
         "strategy (CMA-ES) tries about ten thousand sequences of errors on one person and keeps those with the most "
         "time below 54 mg/dl. For comparison, random errors of the same size are simulated on a population. By default "
-        "IMC, MPC, MPC/SE and NLQDMC/SE are searched, with the guard and 50 g at 50 min; meal-mpc takes hours and is "
-        "searched only if it is named. The folder of --out is written after each generation; after Ctrl-C, the same "
-        "command continues where it stopped.\n\n"
+        "IMC, MPC, MPC/SE and NLQDMC/SE are searched, with the guard and 50 g at 50 min; slow ones, such as meal-mpc, "
+        "take hours and are searched only if they are named. The folder of --out is written after each generation; "
+        "after Ctrl-C, the same command continues where it stopped.\n\n"
         "  glucoloop adversary --out worst\n\n"
         "  glucoloop adversary --controller mpc --error 10 --guards both\n\n"
         "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"

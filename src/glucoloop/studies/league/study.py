@@ -183,7 +183,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         width=MOST_PEOPLE * (2 + len(METRICS)),
         longest_text=_LONGEST_TEXT,
         every_s=15.0,  # since all people are written each time
-        unit="estimated seconds",
+        unit="units of work",
         rate_over_s=600.0,  # one controller may take ten times as long as another
         work=lambda number: max(1, round(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size))),
     )

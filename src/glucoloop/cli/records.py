@@ -1,0 +1,130 @@
+"""``glucoloop records``: files of sensors, pumps and apps, as one tidy record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import JSON, CommandOption, Given
+from glucoloop.cli.screen import show
+from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+
+if TYPE_CHECKING:
+    from glucoloop.records import DeviceRecord
+
+HELP: Final = (
+    "Read the record of a person from files of sensors, pumps, apps and simulators.\n\n"
+    "What a file is, is seen from what it holds: an export of Dexcom Clarity, LibreView, CareLink, Nightscout or "
+    "Tidepool, a file of OhioT1DM, simglucose or ReplayBG, or any table whose columns are named. Everything that was "
+    "changed or left out is told, with counts; what a file leaves open is asked for. Names and serial numbers are not "
+    "read.\n\n"
+    "  glucoloop records clarity.csv --out record.parquet\n\n"
+    "  glucoloop records entries.json treatments.json --time-zone Europe/Berlin\n\n"
+    "  glucoloop records diary.csv --columns time=Zeit,glucose_mg_dl=BZ --dates day-first"
+)
+_READING: Final = "Reading"
+_ANSWERS: Final = (
+    CommandOption(
+        "reader",
+        "--reader",
+        "The reader, where it cannot be seen; glucoloop list readers has all.",
+        panel=_READING,
+        metavar="NAME",
+    ),
+    CommandOption(
+        "columns",
+        "--columns",
+        "Columns of any other table: time, glucose_mg_dl or glucose_mmol_l, carbs_g, bolus_U and basal_U_h, each by "
+        "its name there.",
+        panel=_READING,
+        metavar="COLUMN=NAME,...",
+    ),
+    CommandOption(
+        "dates",
+        "--dates",
+        "Order of day and month, where all dates could be either.",
+        panel=_READING,
+        metavar="day-first|month-first",
+    ),
+    CommandOption(
+        "glucose_unit",
+        "--glucose-unit",
+        "Unit of glucose, where the file does not say it.",
+        panel=_READING,
+        metavar="mg/dl|mmol/l",
+    ),
+    CommandOption(
+        "time_zone",
+        "--time-zone",
+        "Time zone of the person, like Europe/Berlin: times in UTC become local, and local ones get their offset.",
+        panel=_READING,
+        metavar="ZONE",
+    ),
+    CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
+)
+
+
+def _records(given: Given) -> None:
+    """Read the files, write the record, and say what it holds."""
+    place = file_to_write(given)
+    from glucoloop.records import read_record
+
+    answers: dict[str, Any] = {option.key: given[option.key] for option in _ANSWERS if option.key in given}
+    record = read_record(*given["files"], **answers)
+    if place is not None:
+        write_file(place, record.parquet())
+    if given.get("json"):
+        from glucoloop.storage.files import json_text, with_version
+
+        written = {"file": str(place)} if place is not None else {}
+        print(json_text(with_version({**_described(record), **written})))
+        return
+    _print_record(record)
+    print("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
+
+
+def _described(record: DeviceRecord) -> dict[str, Any]:
+    """A record in plain values."""
+    times = record.frame["time"]
+    counted = ("glucose_mg_dl", "carbs_g", "bolus_U", "basal_U_h")
+    return {
+        "rows": record.rows,
+        "rows_used": record.rows_used,
+        "left_out": dict(record.left_out),
+        "first": str(times.min()),
+        "last": str(times.max()),
+        "values": {name: record.frame.height - record.frame[name].null_count() for name in counted},
+        "devices": sorted(record.frame["device"].drop_nulls().unique()),
+        "notes": list(record.notes),
+    }
+
+
+def _print_record(record: DeviceRecord) -> None:
+    from rich import box
+    from rich.table import Table
+
+    from glucoloop.report.columns import FittingTable
+
+    told = _described(record)
+    print(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
+    table = Table("Column", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Values", justify="right")
+    for name, count in told["values"].items():
+        table.add_row(name, str(count))
+    show(FittingTable(table))
+    for note in record.notes:
+        print(note)
+
+
+RECORDS: Final = Command(
+    "records",
+    HELP,
+    (
+        CommandOption("files", "FILE...", "Files of one person.", metavar="FILE", many=True),
+        *_ANSWERS,
+        CommandOption("out", "--out", "File for the record, in the format Parquet.", metavar="FILE"),
+        OVERWRITE_FILE,
+        JSON,
+    ),
+    _records,
+)

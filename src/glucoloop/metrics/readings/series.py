@@ -1,0 +1,165 @@
+"""Readings of a monitor in the order of time, and the same on a grid, with gaps where too long nothing was read."""
+
+from __future__ import annotations
+
+import datetime as dt
+import functools
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.refusal import Refusal
+from glucoloop.units import MIN_PER_DAY
+
+Floats = npt.NDArray[np.float64]
+
+LONGEST_FILLED_MIN: Final = 45.0
+"""Longest time between two readings over which glucose is interpolated, as the consensus tools do."""
+_MOST_DAYS: Final = 36_525
+_DIVISORS: Final = tuple(step for step in range(1, 361) if MIN_PER_DAY % step == 0)
+_LEAST_READINGS: Final = 2
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Glucose without a gap: values at ``first``, ``first + 1``, ... steps of the grid after midnight of day 0."""
+
+    first: int
+    glucose_mg_dl: Floats
+
+
+@dataclass(frozen=True)
+class GlucoseGrid:
+    """Glucose at equal steps from midnight of the first day, NaN in gaps."""
+
+    step_min: float
+    first: int
+    """Place of the first value: steps after midnight of day 0."""
+    glucose_mg_dl: Floats
+
+    def lagged(self, minutes: float) -> Floats:
+        """Differences of glucose from that so many minutes earlier, where both are known; none between steps."""
+        lag, between = divmod(round(minutes), round(self.step_min))
+        if between or lag >= self.glucose_mg_dl.size:
+            return np.empty(0)
+        difference = self.glucose_mg_dl[lag:] - self.glucose_mg_dl[:-lag]
+        return difference[np.isfinite(difference)]
+
+    def segments(self) -> list[Segment]:
+        """The stretches without a gap."""
+        known = np.isfinite(self.glucose_mg_dl)
+        edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+        return [Segment(self.first + int(low), self.glucose_mg_dl[low:high]) for low, high in edges]
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings by time; make them with `of`, or of a table with `of_times`."""
+
+    t_min: Floats
+    """(n,) minutes since midnight of day 0, rising."""
+    glucose_mg_dl: Floats
+    """(n,) finite readings."""
+    interval_min: float
+    """Time from reading to reading: the median, as whole minutes that divide a day."""
+    day_0: dt.date | None = None
+    """Date of day 0; None for a simulated course."""
+
+    @classmethod
+    def of(cls, t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, day_0: dt.date | None = None) -> Self:
+        """Readings from times and glucose; those that are not finite are left out, and equal times are averaged.
+
+        Parameters
+        ----------
+        t_min : array_like
+            (n,) minutes since a midnight, in any order.
+        glucose_mg_dl : array_like
+            (n,) glucose, of a monitor or a simulated person.
+        day_0 : date, optional
+            The day of that midnight.
+
+        Raises
+        ------
+        Refusal
+            For fewer than two readings, for readings of 0 mg/dl or less, and for times more than a century apart.
+        """
+        t, glucose = np.asarray(t_min, float), np.asarray(glucose_mg_dl, float)
+        if t.shape != glucose.shape or t.ndim != 1:
+            raise Refusal(f"times of shape {t.shape} and glucose of shape {glucose.shape} do not match")
+        there = np.isfinite(t) & np.isfinite(glucose)
+        t, first, places = np.unique(t[there], return_index=True, return_inverse=True)
+        if t.size < _LEAST_READINGS:
+            raise Refusal(
+                f"the record has {t.size} reading{'s' * (t.size != 1)} of glucose at different times, and no metric "
+                "can be computed; the consensus asks for 14 days with 70 % of the readings"
+            )
+        glucose = glucose[there]
+        glucose = glucose[first] if places.size == t.size else np.bincount(places, glucose) / np.bincount(places)
+        if glucose.min() <= 0.0:
+            raise Refusal(f"a reading of {glucose.min():g} mg/dl is not possible; leave it empty if it is missing")
+        if t[-1] - t[0] > _MOST_DAYS * MIN_PER_DAY:
+            raise Refusal("the first and the last reading are more than a century apart; mend the wrong times")
+        median = max(1, round(float(np.median(np.diff(t)))))
+        interval = next(step for step in reversed(_DIVISORS) if step <= median)
+        return cls(t, glucose, float(interval), day_0)
+
+    @classmethod
+    def of_times(cls, times: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike) -> Self:
+        """Readings from dates with times, as of the column of a table."""
+        moments = np.asarray(times).astype("datetime64[us]")
+        glucose = np.asarray(glucose_mg_dl, float)
+        moments = moments[np.isfinite(glucose) & ~np.isnat(moments)]
+        if not moments.size:
+            return cls.of([], [])
+        midnight = moments.min().astype("datetime64[D]")
+        t_min = (np.asarray(times).astype("datetime64[us]") - midnight) / np.timedelta64(1, "m")
+        day: Any = midnight.astype(object)
+        return cls.of(t_min, glucose, day)
+
+    @functools.cached_property
+    def day(self) -> npt.NDArray[np.int64]:
+        """(n,) number of the day of each reading."""
+        return np.floor_divide(self.t_min, MIN_PER_DAY).astype(np.int64)
+
+    @property
+    def time_of_day_min(self) -> Floats:
+        """(n,) minutes since midnight of each reading's day."""
+        return self.t_min - MIN_PER_DAY * self.day
+
+    def date(self, day: int) -> str:
+        """Name of a day: its date, or its number from 1 for a simulated course."""
+        return f"day {day + 1}" if self.day_0 is None else f"{self.day_0 + dt.timedelta(days=day)}"
+
+    def moment(self, t_min: float) -> str:
+        """Date and time of day of a moment."""
+        day, minutes = divmod(round(t_min), int(MIN_PER_DAY))
+        return f"{self.date(day)} {minutes // 60:02d}:{minutes % 60:02d}"
+
+    def only(self, chosen: npt.NDArray[np.bool_]) -> Readings | None:
+        """Some of the readings, with the same interval; None for fewer than two."""
+        if np.count_nonzero(chosen) < _LEAST_READINGS:
+            return None
+        return Readings(self.t_min[chosen], self.glucose_mg_dl[chosen], self.interval_min, self.day_0)
+
+    @functools.cached_property
+    def expected(self) -> int:
+        """Number of readings from the first to the last one if none were missing."""
+        steps = np.rint(np.diff(self.t_min) / self.interval_min)
+        return 1 + int(np.maximum(steps, 1.0).sum())
+
+    @functools.cached_property
+    def grid(self) -> GlucoseGrid:
+        """Glucose at each interval; see `at_steps`."""
+        return self.at_steps(self.interval_min)
+
+    def at_steps(self, step_min: float) -> GlucoseGrid:
+        """Glucose at equal steps, interpolated between readings at most 45 min apart."""
+        first, last = int(np.ceil(self.t_min[0] / step_min)), int(np.floor(self.t_min[-1] / step_min))
+        t = step_min * np.arange(first, last + 1, dtype=float)
+        glucose = np.interp(t, self.t_min, self.glucose_mg_dl)
+        after = np.searchsorted(self.t_min, t, side="left").clip(1, self.t_min.size - 1)
+        gap = self.t_min[after] - self.t_min[after - 1]
+        inside = (t > self.t_min[after - 1]) & (t < self.t_min[after])
+        return GlucoseGrid(step_min, first, np.where(inside & (gap > LONGEST_FILLED_MIN), np.nan, glucose))

@@ -1,0 +1,78 @@
+"""Rows of a file as its reader hands them on: what each says, still in the words and units of the file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import polars as pl
+
+VALUES: Final = ("glucose", "carbs", "bolus", "basal")
+_LARGEST: Final = 1e30
+_TYPES: Final = {"out_of_range": pl.String(), "device": pl.String(), "kind": pl.String()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extract:
+    """Rows of one file.
+
+    Columns of ``frame``: ``row``, the number of the row in the file, which several rows here may share; ``time`` and
+    ``utc_offset_min``; ``glucose``, ``carbs`` [g], ``bolus`` [U] and ``basal`` [U/h], as texts or numbers;
+    ``out_of_range``; ``device``; and ``kind``, in words what a row is that has no value, as ``alerts``. Every row of
+    the file is there, whether the record can use it or not.
+    """
+
+    frame: pl.DataFrame
+    glucose_unit: str | None
+    """Unit of glucose, or None where the file does not say it."""
+    notes: tuple[str, ...] = ()
+    limits_mg_dl: tuple[float, float] = (40.0, 400.0)
+    """Limits of the sensor, which stand for the words low and high."""
+
+
+def extract_frame(
+    source: pl.DataFrame, times: pl.DataFrame, spoilt: pl.Series | None = None, **columns: pl.Expr
+) -> pl.DataFrame:
+    """Frame of an extract from the rows of a source, their times, and expressions of the columns it has.
+
+    `spoilt` is the reason for which nothing in a row can be used, or null.
+    """
+    missing = {name: pl.lit(None, pl.Float64) for name in VALUES if name not in columns}
+    words = {name: pl.lit(None, kind) for name, kind in _TYPES.items() if name not in columns}
+    every = {**columns, **missing, **words}
+    if spoilt is not None and spoilt.null_count() < len(spoilt):
+        why = pl.lit(spoilt)
+        every = {name: pl.when(why.is_null()).then(value) for name, value in every.items()}
+        every["kind"] = pl.coalesce(why, every["kind"])
+    return source.with_columns(**every).select(
+        pl.int_range(pl.len(), dtype=pl.Int64).alias("row"), times["time"], times["utc_offset_min"], *every
+    )
+
+
+def cells(values: Iterable[Any]) -> pl.Series:
+    """Values of JSON or XML as texts, so that what is no number is told; null for what is not there."""
+    texts = (None if value is None else str(value) if isinstance(value, int | float | str) else "?" for value in values)
+    return pl.Series(list(texts), dtype=pl.String)
+
+
+def finite(value: object) -> float | None:
+    """A finite number of JSON; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) < _LARGEST and not math.isnan(value) else None
+
+
+def with_basal(frame: pl.DataFrame, rates: list[tuple[int, Any, float]]) -> pl.DataFrame:
+    """Rows of an extract and those of basal rates: row of the file, time and rate [U/h] of each."""
+    schema = {"row": pl.Int64(), "time": pl.Datetime("us"), "basal": pl.Float64()}
+    table = pl.DataFrame(rates, schema=schema, orient="row")
+    whose = frame.select("row", "utc_offset_min", "device").unique("row", keep="first")
+    table = table.join(whose, on="row", how="left", maintain_order="left")
+    bare = frame.filter(
+        pl.col("row").is_in(table["row"].implode()) & pl.all_horizontal(pl.col("glucose", "carbs", "bolus").is_null())
+    )
+    return pl.concat(
+        [frame.join(bare.select("row"), on="row", how="anti", maintain_order="left"), table], how="diagonal"
+    )

@@ -1,0 +1,204 @@
+"""Text of a file whatever its encoding, and that text as a table or as JSON."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from glucoloop.refusal import Refusal
+
+LARGEST_BYTES: Final = 2_000_000_000
+DELIMITERS: Final = (",", ";", "\t")
+_EMPTY: Final = "it is empty; give the file as it was exported"
+_BLANK_LINES: Final = re.compile(r"\n(?:[ \t]*\n)+")
+_EXTRA: Final = ("more 1", "more 2")
+"""Columns for fields beyond those of the header."""
+_HEAD: Final = 20_000
+"""Number of letters in which the beginning of a file is looked at."""
+
+
+@dataclass(frozen=True)
+class FileText:
+    """Text of a file, and what had to be done to read it."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+    @functools.cached_property
+    def head(self) -> tuple[str, ...]:
+        """First lines of the text."""
+        return tuple(self.text[:_HEAD].split("\n")[:60])
+
+    @functools.cached_property
+    def json(self) -> Any:
+        """Value of the text as JSON, or None if it is none."""
+        if self.text[:_HEAD].lstrip()[:1] not in ("[", "{"):
+            return None
+        try:
+            return json.loads(self.text, parse_constant=lambda _: None)
+        except (ValueError, RecursionError):
+            return None
+
+    def header(self, *names: str, whole: bool = False) -> tuple[int, str] | None:
+        """Number of the first line with fields that begin with these names, and its delimiter; None if there is none.
+
+        With `whole` the fields have to be these names.
+        """
+        wanted = [name.casefold() for name in names]
+        for number, line in enumerate(self.head):
+            for delimiter in DELIMITERS:
+                fields = [" ".join(text.strip().strip('"').split()).casefold() for text in line.split(delimiter)]
+                if all(
+                    any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted
+                ):
+                    return number, delimiter
+        return None
+
+    def table(self, place: tuple[int, str]) -> CellTable:
+        """Table that begins with the header at a place that `header` found."""
+        number, delimiter = place
+        at = 0
+        for _ in range(number):
+            at = self.text.index("\n", at) + 1
+        return table_of(self.text[at:], delimiter)
+
+    def objects(self) -> list[Any]:
+        """Items of a list in JSON; Refusal if the text is none."""
+        if not isinstance(self.json, list):
+            raise Refusal("it is no whole list in JSON; export it again")
+        return self.json
+
+
+def content_of(data: bytes) -> FileText:
+    """Text of a file in UTF-8, UTF-16 or Windows-1252; Refusal for what is no text."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        try:
+            return _without_nul(data.decode("utf-16"), ())
+        except UnicodeDecodeError:
+            raise Refusal("it begins as UTF-16 and is cut off or damaged; export it again") from None
+    try:
+        return _without_nul(data.decode("utf-8-sig"), ())
+    except UnicodeDecodeError:
+        notes = ("The file is not in UTF-8; it was read as Windows-1252.",)
+        return _without_nul(data.decode("cp1252", errors="replace"), notes)
+
+
+def _without_nul(text: str, notes: tuple[str, ...]) -> FileText:
+    if not text.strip():
+        raise Refusal(_EMPTY)
+    if "\0" in text:
+        raise Refusal("it is not text; give the file as it was exported, unzipped")
+    return FileText(text.replace("\r\n", "\n").replace("\r", "\n"), notes)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Bytes of a file that the user named; Refusal with the mend where it cannot be read."""
+    if "\0" in str(path):
+        raise Refusal("its name holds a NUL character, which no file has; leave it out")
+    try:
+        if path.is_dir():
+            raise Refusal("it is a folder; name a file in it")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise Refusal(f"it cannot be read: {error.strerror}; give the path of a file that can") from None
+    if len(data) > LARGEST_BYTES:
+        raise Refusal(f"it is larger than {LARGEST_BYTES} bytes; divide it")
+    return data
+
+
+@dataclass(frozen=True)
+class CellTable:
+    """Rows of a table as texts, its blank lines left out."""
+
+    frame: pl.DataFrame
+    spoilt: pl.Series
+    """Reason for which nothing in a row can be used, in words what such rows are; null for a good row."""
+    notes: tuple[str, ...] = ()
+
+    def column(self, *starts: str) -> str | None:
+        """Name of the first column that begins with one of the texts, in any case; None if there is none."""
+        for start in starts:
+            for name in self.frame.columns:
+                if name.casefold().startswith(start.casefold()):
+                    return name
+        return None
+
+    def texts(self, name: str | None) -> pl.Expr:
+        """Cells of a column without blanks around them; null for an empty cell, and for a column that is not there."""
+        if name is None:
+            return pl.lit(None, pl.String)
+        cell = pl.col(name).str.strip_chars(' \u00a0"')
+        return pl.when(cell != "").then(cell)
+
+
+def table_of(text: str, delimiter: str) -> CellTable:
+    """Table of a text whose first line names the columns; Refusal if it is none."""
+    header, _, body = text.partition("\n")
+    body = _BLANK_LINES.sub("\n", body).strip("\n")
+    names = _names(header, delimiter)
+    notes: tuple[str, ...] = ()
+    frame = _frame(body, delimiter, names, '"')
+    quoted = '"' in body
+    lines = body.split("\n") if quoted or body.count(delimiter) != (len(names) - 1) * (body.count("\n") + 1) else []
+    counts = pl.Series([line.count(delimiter) for line in lines], dtype=pl.Int64)
+    if frame is None or (quoted and frame.height < _whole_lines(counts, len(names) - 1)):
+        quoted, frame = False, _frame(body, delimiter, names, None)
+        notes = ("Quotes in the file do not close; it was read as if there were none.",)
+    if frame is None:
+        raise Refusal("it is no whole table; export it again")
+    cut = len(counts) > 1 and counts[-1] < counts[-2] and not text.endswith("\n")
+    too_many = frame.select(pl.any_horizontal(pl.col(_EXTRA).is_not_null())).to_series()
+    if not quoted and len(counts) == frame.height and counts.head(len(counts) - cut).n_unique() > 1:
+        too_many |= counts > len(names) - 1  # as where a decimal comma divides a number in two
+    reason = (
+        pl.when(pl.lit(cut) & (pl.int_range(pl.len()) == pl.len() - 1))
+        .then(pl.lit("a last row that is cut off"))
+        .when(pl.lit(too_many))
+        .then(pl.lit("rows with more fields than the header"))
+    )
+    cells = pl.col(names)
+    blank = pl.all_horizontal(cells.is_null() | (cells.str.strip_chars() == ""))
+    frame = frame.with_columns(_spoilt=reason).filter(~blank)
+    return CellTable(frame.select(names), frame["_spoilt"], notes)
+
+
+def _whole_lines(counts: pl.Series, delimiters: int) -> int:
+    """Number of lines that have as many delimiters as a row of the table has: each is a row, whatever quotes say."""
+    usual = min(delimiters, int(counts.median() or 0))  # type: ignore[arg-type]
+    return int((counts >= max(usual, 1)).sum())
+
+
+def _names(line: str, delimiter: str) -> list[str]:
+    """Names of columns, each its own."""
+    names: list[str] = []
+    for text in line.split(delimiter):
+        name = " ".join(text.strip().strip('"').split())
+        names.append(name if name and name not in names else f"{name} ({len(names) + 1})")
+    return names
+
+
+def _frame(body: str, delimiter: str, names: list[str], quote: str | None) -> pl.DataFrame | None:
+    every = (*names, *_EXTRA)
+    if not body.strip():
+        return pl.DataFrame(schema=dict.fromkeys(every, pl.String()))
+    header = delimiter.join(map(str, range(len(every))))  # a row may have fewer fields, but not the first line
+    try:
+        frame = pl.read_csv(
+            io.BytesIO(f"{header}\n{body}".encode()),
+            separator=delimiter,
+            quote_char=quote,
+            infer_schema=False,
+            truncate_ragged_lines=True,
+        )
+    except pl.exceptions.PolarsError:
+        return None
+    frame.columns = list(every)
+    return frame

@@ -1,0 +1,124 @@
+"""JSON of Nightscout: entries, with the readings, and treatments, with carbohydrate, boluses and temporary rates.
+
+Times are instants in UTC, with the offset of the uploader's clock where it told one. Readings are in mg/dl whatever the
+site shows; 39 stands for low and 401 for high.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import polars as pl
+
+from glucoloop.records.answers import Answers
+from glucoloop.records.basal import BasalEvent, basal_rates
+from glucoloop.records.devices import device_kinds
+from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
+from glucoloop.records.file_text import FileText
+from glucoloop.records.times import TIME, from_utc, times_of
+
+_LOW_CODE, _HIGH_CODE = 39, 401
+_KINDS: Final = {"mbg": "finger pricks", "cal": "calibrations"}
+_TEMPORARY: Final = "Temp Basal"
+
+
+def recognised(content: FileText) -> bool:
+    """Whether a file is a list of entries or treatments."""
+    items = content.json
+    if not isinstance(items, list):
+        return False
+    first = [item for item in items[:50] if isinstance(item, dict)]
+    return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
+
+
+def rows(content: FileText, answers: Answers) -> Extract:
+    """Rows of entries or treatments."""
+    items = [item if isinstance(item, dict) else {} for item in content.objects()]
+    instants, offsets, notes = _instants(items, answers)
+    times, more = from_utc(instants, offsets, answers)
+    source = pl.DataFrame(
+        {
+            "sgv": cells(item.get("sgv") if item.get("type", "sgv") == "sgv" else None for item in items),
+            "type": cells(item.get("type") for item in items),
+            "event": cells(item.get("eventType") for item in items),
+            "insulin": cells(item.get("insulin") for item in items),
+            "grams": cells(item.get("carbs") for item in items),
+            "source": cells(item.get("device", item.get("enteredBy")) for item in items),
+        }
+    )
+    code = pl.col("sgv").cast(pl.Float64, strict=False)
+    kind = (
+        pl.when(pl.col("event") == _TEMPORARY)
+        .then(pl.lit("temporary basal rates without a rate and a duration"))
+        .when(pl.col("event").is_not_null())
+        .then(pl.lit("treatments without carbohydrate or insulin"))
+        .when(pl.col("type").is_not_null() & (pl.col("type") != "sgv"))
+        .then(pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String))
+    )
+    found = extract_frame(
+        source,
+        times,
+        glucose=pl.col("sgv"),
+        carbs=pl.col("grams"),
+        bolus=pl.col("insulin"),
+        out_of_range=pl.when(code == _LOW_CODE).then(pl.lit("low")).when(code == _HIGH_CODE).then(pl.lit("high")),
+        device=pl.when(pl.col("sgv").is_not_null()).then(pl.lit(device_kinds(source["source"], "other"))),
+        kind=kind,
+    )
+    for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
+        count = found.filter(pl.col("out_of_range") == mark).height
+        if count:
+            more.append(f"{count} readings of {number} stand for {mark}.")
+    spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
+    if spread:
+        more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
+    rates = basal_rates(_basal_events(items, found["time"].to_list()))
+    unknown = sum(math.isnan(rate) for _, _, rate in rates)
+    if unknown:
+        more.append(
+            f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and the "
+            "usual one is not in the file."
+        )
+    return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=(*notes, *more))
+
+
+def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series, pl.Series, list[str]]:
+    """Instant in UTC and offset [min] of each item, from its number of milliseconds or its text."""
+    numbers = [_whole(item.get("date", item.get("mills"))) for item in items]
+    instants = pl.Series(numbers, dtype=pl.Int64).cast(pl.Datetime("ms")).cast(TIME)
+    texts = cells(item.get("created_at") or item.get("dateString") or item.get("timestamp") for item in items)
+    read, notes = times_of(texts, answers)
+    shift = pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
+    told = read.select(pl.col("time") - shift).to_series()
+    offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
+    offsets = pl.select(pl.when(offsets.is_between(-840, 840) & (offsets != 0)).then(offsets)).to_series()
+    table = pl.DataFrame({"number": instants, "told": told, "own": offsets, "text": read["utc_offset_min"]})
+    return (
+        table.select(pl.coalesce("number", "told")).to_series(),
+        table.select(pl.coalesce("own", "text").fill_null(0)).to_series(),
+        notes,
+    )
+
+
+def _whole(value: object) -> int | None:
+    """A number of JSON as a whole one, in the range of times; None for anything else."""
+    number = finite(value)
+    return int(number) if number is not None and abs(number) < 1e14 else None
+
+
+def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEvent]:
+    """Temporary basal rates of the treatments; a duration of 0 ends one."""
+    events = []
+    for row, (item, time) in enumerate(zip(items, times, strict=True)):
+        if item.get("eventType") != _TEMPORARY or time is None:
+            continue
+        minutes, absolute, percent = (finite(item.get(name)) for name in ("duration", "absolute", "percent"))
+        absolute = finite(item.get("rate")) if absolute is None else absolute
+        if minutes is not None and minutes <= 0.0:
+            events.append(BasalEvent(row=row, time=time, what="end"))
+        elif minutes is not None and absolute is not None:
+            events.append(BasalEvent(row=row, time=time, what="absolute", value=absolute, minutes=minutes))
+        elif minutes is not None and percent is not None:
+            events.append(BasalEvent(row=row, time=time, what="percent", value=100.0 + percent, minutes=minutes))
+    return events

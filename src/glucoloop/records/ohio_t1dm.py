@@ -1,0 +1,110 @@
+"""XML of the data set OhioT1DM (C. Marling, R. Bunescu, KDH 2018 and 2020): one list of events for each kind.
+
+Glucose in mg/dl every 5 min, basal rates in U/h, temporary ones with beginning and end, boluses in U, and meals in g as
+the person told them. Days come first in dates.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import polars as pl
+
+from glucoloop.parts.number_text import number_of
+from glucoloop.records.answers import DAY_FIRST, Answers
+from glucoloop.records.basal import BasalEvent, basal_rates
+from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
+from glucoloop.records.file_text import FileText
+from glucoloop.records.times import times_of
+from glucoloop.refusal import Refusal
+from glucoloop.units import S_PER_MIN
+
+_KINDS: Final = {
+    "glucose_level": "readings without a value",
+    "finger_stick": "finger pricks",
+    "basal": "basal rates without a rate",
+    "temp_basal": "temporary basal rates without a rate and times",
+    "bolus": "boluses without a dose",
+    "meal": "meals without carbohydrate",
+    "exercise": "events of exercise",
+    "sleep": "times of sleep",
+    "work": "times of work",
+}
+_SPREAD: Final = ("square", "dual")
+
+
+def recognised(content: FileText) -> bool:
+    """Whether a file is XML with the lists of the data set."""
+    return content.text.lstrip().startswith("<") and "<glucose_level" in content.text
+
+
+def rows(content: FileText, answers: Answers) -> Extract:
+    """Rows of all lists of events."""
+    if "<!DOCTYPE" in content.text or "<!ENTITY" in content.text:
+        raise Refusal("it defines its own kinds of XML, which no file of OhioT1DM does; give the file as it came")
+    try:
+        root = ElementTree.fromstring(content.text.encode())
+    except ElementTree.ParseError as error:
+        line = error.position[0]
+        raise Refusal(f"its XML breaks off or is damaged at line {line}; give the whole file") from None
+    events: list[tuple[str, dict[str, str]]] = [
+        (child.tag, event.attrib) for child in root for event in child if event.tag == "event"
+    ]
+    begun = cells(about.get("ts_begin", about.get("ts", about.get("tbegin"))) for _, about in events)
+    times, notes = times_of(begun, answers, usual=DAY_FIRST)
+    ends, _ = times_of(cells(about.get("ts_end") for _, about in events), answers, usual=DAY_FIRST)
+    source = pl.DataFrame(
+        {
+            "tag": cells(tag for tag, _ in events),
+            "value": _of(events, "glucose_level", "value"),
+            "dose": _of(events, "bolus", "dose"),
+            "grams": _of(events, "meal", "carbs"),
+        }
+    )
+    found = extract_frame(
+        source,
+        times,
+        glucose=pl.col("value"),
+        carbs=pl.col("grams"),
+        bolus=pl.col("dose"),
+        device=pl.when(pl.col("tag") == "glucose_level").then(pl.lit("Medtronic")),
+        kind=pl.col("tag").replace_strict(_KINDS, default="events of other kinds", return_dtype=pl.String),
+    )
+    spread = sum(any(word in about.get("type", "") for word in _SPREAD) for tag, about in events if tag == "bolus")
+    if spread:
+        notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
+    counted = sum(_number(about.get("bwz_carb_input")) not in (None, 0.0) for tag, about in events if tag == "bolus")
+    if counted:
+        notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
+    rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
+    return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=tuple(notes))
+
+
+def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Series:
+    """Attribute of the events of one list, null for the others."""
+    return cells(about.get(key) if name == tag else None for name, about in events)
+
+
+def _basal_events(
+    events: list[tuple[str, dict[str, str]]], begun: list[datetime | None], ends: list[datetime | None]
+) -> list[BasalEvent]:
+    found: list[BasalEvent] = []
+    for row, ((tag, about), time, end) in enumerate(zip(events, begun, ends, strict=True)):
+        value = _number(about.get("value"))
+        if time is None or value is None:
+            continue
+        if tag == "basal":
+            found.append(BasalEvent(row=row, time=time, what="usual", value=value))
+        elif tag == "temp_basal" and end is not None and end >= time:
+            minutes = (end - time).total_seconds() / S_PER_MIN
+            found.append(BasalEvent(row=row, time=time, what="absolute", value=value, minutes=minutes))
+    return found
+
+
+def _number(text: Any) -> float | None:
+    try:
+        return number_of(text)
+    except (ValueError, AttributeError):
+        return None

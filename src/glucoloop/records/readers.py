@@ -1,0 +1,96 @@
+"""Readers of records: name of each, and the module that knows its files.
+
+A reader is one module with two functions, ``recognised(content)`` and ``rows(content, answers)``, and one class,
+entered in `READERS` or by the entry point of another package in the group ``glucoloop.readers``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from glucoloop.parts.catalogue import Catalogue
+from glucoloop.parts.code import loaded
+from glucoloop.parts.part import Part
+
+if TYPE_CHECKING:
+    from glucoloop.records.answers import Answers
+    from glucoloop.records.extract import Extract
+    from glucoloop.records.file_text import FileText
+
+
+class ReaderPart(Part):
+    """Declaration of a reader of files of one kind."""
+
+    kind: ClassVar = "reader"
+    home: ClassVar[str] = ""
+    """Module of its two functions."""
+
+    def recognised(self, content: FileText) -> bool:
+        """Whether a file is one of its kind."""
+        return bool(loaded(f"{self.home}:recognised")(content))
+
+    def rows(self, content: FileText, answers: Answers) -> Extract:
+        """Rows of a file, every one of them; Refusal where it leaves something open that was not given."""
+        found: Extract = loaded(f"{self.home}:rows")(content, answers)
+        return found
+
+
+class DexcomClarity(ReaderPart, name="dexcom-clarity"):
+    """CSV that Dexcom Clarity exports."""
+
+    home: ClassVar = "glucoloop.records.dexcom_clarity"
+
+
+class LibreView(ReaderPart, name="libreview"):
+    """CSV that LibreView exports of a FreeStyle Libre."""
+
+    home: ClassVar = "glucoloop.records.libreview"
+
+
+class CareLink(ReaderPart, name="carelink"):
+    """CSV that CareLink exports of pumps and sensors of Medtronic."""
+
+    home: ClassVar = "glucoloop.records.carelink"
+
+
+class Nightscout(ReaderPart, name="nightscout"):
+    """JSON of entries or treatments of Nightscout."""
+
+    home: ClassVar = "glucoloop.records.nightscout"
+
+
+class Tidepool(ReaderPart, name="tidepool"):
+    """JSON that Tidepool exports."""
+
+    home: ClassVar = "glucoloop.records.tidepool"
+
+
+class OhioT1DM(ReaderPart, name="ohio-t1dm"):
+    """XML of the data set OhioT1DM."""
+
+    home: ClassVar = "glucoloop.records.ohio_t1dm"
+
+
+class Simglucose(ReaderPart, name="simglucose"):
+    """CSV of results of the simulator simglucose."""
+
+    home: ClassVar = "glucoloop.records.simglucose"
+
+
+class ReplayBG(ReaderPart, name="replaybg"):
+    """CSV of data of ReplayBG."""
+
+    home: ClassVar = "glucoloop.records.replaybg"
+
+
+class AnyTable(ReaderPart, name="table"):
+    """Any table whose columns are named, or have the names of a record."""
+
+    home: ClassVar = "glucoloop.records.any_table"
+
+
+READERS: Final = Catalogue(
+    ReaderPart,
+    (DexcomClarity, LibreView, CareLink, Nightscout, Tidepool, OhioT1DM, Simglucose, ReplayBG, AnyTable),
+    example="dexcom-clarity",
+)

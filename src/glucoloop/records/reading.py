@@ -1,0 +1,79 @@
+"""Reading of files: which reader takes each, and the record of what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import polars as pl
+
+from glucoloop.parts.setting import choices_text
+from glucoloop.records.answers import Answers
+from glucoloop.records.file_text import FileText, content_of, read_bytes
+from glucoloop.records.readers import READERS, ReaderPart
+from glucoloop.records.record import PARQUET, DeviceRecord, record_from_parquet
+from glucoloop.records.tidy import Account, record_of, settled
+from glucoloop.refusal import Refusal
+
+
+def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> DeviceRecord:
+    """Record of a person from all files; a Refusal names the file that it is about."""
+    chosen = None if reader is None else READERS.choose(reader)
+    account, frames = Account(), list[pl.DataFrame]()
+    for number, path in enumerate(paths, 1):
+        told = len(account.notes)
+        try:
+            data = read_bytes(path)
+            if data.startswith(PARQUET):
+                if len(paths) > 1:
+                    raise Refusal("it is a record that was read before; read it alone, or the first files together")
+                return record_from_parquet(data)
+            content = content_of(data)
+            account.notes += content.notes
+            extract = (chosen or _reader_of(content, answers)).rows(content, answers)
+            frames.append(settled(extract, answers, account))
+        except Refusal as error:
+            raise Refusal(f"{path}: {error}") from None
+        if len(paths) > 1:
+            account.notes[told:] = [f"File {number}: {note}" for note in account.notes[told:]]
+    try:
+        return record_of(frames, account)
+    except Refusal as error:
+        raise Refusal(f"{', '.join(map(str, paths))}: {error}") from None
+
+
+def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
+    """Reader that takes a file; Refusal if there is none, or more than one."""
+    if answers.columns:
+        return READERS.choose("table")
+    readers = [READERS.choose(name) for name in READERS.names()]
+    found = [reader for reader in readers if reader.recognised(content)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = [reader.name for reader in found]
+        raise Refusal(f"it could be read by {' and by '.join(names)}; say which with reader={names[0]} (--reader)")
+    raise Refusal(
+        f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}; for any other table "
+        "name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
+    )
+
+
+def _seen(content: FileText) -> str:
+    """Words on what a file holds, without anything from its cells."""
+    text = content.text.lstrip()
+    if text[:1] in ("[", "{"):
+        value = content.json
+        if value is None:
+            return "it begins like JSON and is no whole JSON"
+        return f"it is JSON, {'one object' if isinstance(value, dict) else f'a list of {len(value)}'}"
+    if text.startswith("<"):
+        return "it is XML or HTML"
+    lines = content.text.count("\n") + 1
+    delimiter, most = max(((sign, content.head[0].count(sign)) for sign in (",", ";", "\t")), key=lambda pair: pair[1])
+    names = {",": "commas", ";": "semicolons", "\t": "tabs"}
+    return (
+        f"it is text of {lines} lines, the first of {most + 1} fields by {names[delimiter]}"
+        if most
+        else (f"it is text of {lines} lines without commas, semicolons or tabs in the first")
+    )

@@ -1,0 +1,157 @@
+"""Report on records of continuous glucose monitors, or of simulated people: the ambulatory glucose profile."""
+
+from __future__ import annotations
+
+import datetime as dt
+import functools
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple
+
+from glucoloop.parts.grammar import Tree
+from glucoloop.parts.part import Part
+from glucoloop.printable import how_many, is_printable
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.studies.study import PlainStudy
+
+_LAST: Final = "last-"
+_MOST_DAYS: Final = 3660
+_report = functools.partial(Option, panel="Report")
+_reading = functools.partial(Option, panel="Reading")
+
+
+class Period(NamedTuple):
+    """Days of a record that are reported."""
+
+    text: str
+    first: dt.date | None = None
+    last: dt.date | None = None
+    """The last day; it is included."""
+    days: int = 0
+    """Number of the last days of the record, in place of dates."""
+
+
+def period_of(text: str) -> Period:
+    """A period by its text: two dates like ``2026-03-01/2026-03-14``, or ``last-14`` for the last 14 days."""
+    if text.startswith(_LAST) and text.removeprefix(_LAST).isdecimal():
+        days = int(text.removeprefix(_LAST))
+        if 1 <= days <= _MOST_DAYS:
+            return Period(text, days=days)
+        raise Refusal(f"--period {text} is not possible; give last-1 to last-{_MOST_DAYS}")
+    first, _, last = text.partition("/")
+    try:
+        period = Period(text, dt.date.fromisoformat(first), dt.date.fromisoformat(last))
+    except ValueError:
+        raise Refusal(
+            f"--period {text!r} is no period; give two dates like 2026-03-01/2026-03-14, or last-14"
+        ) from None
+    assert period.first is not None
+    assert period.last is not None
+    if period.last < period.first:
+        raise Refusal(f"--period {text} ends before it begins; give the earlier date first")
+    return period
+
+
+class RecordRequest(Part):
+    """Records that are reported, and how."""
+
+    kind: ClassVar = "report"
+
+    files: Annotated[
+        tuple[str, ...],
+        _report(
+            "Records of a monitor in any format that can be read, or folders that `glucoloop run` or `trial --traces` "
+            "wrote.",
+            flag="FILE...",
+            metavar="FILE",
+        ),
+    ] = ()
+    periods: Annotated[
+        tuple[str, ...],
+        _report(
+            "Days that are reported, 2026-03-01/2026-03-14 or last-14; repeat it to compare periods.",
+            flag="--period",
+            metavar="DAYS",
+            default="all",
+        ),
+    ] = ()
+    labels: Annotated[
+        tuple[str, ...],
+        _report(
+            "Name of a record in the report, in the order of the files; names of files are not shown, since they often "
+            "hold that of the person.",
+            flag="--label",
+            metavar="NAME",
+            default="Record 1, Record 2 and so on",
+        ),
+    ] = ()
+    reader: Annotated[
+        str | None, _reading("Reader of the files, where it cannot be seen: `glucoloop list readers`.")
+    ] = None
+    dates: Annotated[
+        Literal["day-first", "month-first"] | None, _reading("Order of day and month, where a file leaves it open.")
+    ] = None
+    glucose_unit: Annotated[
+        Literal["mg/dl", "mmol/l"] | None, _reading("Unit of glucose, where a file does not say it.")
+    ] = None
+    time_zone: Annotated[
+        str | None, _reading("Time zone of the person, like Europe/Berlin, where a file tells times in UTC.")
+    ] = None
+    columns: Annotated[
+        str | None,
+        _reading("Columns of any other table, like time=Zeit,glucose_mg_dl=BZ.", metavar="NAMES"),
+    ] = None
+    scans: Annotated[bool, _reading("Keep scans of a Libre beside the readings that it stores by itself.")] = False
+    goals: Annotated[
+        Literal["adult", "older", "pregnancy"],
+        _report("Goals of the consensus: for adults, for older people or those at high risk, or in pregnancy."),
+    ] = "adult"
+
+    def __post_init__(self) -> None:
+        if self.labels and len(self.labels) != len(self.files):
+            raise Refusal(
+                f"--label is given {len(self.labels)} times for {how_many(len(self.files), 'file')}; give one for each"
+            )
+        if len(set(self.labels)) < len(self.labels):
+            raise Refusal("a --label is given twice; give each file its own")
+        for label in self.labels:
+            if not label.strip() or not is_printable(label):
+                raise Refusal(f"--label {label!r} cannot be shown in a line; give a name without control characters")
+        for text in self.periods:
+            period_of(text)
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Settings without the files, whose names often hold that of a person."""
+        found = super().tree(whole=whole)
+        found.pop("files", None)
+        return found
+
+
+REPORT: Final = PlainStudy(
+    name="report",
+    what="a report",
+    help=(
+        "Report records of a continuous glucose monitor in the form that clinics know, the ambulatory glucose "
+        "profile: the ten numbers of the consensus with its goals, the time in each range, percentiles over the day, "
+        "each day, and every episode of low and high glucose.\n\n"
+        "The page needs no network and prints. Several files or periods stand side by side; for many files there is a "
+        "row for each. Names and serial numbers are in none of the results, nor are names of files.\n\n"
+        "  glucoloop report export.csv --out report\n\n"
+        "  glucoloop report export.csv --period 2026-02-01/2026-02-14 --period 2026-03-01/2026-03-14 --out compared\n\n"
+        "  glucoloop report *.csv --json > metrics.json\n\n"
+        "  glucoloop run --days 14 --out run && glucoloop report run --out report"
+    ),
+    module="glucoloop.studies.record_report.study",
+    request=RecordRequest,
+    files=(
+        "figure.pdf",
+        "figure.png",
+        "figure.svg",
+        "metrics.csv",
+        "metrics.parquet",
+        "days.csv",
+        "episodes.csv",
+        "profile.csv",
+        "report.html",
+    ),
+    summary="report.json",
+)

@@ -1,0 +1,172 @@
+"""The command that reports records, from files and folders to the page and the numbers."""
+
+import csv
+import datetime as dt
+
+import polars as pl
+import pytest
+
+import device_files
+from glucoloop.metrics.readings.catalogue import numbers_of
+from glucoloop.metrics.readings.series import Readings
+from monitor_records import with_gaps
+
+FILES = {
+    *(
+        "figure.pdf",
+        "figure.png",
+        "figure.svg",
+        "SHA256SUMS",
+        "days.csv",
+        "episodes.csv",
+        "metrics.csv",
+        "metrics.parquet",
+        "profile.csv",
+        "report.html",
+    ),
+    *("report.json", "report.toml"),
+}
+
+
+@pytest.fixture
+def record(tmp_path):
+    """Write a record as a table, and give its readings."""
+
+    def write(name="Doe_Jane_export.csv", days=14, seed=2):
+        t_min, glucose = with_gaps(days, seed)
+        times = [dt.datetime(2025, 1, 6) + dt.timedelta(minutes=t) for t in t_min.tolist()]
+        pl.DataFrame({"time": times, "glucose_mg_dl": glucose}).write_csv(tmp_path / name)
+        return Readings.of(t_min, glucose, dt.date(2025, 1, 6))
+
+    return write
+
+
+def test_a_report_holds_the_numbers_of_the_readings(glucoloop, record, tmp_path):
+    readings = record()
+    answer = glucoloop("report", "Doe_Jane_export.csv", "--out", "out", "--json")
+    assert answer.code == 0, answer.err
+    [found] = answer.json["records"]
+    numbers = numbers_of(readings)
+    assert {name: found[name] for name in numbers} == pytest.approx(numbers)
+    assert (found["days_reported"], found["sufficient"]) == ("2025-01-06 to 2025-01-19", True)
+    assert {place.name for place in (tmp_path / "out").iterdir()} == FILES
+    metrics = pl.read_parquet(tmp_path / "out" / "metrics.parquet").to_dicts()[0]
+    assert {name: metrics[name] for name in numbers} == pytest.approx(numbers)
+    with open(tmp_path / "out" / "days.csv") as file:
+        assert [row["day"] for row in csv.DictReader(file)][-1] == "2025-01-19"
+
+
+def test_no_result_has_the_name_of_the_file(glucoloop, record, tmp_path):
+    record()
+    answer = glucoloop("report", tmp_path / "Doe_Jane_export.csv", "--out", "out", "--json")
+    assert "Doe" not in answer.out
+    assert not [place for place in (tmp_path / "out").iterdir() if b"Doe" in place.read_bytes()]
+
+
+def test_no_result_has_a_name_or_a_serial_number_of_the_file(glucoloop, tmp_path):
+    (tmp_path / "export.csv").write_text(device_files.clarity(600), encoding="utf-8")
+    answer = glucoloop("report", "export.csv", "--out", "out", "--json")
+    assert answer.code == 0, answer.err
+    written = b"".join(place.read_bytes() for place in (tmp_path / "out").iterdir()) + answer.out.encode()
+    for hidden in (device_files.NAME, device_files.SURNAME, device_files.SERIAL):
+        assert hidden in (tmp_path / "export.csv").read_text(encoding="utf-8")
+        assert hidden.encode() not in written
+
+
+def test_periods_stand_side_by_side(glucoloop, record):
+    record("a.csv")
+    periods = ("--period", "2025-01-06/2025-01-08", "--period", "last-2")
+    answer = glucoloop("report", "a.csv", *periods, "--json")
+    assert [one["label"] for one in answer.json["records"]] == [
+        "Record 1: 2025-01-06 to 2025-01-08",
+        "Record 1: last-2",
+    ]
+    assert [round(one["days"]) for one in answer.json["records"]] == [3, 2]
+    assert not any(one["sufficient"] for one in answer.json["records"])
+    assert "The consensus asks for at least 14 days with 70 % of the readings" in answer.err
+
+
+def test_many_files_have_a_row_each(glucoloop, record):
+    for number in range(7):
+        record(f"{number}.csv", days=2, seed=number)
+    answer = glucoloop("report", *(f"{number}.csv" for number in range(7)), "--out", "out")
+    assert answer.code == 0, answer.err
+    assert [line.split()[:2] for line in answer.out.splitlines() if line.startswith(" Record ")][1:][-1] == [
+        "Record",
+        "7",
+    ]
+    assert pl.read_csv("out/metrics.csv")["record"].to_list() == [f"Record {number + 1}" for number in range(7)]
+
+
+def test_units_are_those_asked_for(glucoloop, record):
+    record("a.csv", days=2)
+    assert "mmol/l" in glucoloop("report", "a.csv", "--units", "mmol/l").out
+
+
+def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
+    record("a.csv", days=2)
+    first = glucoloop("report", "a.csv", "--goals", "older", "--period", "last-1", "--out", "out", "--json")
+    again = glucoloop("report", "a.csv", "--config", "out/report.toml", "--json")
+    assert {**again.json, "files": {}} == {**first.json, "files": {}}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((), "FILE... is missing"),
+        (("none.csv",), "none.csv: it cannot be read"),
+        (("a.csv", "--period", "soon"), "--period 'soon' is no period; give two dates"),
+        (("a.csv", "--period", "last-0"), "give last-1 to last-3660"),
+        (("a.csv", "--period", "2025-02-01/2025-01-01"), "ends before it begins"),
+        (("a.csv", "--period", "2024-02-01/2024-02-02"), "its readings are from 2025-01-06 to 2025-01-07"),
+        (("a.csv", "--label", "x", "--label", "y"), "--label is given 2 times for 1 file; give one for each"),
+        (("a.csv", "--goals", "young"), "--goals is 'young'"),
+        (("empty.csv",), "readings"),
+        (("folder",), "folder holds no course of glucose"),
+    ],
+)
+def test_what_cannot_be_reported_is_refused(refused, record, tmp_path, arguments, sentence):
+    record("a.csv", days=2)
+    (tmp_path / "empty.csv").write_text("time,glucose_mg_dl\n2025-01-06T00:00:00,100\n")
+    (tmp_path / "folder").mkdir()
+    assert sentence in refused("report", *arguments)
+
+
+def test_each_traced_person_of_a_trial_is_a_record(glucoloop, tmp_path):
+    t_min = [5.0 * sample for sample in range(289)]
+    for shard, person in enumerate((3, 8)):
+        (tmp_path / "trial" / "shards" / f"0000{shard}").mkdir(parents=True)
+        table = {
+            "person": [person] * 289,
+            "controller": ["mpc"] * 289,
+            "t_min": t_min,
+            "glucose_mg_dl": [100.0 + person] * 289,
+        }
+        frame = pl.DataFrame(table, schema_overrides={"glucose_mg_dl": pl.Float32})
+        frame.write_parquet(tmp_path / "trial" / "shards" / f"0000{shard}" / "traces.parquet")
+    records = glucoloop("report", "trial", "--json").json["records"]
+    assert [(one["label"], one["mean_mg_dl"]) for one in records] == [("mpc person 3", 103.0), ("mpc person 8", 108.0)]
+
+
+def test_a_damaged_folder_is_refused(refused, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "glucose_1min.parquet").write_bytes(b"PAR1 and nothing more")
+    assert "run is damaged" in refused("report", "run")
+
+
+def test_a_simulated_course_is_reported_from_its_folder(glucoloop, tmp_path):
+    (tmp_path / "run").mkdir()
+    t_min = [float(minute) for minute in range(2881)]
+    table = pl.DataFrame(
+        {"case": ["a"] * 2881 + ["b"] * 2881, "t_min": t_min * 2, "glucose_mg_dl": [120.0, 121.0] * 2881}
+    )
+    table.write_parquet(tmp_path / "run" / "glucose_1min.parquet")
+    records = glucoloop("report", "run", "--json").json["records"]
+    assert [one["label"] for one in records] == ["a", "b"]
+    assert [one["days_reported"] for one in records] == ["day 1 to day 3"] * 2
+    assert records[0]["mean_mg_dl"] == pytest.approx(120.5, abs=1e-3)
+    table.with_columns(person=7).rename({"case": "controller"}).write_parquet(tmp_path / "run" / "glucose_1min.parquet")
+    assert [one["label"] for one in glucoloop("report", "run", "--json").json["records"]] == [
+        "a person 7",
+        "b person 7",
+    ]

@@ -1,0 +1,374 @@
+"""Each reader on a file in the shape of its vendor, against the values that were written into it."""
+
+import json
+from datetime import datetime, timedelta
+
+import polars as pl
+import pytest
+
+from device_files import (
+    CARELINK_HEADER,
+    LIBRE_HEADER,
+    NAME,
+    SERIAL,
+    START,
+    SURNAME,
+    carelink,
+    clarity,
+    every,
+    glucose,
+    libre,
+    nightscout_entries,
+    nightscout_treatments,
+    ohio,
+    tidepool,
+)
+
+
+def readings(record):
+    told = record.frame.filter(pl.col("glucose_mg_dl").is_not_null() & pl.col("out_of_range").is_null())
+    return dict(told.select("time", "glucose_mg_dl").iter_rows())
+
+
+def expected(minutes, count=40, start=START):
+    return {time: float(glucose(number)) for number, time in enumerate(every(minutes, count, start))}
+
+
+def values(record, column):
+    return record.frame.filter(pl.col(column).is_not_null()).select("time", column).rows()
+
+
+def minutes(number):
+    return START + timedelta(minutes=number)
+
+
+EVENTS = (
+    ("EGV", "", "Low", "", ""),
+    ("EGV", "", "High", "", ""),
+    ("Carbs", "", "", "", "45"),
+    ("Insulin", "Fast-Acting", "", "4.5", ""),
+    ("Insulin", "Long-Acting", "", "14", ""),
+    ("Calibration", "", "101", "", ""),
+    ("Alert", "Urgent Low", "", "", ""),
+)
+
+
+def test_clarity(read):
+    record = read(clarity(events=EVENTS[2:]))
+    assert readings(record) == expected(5)
+    assert values(record, "carbs_g") == [(START, 45.0)]
+    assert values(record, "bolus_U") == [(minutes(5), 4.5)]
+    assert set(record.frame["device"]) == {"Dexcom G6"}
+    assert record.left_out == {
+        "rows about the patient and the devices": 4,
+        "doses of insulin that is not fast-acting": 1,
+        "calibrations and finger pricks": 1,
+        "alerts": 1,
+    }
+    assert record.rows == 40 + 4 + 5
+
+
+def test_words_in_the_place_of_a_reading_stand_at_the_limit_of_the_sensor(read):
+    told = read(clarity(count=0, events=EVENTS[:2])).frame
+    assert told["glucose_mg_dl"].to_list() == [40.0, 400.0]
+    assert told["out_of_range"].to_list() == ["low", "high"]
+
+
+def test_clarity_in_german_with_commas(read):
+    text = (
+        "Index;Zeitstempel (JJJJ-MM-TTThh:mm:ss);Ereignistyp;Ereignissubtyp;Patienteninfo;Geräteinfo;"
+        "Quellgeräte-ID;Glukosewert (mmol/l);Insulinwert (u);Kohlenhydratwert (Gramm)\r\n"
+        f"1;;Vorname;;{NAME};;;;;\r\n"
+        "2;2024-03-13T00:00:00;EGV;;;;iPhone G7;5,8;;\r\n"
+        "3;2024-03-13T00:05:00;EGV;;;;iPhone G7;Niedrig;;\r\n"
+        "4;2024-03-13T00:06:00;Insulin;Schnellwirkend;;;iPhone G7;;2,5;\r\n"
+    )
+    record = read(text.encode("cp1252"))
+    assert record.frame["glucose_mg_dl"].to_list()[:2] == [pytest.approx(5.8 * 18.0156), 40.0]
+    assert record.frame["bolus_U"][2] == 2.5
+    assert record.frame["device"][0] == "Dexcom G7"
+    told = " ".join(record.notes)
+    for words in ("Windows-1252", "decimal commas", "from mmol/l to mg/dl", "1 reading is low"):
+        assert words in told
+
+
+LIBRE_EVENTS = (
+    (1, "Scan Glucose mg/dL", 111),
+    (2, "Strip Glucose mg/dL", 120),
+    (4, "Rapid-Acting Insulin (units)", 5.5),
+    (4, "Long-Acting Insulin Value (units)", 20),
+    (5, "Carbohydrates (grams)", 30),
+    (6, "Notes", "walk"),
+)
+
+
+def test_libreview(read):
+    record = read(libre(events=LIBRE_EVENTS))
+    assert readings(record) == expected(15)
+    assert values(record, "bolus_U") == [(minutes(7 + 30), 5.5)]
+    assert values(record, "carbs_g") == [(minutes(7 + 60), 30.0)]
+    assert set(record.frame["device"]) == {"FreeStyle LibreLink"}
+    assert record.left_out == {
+        "scans, beside the readings that the sensor stores": 1,
+        "strips": 1,
+        "doses of long-acting insulin": 1,
+        "notes and other entries": 1,
+    }
+    assert readings(read(libre(events=LIBRE_EVENTS), scans=True))[minutes(7)] == 111.0
+    assert readings(read(libre(count=0, events=LIBRE_EVENTS[:1]))) == {minutes(7): 111.0}
+
+
+def test_libreview_in_mmol_with_the_limits_of_its_sensor(read):
+    header = LIBRE_HEADER.replace("Glucose mg/dL", "Glucose mmol/L")
+    record = read(libre(3, header=header, value=lambda number: ("5.5", "LO", "HI")[number]))
+    assert record.frame["glucose_mg_dl"].to_list() == [pytest.approx(99.0858), 40.0, 500.0]
+
+
+def test_libreview_in_german(read):
+    text = (
+        f"Glukose-Werte,Erstellt am,25-02-2024 09:55 UTC,Erstellt von,{NAME}\n\n"
+        "Gerät,Seriennummer,Gerätezeitstempel,Aufzeichnungstyp,Glukosewert-Verlauf mg/dL,Glukose-Scan mg/dL,"
+        "Nicht numerisches schnellwirkendes Insulin,Schnellwirkendes Insulin (Einheiten),Kohlenhydrate (Gramm)\n"
+        f"FreeStyle Libre 3,{SERIAL},13-02-2024 00:03,0,104,,,,\n"
+        f'FreeStyle Libre 3,{SERIAL},13-02-2024 00:05,4,,,,"2,5",\n'
+        f"FreeStyle Libre 3,{SERIAL},13-02-2024 00:06,5,,,,,40\n"
+    )
+    frame = read(text).frame
+    assert frame["glucose_mg_dl"].to_list() == [104.0, None, None]
+    assert frame["bolus_U"].to_list() == [None, 2.5, None]
+    assert frame["carbs_g"].to_list() == [None, None, 40.0]
+    assert frame["device"][0] == "FreeStyle Libre 3"
+
+
+PUMP = (
+    (minutes(0), {"Basal Rate": "1,0"}),
+    (minutes(30), {"Temp Basal Amount": "50", "Temp Basal Type": "Percent", "Temp Basal Duration": "0:30:00"}),
+    (minutes(120), {"Suspend": "USER_SUSPEND"}),
+    (minutes(150), {"Suspend": "NORMAL_PUMPING"}),
+    (minutes(180), {"Bolus Type": "Normal", "Bolus Volume Selected": "3,0"}),
+    (minutes(182), {"Bolus Type": "Normal", "Bolus Volume Selected": "3,0", "Bolus Volume Delivered": "2,9"}),
+    (minutes(183), {"BWZ Carb Input": "35"}),
+    (minutes(184), {"BG Reading": "140"}),
+    (minutes(185), {"Alarm": "LOW SG"}),
+    (minutes(186), {"Event Marker": "Meal: 60,00grams"}),
+    (minutes(187), {"Event Marker": "Insulin: 27,00"}),
+    (minutes(188), {"Basal Rate": "1,2"}),
+)
+
+
+def test_carelink(read):
+    sensor = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 40))]
+    record = read(carelink(PUMP, sensor))
+    assert readings(record) == expected(5)
+    assert values(record, "basal_U_h") == [
+        (minutes(0), 1.0),
+        (minutes(30), 0.5),
+        (minutes(60), 1.0),
+        (minutes(120), 0.0),
+        (minutes(150), 1.0),
+        (minutes(188), 1.2),
+    ]
+    assert values(record, "bolus_U") == [(minutes(182), 2.9)]
+    assert values(record, "carbs_g") == [(minutes(183), 35.0), (minutes(186), 60.0)]
+    assert set(record.frame["device"]) == {"MiniMed 780G"}
+    assert record.left_out == {
+        "finger pricks": 1,
+        "boluses as they were selected, before their delivery": 1,
+        "alarms": 1,
+        "event markers of insulin of an unknown kind": 1,
+    }
+    assert record.rows == 40 + len(PUMP)
+
+
+def test_carelink_in_mmol(read):
+    sensor = [(START, {"Sensor Glucose": "5,5"})]
+    record = read(carelink(sensor=sensor, header=CARELINK_HEADER.replace("mg/dL", "mmol/L")))
+    assert record.frame["glucose_mg_dl"].to_list() == [pytest.approx(99.0858)]
+
+
+def test_nightscout(read):
+    treatments = nightscout_treatments(
+        (minutes(2), {"eventType": "Meal Bolus", "insulin": 4, "carbs": 45}),
+        (minutes(10), {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30}),
+        (minutes(20), {"eventType": "Temp Basal", "rate": 1.5, "duration": 30}),
+        (minutes(90), {"eventType": "Temp Basal", "absolute": 2.0, "duration": 30}),
+        (minutes(100), {"eventType": "Temp Basal", "duration": 0}),
+        (minutes(110), {"eventType": "Temporary Target", "targetTop": 160, "duration": 60}),
+    )
+    record = read(nightscout_entries(), treatments)
+    assert readings(record) == expected(5)
+    assert set(record.frame["utc_offset_min"]) == {60}
+    assert record.frame.filter(pl.col("bolus_U").is_not_null())["carbs_g"].to_list() == [45.0]
+    rates = values(record, "basal_U_h")
+    assert [time for time, _ in rates] == [minutes(n) for n in (10, 20, 50, 90, 100)]
+    assert str([rate for _, rate in rates]) == "[0.5, 1.5, nan, 2.0, nan]"
+    assert record.left_out == {"treatments without carbohydrate or insulin": 1}
+    assert record.rows == 46
+    assert "The basal rate is not known from 2 times on" in " ".join(record.notes)
+
+
+def test_nightscout_codes_of_low_high_and_errors(read):
+    entries = json.loads(nightscout_entries(4))
+    for entry, code in zip(entries, (39, 401, 5, "?"), strict=True):
+        entry["sgv"] = code
+    record = read(json.dumps(entries))
+    assert dict(record.frame.select("glucose_mg_dl", "out_of_range").iter_rows()) == {39.0: "low", 401.0: "high"}
+    assert record.left_out == {"rows with values that are no number or not possible": 2}
+
+
+def test_tidepool(read):
+    more = (
+        (minutes(1), {"type": "bolus", "normal": 2.5, "extended": 1.5, "duration": 3600000}),
+        (minutes(2), {"type": "wizard", "carbInput": 40}),
+        (minutes(3), {"type": "food", "nutrition": {"carbohydrate": {"net": 12, "units": "grams"}}}),
+        (minutes(0), {"type": "basal", "deliveryType": "scheduled", "rate": 0.8, "duration": 1800000}),
+        (minutes(30), {"type": "basal", "deliveryType": "suspend", "duration": 1800000}),
+        (minutes(4), {"type": "smbg", "units": "mmol/L", "value": 6.1}),
+        (minutes(5), {"type": "upload", "deviceSerialNumber": SERIAL}),
+        (
+            minutes(6),
+            {
+                "type": "cbg",
+                "units": "mg/dL",
+                "value": 39,
+                "annotations": [{"code": "bg/out-of-range", "value": "low"}],
+            },
+        ),
+    )
+    record = read(tidepool(more=more))
+    told = readings(record)
+    assert list(told) == every(5, 40)
+    assert list(told.values()) == pytest.approx(list(expected(5).values()), rel=1e-5)
+    assert values(record, "bolus_U") == [(minutes(1), 4.0)]
+    assert values(record, "carbs_g") == [(minutes(2), 40.0), (minutes(3), 12.0)]
+    assert str(values(record, "basal_U_h")) == str([(minutes(0), 0.8), (minutes(30), 0.0), (minutes(60), float("nan"))])
+    assert record.frame.filter(pl.col("out_of_range") == "low")["glucose_mg_dl"].to_list() == [39.0]
+    assert set(record.frame["utc_offset_min"]) == {-420}
+    assert record.left_out == {"finger pricks": 1, "entries about uploads": 1}
+
+
+def test_ohio(read):
+    def at(number):
+        return f"{minutes(number):%d-%m-%Y %H:%M:%S}"
+
+    text = ohio(
+        glucose_level=[{"ts": at(5 * n), "value": str(glucose(n))} for n in range(40)],
+        finger_stick=[{"ts": at(3), "value": "120"}],
+        basal=[{"ts": at(0), "value": "0.9"}],
+        temp_basal=[{"ts_begin": at(60), "ts_end": at(90), "value": "0.0"}],
+        bolus=[{"ts_begin": at(10), "ts_end": at(10), "type": "normal", "dose": "3.5", "bwz_carb_input": "30"}],
+        meal=[{"ts": at(10), "type": "Lunch", "carbs": "30"}],
+        sleep=[{"ts_begin": at(300), "ts_end": at(600), "quality": "3"}],
+        basis_steps=[{"ts": at(1), "value": "12"}],
+    )
+    record = read(text)
+    assert readings(record) == expected(5)
+    assert values(record, "basal_U_h") == [(minutes(0), 0.9), (minutes(60), 0.0), (minutes(90), 0.9)]
+    assert values(record, "bolus_U") == [(minutes(10), 3.5)]
+    assert values(record, "carbs_g") == [(minutes(10), 30.0)]
+    assert record.left_out == {"finger pricks": 1, "times of sleep": 1, "events of other kinds": 1}
+
+
+def test_simglucose(read):
+    lines = [
+        f"{time:%Y-%m-%d %H:%M:%S},{glucose(n)}.5,{glucose(n)},{5.0 if n == 3 else 0.0},0.02,0,0,0"
+        for n, time in enumerate(every(3, 40))
+    ]
+    record = read("\n".join(["Time,BG,CGM,CHO,insulin,LBGI,HBGI,Risk", *lines]))
+    assert readings(record) == expected(3)
+    assert values(record, "carbs_g") == [(minutes(9), 15.0)]
+    assert {rate for _, rate in values(record, "basal_U_h")} == {1.2}
+
+
+def test_replaybg(read):
+    lines = [
+        f"{time:%d-%b-%Y %H:%M:%S},{glucose(n) if n else ''},{2 * (n == 4)},{0.5 * (n == 2)},0.02,,"
+        for n, time in enumerate(every(5, 40))
+    ]
+    record = read("\n".join(["t,glucose,cho,bolus,basal,bolus_label,cho_label", *lines]))
+    assert readings(record) == {time: value for time, value in expected(5).items() if time != START}
+    assert values(record, "carbs_g") == [(minutes(20), 10.0)]
+    assert values(record, "bolus_U") == [(minutes(10), 2.5)]
+    assert {rate for _, rate in values(record, "basal_U_h")} == {1.2}
+    assert record.rows_used == 40
+
+
+def test_any_table_whose_columns_are_named(read, refused):
+    text = "Name\tZeit\tBZ\tKE\n" + "\n".join(
+        f"{NAME}\t{time:%d.%m.%Y %H:%M}\t{glucose(n)}\t" for n, time in enumerate(every(5, 40))
+    )
+    assert readings(read(text, columns="time=Zeit,glucose_mg_dl=BZ")) == expected(5)
+    assert refused(text, columns="time=Zeiten,glucose_mg_dl=BZ") == (
+        "no line of its beginning has all of the columns Zeiten, BZ; did you mean 'Zeit'?"
+    )
+    assert refused(text).startswith("no reader knows it: it is text of 41 lines, the first of 4 fields by tabs.")
+    own = "time,glucose_mmol_l,bolus_U\n2024-03-13T00:03,5.5,\n2024-03-13T00:08,6.0,1.5\n"
+    assert read(own).frame["bolus_U"].to_list() == [None, 1.5]
+    milliseconds = "ts,sg\n1710284580000,100\n1710284880000,101\n"
+    record = read(milliseconds, columns={"time": "ts", "glucose_mg_dl": "sg"}, time_zone="Europe/Berlin")
+    assert record.frame["time"][0] == datetime(2024, 3, 13, 0, 3)
+    assert record.frame["utc_offset_min"][0] == 60
+
+
+EVERYTHING = {
+    "dexcom-clarity": clarity(events=EVENTS),
+    "libreview": libre(events=LIBRE_EVENTS),
+    "carelink": carelink(PUMP, [(START, {"Sensor Glucose": "100"})]),
+    "nightscout": nightscout_entries(),
+    "treatments": nightscout_treatments((START, {"eventType": "Bolus", "insulin": 1.0, "notes": f"for {NAME}"})),
+    "tidepool": tidepool(),
+    "ohio-t1dm": ohio(glucose_level=[{"ts": "13-03-2024 00:03:00", "value": "100"}]),
+}
+
+
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_no_name_and_no_serial_number_gets_into_a_record(read, tmp_path, name):
+    record = read(EVERYTHING[name])
+    told = f"{record.frame.rows()} {record.notes} {record.left_out}"
+    for secret in (NAME, SURNAME, SERIAL):
+        assert secret not in told
+        assert secret.encode() not in record.parquet()
+
+
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_a_record_is_written_and_read_back_whole(read, name):
+    record = read(EVERYTHING[name])
+    again = read(record.parquet())
+    assert again.frame.equals(record.frame)
+    assert (again.notes, again.left_out, again.rows) == (record.notes, record.left_out, record.rows)
+
+
+OWN = '''
+"""Diary of a program of one's own: lines of a time and a reading, with a bar between them."""
+
+import polars as pl
+
+from glucoloop.records import ReaderPart
+from glucoloop.records.extract import Extract, extract_frame
+from glucoloop.records.times import times_of
+
+
+class Diary(ReaderPart, name="diary"):
+    """Lines of a time and a reading."""
+
+    home = __name__
+
+
+def recognised(content):
+    return content.head[0].count("|") == 1
+
+
+def rows(content, answers):
+    fields = pl.Series(content.text.splitlines()).str.split_exact("|", 1).struct.unnest()
+    times, notes = times_of(fields["field_0"], answers)
+    frame = extract_frame(fields, times, glucose=pl.col("field_1"))
+    return Extract(frame=frame, glucose_unit="mg/dl", notes=tuple(notes))
+'''
+
+
+def test_a_reader_of_another_package_is_one_class_and_two_functions(read, tmp_path, monkeypatch):
+    (tmp_path / "own_diary.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    told = read("2024-03-13 07:00|101\n2024-03-13 07:05|x\n", reader="own_diary:Diary")
+    assert told.frame["glucose_mg_dl"].to_list() == [101.0]
+    assert told.left_out == {"rows with values that are no number or not possible": 1}
