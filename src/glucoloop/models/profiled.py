@@ -18,8 +18,8 @@ by the rules of Walsh et al. (2011)::
     CF = max(CF_profile, 0.43 * 1800 / D),    CR = max(CR_profile, 0.29 * 500 / D)
 
 The shares are the least of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010 each,
-with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above nothing
-is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
+with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
+nothing is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
 
 The equations are advanced by an exponential Runge-Kutta method of second order about the Jacobian J at rest, which is
 exact where they are linear, as insulin under the skin is, so that steps of half an hour are possible::
