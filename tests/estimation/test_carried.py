@@ -22,9 +22,9 @@ def steady(Phi, C, Q, R):
     return scipy.linalg.solve_discrete_are(Phi.T, C[:, None], Q, np.array([[R]]))
 
 
-@given(st.integers(1, 20), st.integers(0, 9))
-def test_the_triangle_is_the_whole(n, seed):
-    root = np.random.default_rng(seed).normal(size=(n, n))
+@pytest.mark.parametrize("n", [1, 2, 3, 20])
+def test_the_triangle_is_the_whole(n):
+    root = np.random.default_rng(n).normal(size=(n, n))
     P = root @ root.T
     packed = triangle(jnp.asarray(P))
     assert packed.shape == (n * (n + 1) // 2,)

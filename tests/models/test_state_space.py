@@ -178,6 +178,7 @@ def test_the_patient_at_the_setpoint_has_its_known_dynamics():
     np.testing.assert_allclose(model.glucose_mg_dl, 81.1, rtol=1e-11)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["parker-1999", "hovorka-2004", "wilinska-2010", "kanderian-2009"])
 @pytest.mark.parametrize("minutes", [1.0, 5.0, 15.0])
 def test_the_series_of_fixed_length_is_scipys_matrix_exponential(name, minutes):
