@@ -10,6 +10,7 @@ import pytest
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Guard, Observation, Status
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.episodes import Episode
 from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
 from glucoloop.experiments.random_keys import keys_of_people
@@ -357,7 +358,8 @@ def test_every_controller_has_its_share_and_as_many_with_a_guard_as_without():
     assert sum(pairs.values()) >= 50_000
     assert 2 * sum(pairs.values()) < 100_020
     assert pairs["meal-mpc"] * 20 == pytest.approx(pairs["mpc"], abs=20)
-    assert len({count for name, count in pairs.items() if name != "meal-mpc"}) == 1
+    for slow in (True, False):
+        assert len({count for name, count in pairs.items() if CONTROLLERS[name].slow == slow}) == 1
     assert Verification(loops=1, controllers=("meal-mpc",)).people() == {"meal-mpc": 1}
 
 
