@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from device_files import clarity
 from glucoloop.cli import app
 from glucoloop.cli.request import request_of
 from glucoloop.parts.code import loaded
@@ -119,6 +120,7 @@ def test_the_example_of_the_readme_is_the_one_in_examples():
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 def test_an_example_of_a_page_is_python_that_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "clarity.csv").write_text(clarity(), encoding="utf-8")  # what a reader of the page has
     if page != README:
         exec(compile("\n".join(blocks(page, "python")), str(page), "exec"), {})
 
