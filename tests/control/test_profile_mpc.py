@@ -9,8 +9,8 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.control.profile_mpc import design_profile_mpc, forecast_of
+from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.control.protocol import Observation, Status, computed_settings
-from glucoloop.control.settings import ProfileMPCSettings
 from glucoloop.meals import Scenario
 from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS

@@ -9,7 +9,7 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.control.profile_mpc import design_profile_mpc
-from glucoloop.control.settings import ProfileMPCSettings
+from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model

@@ -25,9 +25,9 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.profile_settings import BasalBolusSettings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import BasalBolusSettings
-from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.plausible import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
 from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
@@ -221,14 +221,10 @@ def design_basal_bolus(
     """
     check_sample_time(sample_time_min)
     check_rate("basal", basal_mU_min, limits)
-    for name, value, unit in (
-        ("carb ratio", carb_ratio_g_U, "g/U"),
-        ("correction factor", correction_mg_dl_U, "mg/dl/U"),
-        ("time of insulin on board", insulin_on_board_min, "min"),
-        ("bound of corrections", correction_above_mg_dl, "mg/dl"),
-    ):
-        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
-            raise Refusal(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
+    check_number("carb ratio", carb_ratio_g_U, "g/U")
+    check_number("correction factor", correction_mg_dl_U, "mg/dl/U")
+    check_number("time of insulin on board", insulin_on_board_min, "min")
+    check_number("bound of corrections", correction_above_mg_dl, "mg/dl")
     if not is_traced(correction_every_min) and not 0.0 <= correction_every_min < math.inf:
         raise Refusal(
             f"corrections every {correction_every_min:g} min are not possible; give a finite time of 0 or more"

@@ -5,19 +5,21 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.control.part import ControllerPart
-from glucoloop.control.settings import (
+from glucoloop.control.profile_settings import (
     BasalBolusSettings,
+    LoopLikeSettings,
+    Oref0Settings,
+    PIDIFBSettings,
+    ProfileMPCSettings,
+)
+from glucoloop.control.settings import (
     BasalSettings,
     IMCSettings,
     LinearMPCSettings,
-    LoopLikeSettings,
     MealMPCSettings,
     MPCSESettings,
     NLQDMCSettings,
-    Oref0Settings,
-    PIDIFBSettings,
     PIDSettings,
-    ProfileMPCSettings,
 )
 from glucoloop.parts.catalogue import Catalogue
 

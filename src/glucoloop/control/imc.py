@@ -18,7 +18,7 @@ from glucoloop.control.decision import decide, delivered_since, is_known, rate_a
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import IMCSettings
-from glucoloop.control.tuning import check_gain, check_sample_time
+from glucoloop.control.tuning import check_gain, check_number, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -134,9 +134,8 @@ def design_imc(
     """
     check_sample_time(sample_time_min)
     check_gain(gain)
-    for name, value in (("lag", tau_min), ("filter", filter_min)):
-        if not is_traced(value) and not 0.0 < value < math.inf:
-            raise Refusal(f"a {name} of {value:g} min is not possible; give a finite value above 0")
+    check_number("lag", tau_min, "min")
+    check_number("filter", filter_min, "min")
     if is_traced(delay_min):
         raise ArgumentTypeError(
             "delay_min is traced by JAX, but it decides how many doses the controller remembers; give a plain number"

@@ -19,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.profile_settings import LoopLikeSettings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import LoopLikeSettings
-from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.insulin_action import INSULINS, insulin_left
 from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
@@ -425,22 +425,14 @@ def design_loop_like(
             f"{RECENT_MIN:g} min; give at most that"
         )
     check_rate("basal", profile.basal_mU_min, limits)
-    for name, value, unit in (
-        ("carb ratio", carb_ratio_g_U, "g/U"),
-        ("correction factor", correction_mg_dl_U, "mg/dl/U"),
-        ("suspend threshold", suspend_mg_dl, "mg/dl"),
-        ("absorption time", absorption_min, "min"),
-        ("largest bolus", max_bolus_U, "U"),
-    ):
-        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
-            raise Refusal(f"a {name} of {value:g} {unit} is not possible; give a finite value above 0")
-    for name, value, least in (
-        ("correction range", range_mg_dl, 0.0),
-        ("largest rate in basal rates", max_basal, 1.0),
-        ("share of the meal bolus", meal_bolus, 0.0),
-    ):
-        if not is_traced(value) and not least <= value < math.inf:
-            raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of {least:g} or more")
+    check_number("carb ratio", carb_ratio_g_U, "g/U")
+    check_number("correction factor", correction_mg_dl_U, "mg/dl/U")
+    check_number("suspend threshold", suspend_mg_dl, "mg/dl")
+    check_number("absorption time", absorption_min, "min")
+    check_number("largest bolus", max_bolus_U, "U")
+    check_number("correction range", range_mg_dl, "mg/dl", at_least=0.0)
+    check_number("largest rate in basal rates", max_basal, at_least=1.0)
+    check_number("share of the meal bolus", meal_bolus, at_least=0.0)
     for name, choice, known in (
         ("insulin", insulin, INSULINS),
         ("way of dosing", dosing, ("automatic-bolus", "temporary-basal")),

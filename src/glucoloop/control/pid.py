@@ -8,7 +8,6 @@ Dev. 25(1), 1986.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
@@ -21,7 +20,7 @@ from glucoloop.control.decision import decide, delivered_since, is_known, rate_a
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import PIDSettings
-from glucoloop.control.tuning import check_gain, check_sample_time
+from glucoloop.control.tuning import check_gain, check_number, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
@@ -51,18 +50,10 @@ class PIDTuning:
     derivative_time_min: float = 0.0
 
     def __post_init__(self) -> None:
-        if not is_traced(self.gain_mU_min_per_mg_dl) and not 0.0 < self.gain_mU_min_per_mg_dl < math.inf:
-            raise Refusal(
-                f"a gain of {self.gain_mU_min_per_mg_dl:g} mU/min per mg/dl is not possible; "
-                "give a finite value above 0"
-            )
+        check_number("gain", self.gain_mU_min_per_mg_dl, "mU/min per mg/dl")
         if not is_traced(self.integral_time_min) and not self.integral_time_min > 0.0:
             raise Refusal(f"an integral time of {self.integral_time_min:g} min is not possible; give a value above 0")
-        if not is_traced(self.derivative_time_min) and not 0.0 <= self.derivative_time_min < math.inf:
-            raise Refusal(
-                f"a derivative time of {self.derivative_time_min:g} min is not possible; "
-                "give a finite value of 0 or more"
-            )
+        check_number("derivative time", self.derivative_time_min, "min", at_least=0.0)
 
 
 @checked

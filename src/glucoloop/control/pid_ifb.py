@@ -12,7 +12,6 @@ The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, ClassVar, Final
 
 import jax
@@ -21,16 +20,15 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.arguments import checked, is_traced
+from glucoloop.arguments import checked
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.pid import ROUNDING
+from glucoloop.control.profile_settings import PIDIFBSettings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import PIDIFBSettings
-from glucoloop.control.tuning import check_rate, check_sample_time
+from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
-from glucoloop.refusal import Refusal
 from glucoloop.units import MU_PER_U
 
 TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)
@@ -243,17 +241,12 @@ def design_pid_ifb(
     """
     check_sample_time(sample_time_min)
     check_rate("basal", profile.basal_mU_min, limits)
-    for name, value, unit in (
-        ("gain", gain, ""),
-        ("integral time", integral_time_min, " min"),
-        ("derivative time", derivative_time_min, " min"),
-        ("carb ratio", carb_ratio_g_U, " g/U"),
-    ):
-        if value is not None and not is_traced(value) and not 0.0 < value < math.inf:
-            raise Refusal(f"a {name} of {value:g}{unit} is not possible; give a finite value above 0")
-    for name, value in (("feedback", feedback), ("share of the meal bolus", meal_bolus)):
-        if not is_traced(value) and not 0.0 <= value < math.inf:
-            raise Refusal(f"a {name} of {value:g} is not possible; give a finite value of 0 or more")
+    check_number("gain", gain)
+    check_number("integral time", integral_time_min, "min")
+    check_number("derivative time", derivative_time_min, "min")
+    check_number("carb ratio", carb_ratio_g_U, "g/U")
+    check_number("feedback", feedback, at_least=0.0)
+    check_number("share of the meal bolus", meal_bolus, at_least=0.0)
     return PIDIFB(
         basal_mU_min=profile.basal_mU_min,
         daily_dose_U=profile.daily_dose_U(),

@@ -20,8 +20,8 @@ import numpy as np
 from glucoloop._pytree import pytree, static
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
+from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import ProfileMPCSettings
 from glucoloop.estimation.fed_filter import SAMPLE_MIN, FedEstimate, FedFilter
 from glucoloop.estimation.noise_level import CORRELATION
 from glucoloop.models.nonlinear import NonlinearModel

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -29,6 +29,18 @@ def check_sample_time(sample_time_min: float) -> None:
         )
     if not 0.0 < sample_time_min < math.inf:
         raise Refusal(f"a sample time of {sample_time_min:g} min is not possible; give a finite value above 0")
+
+
+def check_number(called: str, value: Any, unit: str = "", *, at_least: float | None = None) -> None:
+    """Refuse a number that is not finite, or not above 0, or less than the least; None and what JAX traces pass."""
+    if value is None or is_traced(value):
+        return
+    if not (math.isfinite(value) and (value > 0.0 if at_least is None else value >= at_least)):
+        bound = "above 0" if at_least is None else f"of {at_least:g} or more"
+        article = "an" if called[0] in "aeio" else "a"
+        raise Refusal(
+            f"{article} {called} of {value:g}{unit and ' '}{unit} is not possible; give a finite value {bound}"
+        )
 
 
 def check_rate(called: str, insulin_mU_min: float, limits: DoseLimits) -> None:

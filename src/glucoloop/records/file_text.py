@@ -108,7 +108,7 @@ def read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(LARGEST_BYTES + 1)
     except OSError as error:
-        raise Refusal(f"it cannot be read: {error.strerror}; give the path of a file that can") from None
+        raise Refusal(f"it cannot be read: {error.strerror}; give the path of a readable file") from None
     if len(data) > LARGEST_BYTES:
         raise Refusal(f"it is larger than {LARGEST_BYTES} bytes; divide it")
     return data

@@ -9,7 +9,7 @@ import pytest
 
 from glucoloop.control import Observation, Status, design_oref0
 from glucoloop.control.oref0.iob import TICKS
-from glucoloop.control.settings import Oref0Settings
+from glucoloop.control.profile_settings import Oref0Settings
 from glucoloop.profile import Profile
 from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal

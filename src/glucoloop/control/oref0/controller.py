@@ -22,8 +22,8 @@ from glucoloop.control.oref0.glucose import READINGS, glucose_get_last
 from glucoloop.control.oref0.iob import PEAKS_MIN, SAMPLE_MIN, iob_total, treatments
 from glucoloop.control.oref0.records import DosingProfile, TempBasal
 from glucoloop.control.oref0.rounding import whole
+from glucoloop.control.profile_settings import Oref0Settings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.settings import Oref0Settings
 from glucoloop.control.tuning import check_rate
 from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
