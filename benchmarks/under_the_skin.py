@@ -41,7 +41,7 @@ SENSORS = {
     "white": ["white-noise, variance=1.45"],
     "cgm": ["lag, lag_min=10", "correlated-noise, variance=81, correlation=0.7"],
 }
-TUNED = {"white": "profile-mpc", "cgm": "profile-mpc, sensor_lag_min=10, sensor_error_mg_dl=9"}
+TUNED = {"white": "profile-mpc, sensor_lag_min=0, sensor_error_mg_dl=0", "cgm": "profile-mpc"}
 CASES = [
     f"{patient}, {told}, {sensor}"
     for patient in PATIENTS

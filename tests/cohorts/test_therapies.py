@@ -50,3 +50,25 @@ def test_eating_shortens_the_time_of_low_glucose():
     assert np.all(rescued["rescue_carbs_g"][low] >= 20.0)
     np.testing.assert_array_equal(rescued["rescue_carbs_g"], 20.0 * rescued["rescues"])
     assert np.all(rescued["time_below_70_pct"][low] < without["time_below_70_pct"][low])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sensor", ["dexcom-g6", "facchinetti-2014", "white-noise, variance=1.45"])
+def test_the_defaults_of_profile_mpc_are_kind_whatever_the_sensor(sensor):
+    """An error of the sensor that is taken for meals brings nearly everybody below 70 mg/dl."""
+    people = np.arange(32)
+    trial = configured(
+        Trial,
+        patient="hovorka-2004",
+        people=people.size,
+        announce_meals=True,
+        profile_by="titration",
+        sensor=[sensor],
+        seed=11,
+        controller=["profile-mpc", "basal-bolus"],
+    )
+    prepared = prepare(trial)
+    found, usual = (run_people(prepared, label, people).metrics for label in ("profile-mpc", "basal-bolus"))
+    assert np.mean(found["time_below_70_pct"]) < 1.5
+    assert np.sum(found["time_below_54_pct"] > 0.0) <= np.sum(usual["time_below_54_pct"] > 0.0) + 1
+    assert np.mean(found["time_70_180_pct"]) > 70.0

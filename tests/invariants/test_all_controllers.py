@@ -144,6 +144,7 @@ SETTINGS = {
     "mpc-se": {"prediction_horizon": 10, "move_weight": 1.0},
     "nlqdmc-se": {"move_weight": 1.0},
     "meal-mpc": {"meals_per_h": 0.1, "mean_carbs_g": 40.0, "estimator": MovingHorizonSettings(horizon=4)},
+    "profile-mpc": {"sensor_lag_min": 0.0, "sensor_error_mg_dl": 0.0},
     "imc": {"filter_min": 15.0, "delay_min": 10.0},
     "pid": {"gain": 0.5, "integral_time_min": 100.0, "derivative_time_min": 10.0},
 }

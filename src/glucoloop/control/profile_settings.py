@@ -104,8 +104,8 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
     ] = 0.0
     sensor_error_mg_dl: Annotated[
         float, About("Standard deviation of a correlated error of the sensor; 0: none.", at_least=0.0)
-    ] = 0.0
-    sensor_lag_min: SensorLag = 0.0
+    ] = 9.0
+    sensor_lag_min: SensorLag = 10.0
 
 
 class PIDIFBSettings(_ByProfile, name="pid-ifb"):
