@@ -7,7 +7,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
-from scipy import optimize
 
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
@@ -82,6 +81,8 @@ def fit_first_order(
         )
     if not response[times > (delay_min or 0.0)].any():
         raise Refusal("The response is flat at 0 mg/dl, so it has no time constant: use a larger step.")
+
+    from scipy import optimize
 
     # The gain is closed form given the other two; a scan over those keeps the search out of local minima.
     shortest, longest = float(np.diff(times).min()) / 20, 20 * float(times[-1] - (delay_min or 0.0))

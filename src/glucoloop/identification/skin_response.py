@@ -21,8 +21,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
-from scipy.optimize import nnls
-from scipy.signal import fftconvolve
 
 from glucoloop.identification.laguerre import laguerre_functions
 
@@ -43,6 +41,8 @@ def skin_basis(pole: float, functions: int, memory: int) -> Floats:
 
 def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int) -> Floats:
     """Responses ``(N + 1, L)`` of the Laguerre functions to a whole record of N samples that starts at rest."""
+    from scipy.signal import fftconvolve  # half a second, and only for insulin under the skin
+
     insulin = np.asarray(insulin_deviation, float)
     rows = np.asarray(laguerre_functions(pole, functions, max(functions, insulin.size)))[:, : insulin.size]
     responses = np.zeros((insulin.size + 1, functions))
@@ -73,6 +73,8 @@ def skin_coefficients(columns: Floats, readings: Floats, pole: float, functions:
 
 def _nearest(point: Floats, rows: Floats) -> Floats:
     """Point nearest to a given one at which no row is below 0."""
+    from scipy.optimize import nnls
+
     lacking = -rows @ point
     worst = float(lacking.max())
     if worst <= 0.0:

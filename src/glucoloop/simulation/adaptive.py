@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import diffrax
 import jax
 import jax.numpy as jnp
+import lazy_loader
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
@@ -25,6 +25,9 @@ from glucoloop.meals.ode import OdeAbsorption, eaten_of
 from glucoloop.meals.protocol import OdeMealModel
 from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
+
+diffrax: Any = lazy_loader.load("diffrax")
+"""Imported when an adaptive step is first taken: it takes a sixth of all imports, and few runs need it."""
 
 
 @pytree
