@@ -188,6 +188,7 @@ class CalibrationSettings(Timed, name="calibration"):
 class CompressionSettings(Timed, name="compression"):
     """Readings fall because someone lies on the sensor."""
 
+    sources = ("facchinetti2016",)
     make: ClassVar = f"{_SENSORS}:compression"
     depth: Annotated[float, About("Part of the reading that is finally lost.", above=0.0, at_most=1.0)] = 0.3
     tau_min: Annotated[float, About("Time constant of fall and recovery.", above=0.0)] = 10.0

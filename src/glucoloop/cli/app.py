@@ -32,6 +32,7 @@ COMMANDS: Final = {
     "list": CommandEntry("glucoloop.cli.listing:LIST", MODELS, "List all parts, and the settings of each."),
     "export": CommandEntry("glucoloop.cli.export:EXPORT", CARRY_ON, "Write a controller as C for a microcontroller."),
     "records": CommandEntry("glucoloop.cli.records:RECORDS", MODELS, "Read records of sensors, pumps and apps."),
+    "cite": CommandEntry("glucoloop.cli.cite:CITE", RESULTS, "Print what to cite for a run, as BibTeX."),
     "query": CommandEntry("glucoloop.cli.query:QUERY", RESULTS, "Query the folder of a trial in SQL."),
 }
 _GROUPS: Final = (SIMULATE, MODELS, SAFETY, LIMITS, CARRY_ON, RESULTS)

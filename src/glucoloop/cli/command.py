@@ -89,7 +89,7 @@ class _Parser(argparse.ArgumentParser):
         self._by_flag = {option.flag: option for option in options}
         for option in options:
             if option.is_argument:
-                nargs = "+" if option.many else None if option.required else "?"
+                nargs = ("+" if option.required else "*") if option.many else None if option.required else "?"
                 self.add_argument(option.key, nargs=nargs, metavar=option.flag)
             elif option.metavar is None:
                 self.add_argument(option.flag, dest=option.key, action=_Once, nargs=0, const=True)

@@ -43,6 +43,7 @@ class _ByProfile(ControllerPart):
 class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
     """Predictive control by the profile of a person, with boluses for announced meals; for insulin under the skin."""
 
+    sources = ("hovorka2004", "boiroux2018", "diehl2005")
     design: ClassVar = "glucoloop.control.profile_mpc:design"
     slow: ClassVar = True
 
@@ -111,6 +112,7 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
 class PIDIFBSettings(_ByProfile, name="pid-ifb"):
     """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
 
+    sources = ("steil2011", "ruiz2012")
     design: ClassVar = "glucoloop.control.pid_ifb:design"
 
     gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
@@ -126,6 +128,7 @@ class PIDIFBSettings(_ByProfile, name="pid-ifb"):
 class LoopLikeSettings(_ByProfile, name="loop-like"):
     """Forecast and doses after LoopKit's: insulin, meals, unexplained changes, and the slope of readings."""
 
+    sources = ("loopalgorithm",)
     design: ClassVar = "glucoloop.control.loop_like:design"
 
     dosing: Annotated[
@@ -155,6 +158,7 @@ class LoopLikeSettings(_ByProfile, name="loop-like"):
 class BasalBolusSettings(_ByProfile, name="basal-bolus"):
     """Basal rate, and boluses for announced meals and against high glucose, by the usual formula."""
 
+    sources = ("zisser2008",)
     design: ClassVar = "glucoloop.control.basal_bolus:design"
 
     carb_ratio_g_U: CarbRatio = 0.0
@@ -180,6 +184,7 @@ class Oref0Settings(_ByProfile, name="oref0"):
     have their names of there.
     """
 
+    sources = ("lewis2016", "oref0")
     design: ClassVar = "glucoloop.control.oref0.controller:design"
 
     meal_bolus: Annotated[

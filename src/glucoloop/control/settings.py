@@ -135,6 +135,7 @@ class _Planned:
 class LinearMPCSettings(MPCTuning, _Planned, name="mpc"):
     """Linear model predictive control on the identified step response."""
 
+    sources = ("parker1999", "lee1994")
     design: ClassVar = "glucoloop.control.linear_mpc:design"
     individual: ClassVar = "glucoloop.experiments.individual:linear_mpc"
     tunable: ClassVar = True
@@ -170,6 +171,7 @@ class _Estimating(StateTuning, _Planned):
 class MPCSESettings(_Estimating, name="mpc-se"):
     """Linear MPC with a Kalman filter on the linearised patient."""
 
+    sources = ("parker1999", "ricker1990")
     design: ClassVar = "glucoloop.control.mpc_se:design"
     uses_model: ClassVar = False
     individual: ClassVar = "glucoloop.experiments.individual:mpc_se"
@@ -189,6 +191,7 @@ class MPCSESettings(_Estimating, name="mpc-se"):
 class NLQDMCSettings(_Estimating, name="nlqdmc-se"):
     """Predictive control on the nonlinear patient, linearised anew at each sample, with a Kalman filter."""
 
+    sources = ("parker1999", "gattu1992")
     design: ClassVar = "glucoloop.control.nlqdmc_se:design"
     uses_model: ClassVar = False
     tunable: ClassVar = True
@@ -248,6 +251,7 @@ class MealTuning(MPCTuning):
 class MealMPCSettings(MealTuning, name="meal-mpc"):
     """Predictive control on the nonlinear patient that estimates meals nobody announced."""
 
+    sources = ("lehmann1992", "diehl2005")
     design: ClassVar = "glucoloop.control.meal_mpc:design"
     uses_model: ClassVar = False
     individual: ClassVar = "glucoloop.experiments.individual:individual_meal_mpc"
@@ -310,6 +314,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
 class IMCSettings(ControllerPart, name="imc"):
     """Internal model control with a filter, on a first-order model with dead time."""
 
+    sources = ("parker1999", "sorensen1985", "morari1989")
     design: ClassVar = "glucoloop.control.imc:design"
     uses_model: ClassVar = False
 
@@ -321,6 +326,7 @@ class IMCSettings(ControllerPart, name="imc"):
 class PIDSettings(ControllerPart, name="pid"):
     """PID whose integral never winds up, tuned on a first-order model with dead time."""
 
+    sources = ("rivera1986", "astrom1989")
     design: ClassVar = "glucoloop.control.pid:design"
     uses_model: ClassVar = False
 

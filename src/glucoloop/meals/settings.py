@@ -23,6 +23,7 @@ class MealModelPart(MadePart):
 class LehmannDeutschSettings(MealModelPart, name="lehmann-deutsch"):
     """A stomach that empties at most at a plateau rate, and a gut, of Lehmann and Deutsch (1992)."""
 
+    sources = ("lehmann1992",)
     make: ClassVar = "glucoloop.meals:LehmannDeutsch"
     plateau_mg_min: Annotated[float, About("Largest rate of emptying.", above=0.0, at_most=1e5)] = 360.0
     ramp_min: Annotated[float, About("Length of each ramp of the rate.", above=0.0, at_most=1440.0)] = 30.0
@@ -32,6 +33,7 @@ class LehmannDeutschSettings(MealModelPart, name="lehmann-deutsch"):
 class HovorkaGutSettings(MealModelPart, name="hovorka"):
     """Two compartments in a row with one time constant, of Hovorka et al. (2004)."""
 
+    sources = ("hovorka2004",)
     make: ClassVar = "glucoloop.meals:HovorkaGut"
     time_to_maximum_min: Annotated[
         float, About("Time from eating at once to the largest appearance.", above=0.0, at_most=1440.0)
@@ -44,6 +46,7 @@ class HovorkaGutSettings(MealModelPart, name="hovorka"):
 class RoyParkerSettings(MealModelPart, name="roy-parker"):
     """A stomach that empties for an hour whatever the meal, and a gut, of Roy and Parker (2006)."""
 
+    sources = ("royparker2006",)
     make: ClassVar = "glucoloop.meals:RoyParkerGut"
     rise_min: Annotated[float, About("Time in which emptying rises.", at_least=1.0, at_most=1440.0)] = 10.0
     plateau_min: Annotated[float, About("Time for which it stays.", at_least=0.0, at_most=1440.0)] = 35.0
@@ -54,6 +57,7 @@ class RoyParkerSettings(MealModelPart, name="roy-parker"):
 class DallaManGutSettings(MealModelPart, name="dalla-man"):
     """A stomach that empties by how much of the whole meal it holds, of Dalla Man et al. (2006)."""
 
+    sources = ("dallaman2006", "dallaman2007")
     make: ClassVar = "glucoloop.meals:DallaManGut"
     k_max: Annotated[
         float, About("Largest rate of emptying, and rate of trituration, per minute.", above=0.0, at_most=1.0)
@@ -87,6 +91,7 @@ class RescuePart(MadePart):
 class RescueSettings(RescuePart, name="carbs"):
     """Fast carbohydrate at low glucose, and again while it stays low: the rule of 15."""
 
+    sources = ("ada2024",)
     make: ClassVar = "glucoloop.meals:rescue_carbs"
     below_mg_dl: Annotated[
         float,

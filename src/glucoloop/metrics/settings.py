@@ -83,7 +83,9 @@ class MetricPart(MadePart):
 _MODULES: Final = {"Glycemia": "glycemia", "Regulation": "regulation", "Sensor": "accuracy"}
 
 
-def _metric(name: str, section: str, summary: str, *numbers: Result, always: bool = True) -> type[MetricPart]:
+def _metric(
+    name: str, section: str, summary: str, *numbers: Result, always: bool = True, sources: tuple[str, ...] = ()
+) -> type[MetricPart]:
     """A metric of this package; ``low-events`` is the class ``LowEvents`` of the module of its section."""
     fold = name.title().replace("-", "")
     place = f"glucoloop.metrics.{_MODULES.get(section, 'dosing')}:{fold}"
@@ -94,6 +96,7 @@ def _metric(name: str, section: str, summary: str, *numbers: Result, always: boo
         "section": section,
         "numbers": numbers,
         "always": always,
+        "sources": sources,
     }
     return types.new_class(f"{fold}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
 
@@ -149,6 +152,7 @@ METRICS: Final = Catalogue(
                 seldom=True,
             ),
             Result("gri", "Glycemia risk index.", "Glycemia risk index"),
+            sources=("battelino2019", "klonoff2023"),
         ),
         _metric(
             "low-events",
@@ -156,6 +160,7 @@ METRICS: Final = Catalogue(
             "Events of low glucose.",
             _events("low_events", 70),
             _events("very_low_events", 54),
+            sources=("battelino2023",),
         ),
         _metric(
             "mean-and-variation",
@@ -169,6 +174,7 @@ METRICS: Final = Catalogue(
                 "%",
             ),
             Result("gmi_pct", "Glucose management indicator.", "Glucose management indicator", "%"),
+            sources=("bergenstal2018",),
         ),
         _metric(
             "risk-indices",
@@ -176,6 +182,7 @@ METRICS: Final = Catalogue(
             "Risk of low and of high glucose.",
             Result("lbgi", "Low blood glucose index.", "Low blood glucose index", digits=2),
             Result("hbgi", "High blood glucose index.", "High blood glucose index", digits=2),
+            sources=("kovatchev1997",),
         ),
         _metric(
             "extremes",
@@ -289,6 +296,7 @@ METRICS: Final = Catalogue(
             Result("magnitude_satisfied", "Constraint (18): every rate within the pump's limits.", "Rate"),
             Result("glucose_satisfied", "Constraint (19): glucose never below 60 mg/dl.", "Glucose not below 60 mg/dl"),
             Result("constraints_satisfied", "Whether all three constraints hold.", "All three"),
+            sources=("parker1999",),
         ),
         _metric(
             "rescues",
@@ -319,6 +327,7 @@ METRICS: Final = Catalogue(
                 for zone, what in _CLARKE.items()
             ),
             always=False,
+            sources=("clarke1987",),
         ),
     ),
     example="sensor-accuracy",

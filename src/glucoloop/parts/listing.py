@@ -10,6 +10,7 @@ from glucoloop.parts.catalogue import catalogues
 from glucoloop.parts.code import loaded
 from glucoloop.parts.grammar import part_text
 from glucoloop.parts.part import Part
+from glucoloop.parts.references import reference
 from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.parts.setting import Setting, choices_text, known_names, value_text
 from glucoloop.refusal import Refusal
@@ -47,6 +48,7 @@ def described(part: type[Part]) -> dict[str, Any]:
         "summary": part.summary,
         **part.facts(),
         "settings": [_setting(part, setting) for setting in settings],
+        "sources": [reference(source).text for source in part.sources],
     }
 
 
@@ -106,6 +108,8 @@ def _whole(part: dict[str, Any]) -> Iterator[tuple[str, int]]:
         usual = ", ".join(f"{where} {_text(value)}".strip() for where, value in setting["usual"].items())
         yield f"  {setting['name']}{f' = {usual}' if usual else ''}   ({setting['possible']})", 6
         yield f"      {setting['summary']}", 6
+    for source in part["sources"]:
+        yield f"  Source: {source}", 4
 
 
 def _text(value: Any) -> str:

@@ -27,7 +27,7 @@ from glucoloop.refusal import Refusal
 
 _SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Part")
-_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", NONE)
+_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(usual,))
@@ -46,6 +46,8 @@ class Part:
     kind: ClassVar[str] = "part"
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
+    sources: ClassVar[tuple[str, ...]] = ()
+    """Publications that the part is made after: keys of `parts.references`, or whole references as texts."""
     may_have: ClassVar[tuple[str, ...]] = ()
     """Reserved names that settings of this class may have all the same."""
     any_number: ClassVar[Quantity | None] = None

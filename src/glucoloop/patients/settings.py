@@ -192,6 +192,7 @@ _AT_FASTING_81: Final = {
 class Parker1999Part(PatientPart, name="parker-1999"):
     """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; insulin into a vein, 70 kg."""
 
+    sources = ("parker1999", "parker2000", "sorensen1985", "lehmann1992")
     model = "glucoloop.patients.sorensen.model:PARKER_1999_MODEL"
     operating_points = (
         OperatingPoint("setpoint-81", "held at 81.1 mg/dl by 25.61 mU/min"),
@@ -230,6 +231,7 @@ class _HovorkaPart(PatientPart):
 class Hovorka2004Part(_HovorkaPart, name="hovorka-2004"):
     """The model of Hovorka et al. (2004); insulin under the skin, 75 kg."""
 
+    sources = ("hovorka2004",)
     model = "glucoloop.patients.hovorka.model:HOVORKA_2004_MODEL"
     operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 6.73 mU/min, which is 0.404 U/h"),)
     populations: ClassVar = {
@@ -241,6 +243,7 @@ class Hovorka2004Part(_HovorkaPart, name="hovorka-2004"):
 class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
     """The Cambridge simulator's model, of Wilinska et al. (2010); insulin under the skin, 74.9 kg."""
 
+    sources = ("wilinska2010", "hovorka2004")
     model = "glucoloop.patients.hovorka.model:WILINSKA_2010_MODEL"
     operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 14.97 mU/min, which is 0.898 U/h"),)
     populations: ClassVar = {
@@ -252,6 +255,7 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
 class Kanderian2009Part(PatientPart, name="kanderian-2009"):
     """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; insulin under the skin."""
 
+    sources = ("kanderian2009",)
     model = "glucoloop.patients.kanderian.patient:KANDERIAN_2009_MODEL"
     operating_points = (OperatingPoint("fasting-120", "person 1, held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),)
     populations: ClassVar = {"kanderian2009": "the ten people of Kanderian et al. (2009), by name 1 to 10"}
@@ -262,6 +266,7 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
 class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
     """The minimal model with exercise of Roy and Parker (2007); insulin into a vein, 70 kg."""
 
+    sources = ("royparker2007",)
     model = "glucoloop.patients.roy_parker2007:ROY_PARKER_2007_MODEL"
     operating_points = (OperatingPoint("fasting-100", "held at 100 mg/dl by 16.67 mU/min, which is 1 U/h"),)
     pulse_mU_min = 16.0
@@ -270,6 +275,7 @@ class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
 class McGill2020Part(PatientPart, name="mcgill-2020"):
     """Bergman's minimal model with exercise and insulin under the skin, of the McGill Diabetes Lab (2020); 70 kg."""
 
+    sources = ("bergman1979", "mcgill2020")
     model = "glucoloop.patients.mcgill2020:MCGILL_2020_MODEL"
     insulin_route = SUBCUTANEOUS
     operating_points = (OperatingPoint("fasting-117", "held at 117.1 mg/dl by 12.37 mU/min, which is 0.742 U/h"),)
@@ -279,6 +285,7 @@ class McGill2020Part(PatientPart, name="mcgill-2020"):
 class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
     """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
 
+    sources = ("dallaman2007", "dallaman2007gim", "kovatchev2009")
     model = "glucoloop.patients.dalla_man.model:UVA_PADOVA_2008_MODEL"
     insulin_route = SUBCUTANEOUS
     operating_points = (OperatingPoint("fasting-120", "held at 120 mg/dl by 6.99 mU/min, which is 0.419 U/h"),)

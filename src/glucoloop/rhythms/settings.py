@@ -27,6 +27,7 @@ class RhythmPart(MadePart):
 class Visentin2015Settings(RhythmPart, name="visentin-2015"):
     """Sensitivity to insulin in one of seven patterns over the day, of Visentin et al. (2015), and daily noise."""
 
+    sources = ("visentin2015",)
     make: ClassVar = "glucoloop.rhythms.visentin2015:Visentin2015"
     pattern: Annotated[
         Literal["drawn", "hhh", "hhl", "hlh", "hll", "lhh", "lhl", "llh"],
@@ -44,6 +45,7 @@ class Visentin2015Settings(RhythmPart, name="visentin-2015"):
 class DawnSettings(RhythmPart, name="dawn"):
     """Production of glucose by the liver that rises before dawn, of Mallad et al. (2015)."""
 
+    sources = ("mallad2015", "visentin2018")
     make: ClassVar = "glucoloop.rhythms.dawn:Dawn"
     rise_mg_kg_min: Annotated[float, About("Rise of production at its end, in mg/kg/min.", above=0.0, at_most=10.0)] = (
         1.5

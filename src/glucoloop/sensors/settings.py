@@ -68,6 +68,7 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
 class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):
     """Noise that is correlated from sample to sample, a first-order process."""
 
+    sources = ("breton2008",)
     make: ClassVar = "glucoloop.sensors:correlated_noise"
     variance: Annotated[
         float, About("Variance of the error of each reading.", at_least=0.0, quantity=NOISE_VARIANCE)
@@ -80,6 +81,7 @@ class CorrelatedNoiseSettings(SensorPart, name="correlated-noise"):
 class LagSettings(SensorPart, name="lag"):
     """Glucose behind a first-order lag, as under the skin."""
 
+    sources = ("rebrin1999",)
     make: ClassVar = "glucoloop.sensors:lag"
     lag_min: Annotated[
         float, About("Time constant of the lag behind glucose.", above=0.0, at_most=LONGEST_LAG_MIN, quantity=LAG)
@@ -200,6 +202,7 @@ class MonitorPart(SensorPart):
 class Breton2008Settings(MonitorPart, name="breton-2008"):
     """FreeStyle Navigator, with the errors of Breton and Kovatchev (2008)."""
 
+    sources = ("breton2008",)
     model: ClassVar = "glucoloop.sensors.cgm:BRETON_2008"
     warm_up_min: float = 600.0
     wear_min: float = 5.0 * MIN_PER_DAY
@@ -208,6 +211,7 @@ class Breton2008Settings(MonitorPart, name="breton-2008"):
 class Facchinetti2014Settings(MonitorPart, name="facchinetti-2014"):
     """Dexcom SEVEN Plus, with the errors of Facchinetti et al. (2014)."""
 
+    sources = ("facchinetti2014",)
     model: ClassVar = "glucoloop.sensors.cgm:FACCHINETTI_2014"
     wear_min: float = 7.0 * MIN_PER_DAY
 
@@ -215,6 +219,7 @@ class Facchinetti2014Settings(MonitorPart, name="facchinetti-2014"):
 class DexcomG5Settings(MonitorPart, name="dexcom-g5"):
     """Dexcom G5, with the errors of Vettoretti et al. (2018)."""
 
+    sources = ("vettoretti2018", "facchinetti2014")
     model: ClassVar = "glucoloop.sensors.cgm:DEXCOM_G5"
     wear_min: float = 7.0 * MIN_PER_DAY
 
@@ -222,12 +227,14 @@ class DexcomG5Settings(MonitorPart, name="dexcom-g5"):
 class DexcomG6Settings(MonitorPart, name="dexcom-g6"):
     """Dexcom G6, with the mean errors of Vettoretti et al. (EMBC 2019)."""
 
+    sources = ("vettoretti2019g6",)
     model: ClassVar = "glucoloop.sensors.cgm:DEXCOM_G6"
 
 
 class Vettoretti2019Settings(MonitorPart, name="vettoretti-2019"):
     """Factory-calibrated sensors that differ, drawn for each person and wear, of Vettoretti et al. (Sensors 2019)."""
 
+    sources = ("vettoretti2019",)
     model: ClassVar = "glucoloop.sensors.cgm:VETTORETTI_2019"
 
 

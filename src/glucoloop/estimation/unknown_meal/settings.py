@@ -40,6 +40,7 @@ class EstimatorPart(MadePart):
 class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
     """Beginning and end of a meal, over the latest samples; learns the sensor's noise, and knows of lost insulin."""
 
+    sources = ("lehmann1992", "rao2003", "blom1988", "zhang1998")
     make: ClassVar = "glucoloop.estimation.unknown_meal:design_meal_horizon"
     horizon: Annotated[int, _samples("Samples over which the beginning or end of a meal is searched for, L.")] = 6
     fast_horizon: Annotated[int, _samples("The same for meals through a fast gut, F.")] = 4
@@ -74,6 +75,7 @@ class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
 class KalmanSettings(EstimatorPart, name="kalman"):
     """Rate at which the stomach empties, a random walk, by an extended Kalman filter."""
 
+    sources = ("lehmann1992", "jazwinski1970")
     make: ClassVar = "glucoloop.estimation.unknown_meal:design_meal_kalman"
     emptying_variance: Annotated[
         float, About("Variance of the change of that rate from sample to sample, (mg/min)².", above=0.0)

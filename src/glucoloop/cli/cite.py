@@ -1,0 +1,144 @@
+"""``glucoloop cite``: publications to cite for what a run was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from glucoloop.cli.command import Command
+from glucoloop.cli.option import CommandOption, Given
+from glucoloop.cli.screen import note
+from glucoloop.metrics.settings import METRICS
+from glucoloop.parts.catalogue import catalogues
+from glucoloop.parts.code import loaded
+from glucoloop.parts.grammar import NONE
+from glucoloop.parts.part import Part
+from glucoloop.parts.references import Reference, cited_parts, known_references, reference
+from glucoloop.parts.setting import Setting, known_names
+from glucoloop.refusal import Refusal
+from glucoloop.studies.catalogue import STUDIES
+
+HELP: Final = (
+    "Print what to cite for a run, a trial or another study: glucoloop, and the publications of each patient, "
+    "population, meal model, sensor, pump, controller, estimator and metric in it, as BibTeX.\n\n"
+    "Name the folder or the file that a command wrote, or parts by their names. Without either, glucoloop alone is "
+    "cited. A part that follows no publication, or that another package brings without naming one, is said.\n\n"
+    "  glucoloop cite trial\n\n"
+    "  glucoloop cite run/run.toml > run.bib\n\n"
+    "  glucoloop cite hovorka-2004 dexcom-g6"
+)
+_PROGRAM: Final = "glucoloop"
+
+
+def _cite(typed: Given) -> None:
+    """Print the entries, each once, with a comment that says what it is for."""
+    asked = typed.get("what", ())
+    whose: dict[str, list[str]] = {_PROGRAM: ["the program"]}
+    for what, sources in (pair for text in asked for pair in _parts_of(str(text))):
+        for source in sources:
+            users = whose.setdefault(source, [])
+            if what not in users:
+                users.append(what)
+        if not sources:
+            note([f"The {what} names no publication."])
+    references = [(source, reference(source), users) for source, users in whose.items()]
+    if typed.get("json"):
+        from glucoloop.storage.files import json_text, with_version
+
+        print(json_text(with_version({"references": [_plain(*entry) for entry in references]})))
+        return
+    for number, (_, entry, users) in enumerate(references, start=1):
+        print(f"% {'; '.join(users)}\n{entry.bibtex(entry.key or f'source{number}')}\n")
+
+
+def _plain(source: str, entry: Reference, users: list[str]) -> dict[str, Any]:
+    return {"key": entry.key, "for": users, "text": entry.text, "authors": entry.authors, **entry.fields}
+
+
+def _parts_of(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Parts of a folder, of a file, or by a name, with the publications of each."""
+    path = Path(text)
+    if path.is_dir():
+        files = sorted(file for file in path.glob("*.toml") if file.stem in STUDIES)
+        if not files:
+            raise Refusal(f"{text} holds no configuration that a command wrote; name the folder of a run or a trial")
+        for file in files:
+            yield from _parts_of_file(file)
+    elif path.is_file():
+        yield from _parts_of_file(path)
+    else:
+        yield from _named(text)
+
+
+def _parts_of_file(path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """What was used by the file of a command; of parts of this package only those that follow a publication."""
+    from glucoloop.situations.toml import read_file
+
+    used = read_file(str(path)).used
+    if used is None:
+        raise Refusal(f"{path} does not say what was used; name a file that a command wrote, or its folder")
+    settings = _settings()
+    for key, leaf in used.items():
+        if key == "population" and leaf in known_references():
+            yield f"population {leaf}", (leaf,)
+        if key in settings and leaf != NONE:
+            for item in leaf if isinstance(leaf, list) else [leaf]:
+                found = cited_parts(settings[key].kind.catalogue.read(_without_computed(item)))
+                yield from (_described(part) for part in found if part.sources or not _is_own(part))
+    if "metrics" in used:
+        yield from (_described(part) for part in METRICS.values() if part.always and part.sources)
+
+
+def _without_computed(tree: Any) -> Any:
+    """The tree of a part without what its design settled."""
+    return {key: leaf for key, leaf in tree.items() if key != "settled"} if isinstance(tree, dict) else tree
+
+
+def _is_own(part: type[Part]) -> bool:
+    return part.__module__.partition(".")[0] == _PROGRAM
+
+
+def _described(part: type[Part]) -> tuple[str, tuple[str, ...]]:
+    return f"{part.kind} {part.name}", part.sources
+
+
+def _settings() -> Mapping[str, Setting]:
+    """Settings of all studies whose values are parts, by name."""
+    found: dict[str, Setting] = {}
+    for entry in STUDIES.values():
+        request: type[Part] | None = getattr(loaded(entry.place), "request", None)
+        if request is not None:
+            found.update((name, setting) for name, setting in request.settings().items() if setting.is_part)
+    return found
+
+
+def _named(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    kinds = catalogues()
+    found = [parts.find(name) for parts in kinds.values() if name in parts.names()]
+    yield from map(_described, found)
+    populations = {population for part in kinds["patient"].values() for population in part.populations}
+    if name in populations:
+        yield f"population {name}", (name,) if name in known_references() else ()
+    elif not found:
+        every = [*populations, *(known for parts in kinds.values() for known in parts.names())]
+        known = known_names(name, every, where="glucoloop list shows every part")
+        raise Refusal(f"there is no file, folder or part {name!r}; {known}")
+
+
+CITE: Final = Command(
+    "cite",
+    HELP,
+    (
+        CommandOption(
+            "what",
+            "WHAT...",
+            "A folder or a file that a command wrote, or the name of a part.",
+            metavar="WHAT",
+            required=False,
+            many=True,
+        ),
+        CommandOption("json", "--json", "Print one JSON object: a list of references."),
+    ),
+    _cite,
+)
