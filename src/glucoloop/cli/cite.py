@@ -72,7 +72,7 @@ def _parts_of(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _parts_of_file(path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What was used by the file of a command; of parts of this package only those that follow a publication."""
+    """Parts that the file of a command says were used; of this package only those that follow a publication."""
     from glucoloop.situations.toml import read_file
 
     used = read_file(str(path)).used
