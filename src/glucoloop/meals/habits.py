@@ -89,7 +89,8 @@ class AnnouncedLateSettings(HabitPart, name="announced-late"):
     minutes: Annotated[
         float,
         About(
-            "Time from the beginning of eating to the announcement; below 0 it comes before.",
+            "Time from the beginning of eating, or from when it was said to begin, to the announcement; below 0 it "
+            "comes before, and nothing is said of that.",
             at_least=-_LONGEST_MIN,
             at_most=_LONGEST_MIN,
             unit="min",
