@@ -89,8 +89,8 @@ class AnnouncedLateSettings(HabitPart, name="announced-late"):
     minutes: Annotated[
         float,
         About(
-            "Time from the beginning of eating, or from when it was said to begin, to the announcement; below 0 it "
-            "comes before, and nothing is said of that.",
+            "Time by which the announcement comes after the beginning of eating, or after announce_before_min before "
+            "it; below 0 it comes before. What it tells of the time of eating does not change.",
             at_least=-_LONGEST_MIN,
             at_most=_LONGEST_MIN,
             unit="min",
