@@ -31,7 +31,7 @@ class MealsToCome:
 
 
 def no_meals_to_come(observation: Observation) -> MealsToCome | None:
-    """No meals, or None where observations tell no time of eating."""
+    """Empty memory of meals, or None where observations tell no time of eating."""
     if observation.announced_in_min is None:
         return None
     none = jnp.stack([jnp.zeros_like(observation.announced_carbs_g)] * MEALS)

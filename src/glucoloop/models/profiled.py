@@ -85,7 +85,7 @@ class GutCompartments:
 
     def appeared(self, minutes: ArrayLike) -> jax.Array:
         """Share of a meal that has appeared some minutes after it was eaten."""
-        z = minutes / self.time_to_peak_min
+        z = jnp.asarray(minutes) / self.time_to_peak_min
         return 1.0 - (1.0 + z) * jnp.exp(-z)
 
     def appearance_mg_min(self, content_mg: jax.Array, minutes: ArrayLike) -> jax.Array:
