@@ -1,6 +1,7 @@
 """Measure what controllers reach with insulin under the skin, on people whose profiles are titrated and 15 % wrong.
 
     python benchmarks/under_the_skin.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
+                                        [--announce-before MIN]
 
 Three days of 45, 70 and 60 g, the sizes of which spread by 30 % and the times by 30 min. Announced meals are counted
 with an error of 30 %. Readings have white noise of variance 1.45 (white), or lag by 10 min and have a correlated error
@@ -90,9 +91,9 @@ def trial_of(case: str, people: int, seed: int, controller: str, **more: Any) ->
     )
 
 
-def measured(case: str, people: int, seeds: list[int], text: str) -> list[dict[str, Any]]:
+def measured(case: str, people: int, seeds: list[int], text: str, **more: Any) -> list[dict[str, Any]]:
     """Figures of a controller in a case for people of each seed; the loop is compiled once."""
-    trial = trial_of(case, people, seeds[0], text)
+    trial = trial_of(case, people, seeds[0], text, **more)
     [asked] = trial.cases
     fold, controller, rows = engine.fold_of(trial), controller_of(trial, asked), []
     of_seed = seeds[0]
@@ -103,7 +104,7 @@ def measured(case: str, people: int, seeds: list[int], text: str) -> list[dict[s
     loop = engine.loop_of(trial, controller, fold, controllers_of=own)
     of_case = engine.PreparedCase(controller, loop, surroundings_of(trial), ())
     for of_seed in seeds:
-        prepared = engine.PreparedTrial(trial_of(case, people, of_seed, text), fold, {asked.label: of_case})
+        prepared = engine.PreparedTrial(trial_of(case, people, of_seed, text, **more), fold, {asked.label: of_case})
         start = time.perf_counter()
         found = engine.run_people(prepared, asked.label, np.arange(prepared.trial.people))
         taken = time.perf_counter() - start
@@ -147,6 +148,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, action="append", help="a seed; give it once for each; by default 1 and 4")
     parser.add_argument("--case", action="append", metavar="NAME", help="a case, or the beginning of its name")
     parser.add_argument("--controller", action="append", metavar="TEXT", help="by default profile-mpc and basal-bolus")
+    parser.add_argument(
+        "--announce-before", type=float, default=0.0, metavar="MIN", help="announce meals so long before eating"
+    )
     asked = parser.parse_args()
     if not asked.json:
         print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % | longer < 54, % |")
@@ -156,7 +160,8 @@ def main() -> None:
         if not any(case.startswith(wanted) for wanted in asked.case or [""]):
             continue
         controllers = asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]
-        found = [measured(case, asked.people, asked.seed or [1, 4], text) for text in controllers]
+        more = {"announce_before_min": asked.announce_before} if ", announced" in case else {}
+        found = [measured(case, asked.people, asked.seed or [1, 4], text, **more) for text in controllers]
         compared(found)
         rows += [row for of_controller in found for row in of_controller]
         if not asked.json:

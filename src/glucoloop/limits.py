@@ -11,3 +11,5 @@ LARGEST_SEED: Final = 2**32 - 1
 MOST_PEOPLE: Final = 1_000_000_000
 MOST_DAYS: Final = 366
 LONGEST_RUN_MIN: Final = 366 * 1440.0
+LONGEST_AHEAD_MIN: Final = 180.0
+"""Longest time before eating at which a meal may be announced."""

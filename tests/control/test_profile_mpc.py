@@ -145,6 +145,50 @@ def test_a_bolus_that_the_pump_does_not_report_is_the_one_asked_for():
     np.testing.assert_allclose(found.estimate.x, wanted.estimate.x, rtol=1e-12)
 
 
+def with_time(in_min, **more):
+    return dataclasses.replace(seen(**more), announced_in_min=jnp.asarray(in_min))
+
+
+@pytest.mark.long
+def test_a_meal_that_is_announced_early_begins_in_the_model_when_it_is_eaten():
+    rest, early = with_time(0.0), with_time(15.0, carbs_g=60.0)
+    state, decision = step(CONTROLLER, CONTROLLER.init(rest), early)
+    assert float(decision.bolus_mU) > 1500.0  # by the ratio 3000, of which a part may come with the meal
+    contents = []
+    for _ in range(3):
+        contents.append(float(jnp.sum(state.estimate.gut_mg)))
+        state, _ = step(CONTROLLER, state, dataclasses.replace(rest, delivered_bolus_mU=decision.bolus_mU))
+        rest = with_time(0.0)
+    contents.append(float(jnp.sum(state.estimate.gut_mg)))
+    np.testing.assert_allclose(contents[:3], 0.0, atol=6000.0)  # what insulin does to readings that stay
+    assert contents[3] - contents[2] == pytest.approx(60_000.0, rel=0.1)
+    assert not np.any(state.to_come.carbs_g)
+
+
+@pytest.mark.long
+def test_an_announcement_that_tells_of_now_is_one_without_a_time():
+    meal = {"glucose": 131.0, "carbs_g": 45.0}
+    wanted, found = after(CONTROLLER, seen(), seen(**meal)), after(CONTROLLER, with_time(0.0), with_time(0.0, **meal))
+    np.testing.assert_allclose(jax.tree.leaves(found), jax.tree.leaves(wanted), rtol=1e-9)
+
+
+def test_the_forecast_has_the_appearance_of_meals_to_come():
+    """Against the compartments of the gut, filled when each meal is eaten."""
+    state = CONTROLLER.init(with_time(0.0))
+    to_come = dataclasses.replace(
+        state.to_come, carbs_g=jnp.asarray([50.0, 20.0, 0.0, 0.0]), in_min=jnp.asarray([20.0, 7.0, 0.0, 0.0])
+    )
+    minutes = np.asarray(CONTROLLER.forecast.step.minutes)
+    appeared, expected = CONTROLLER._later(to_come) * minutes, []
+    for end in np.cumsum(minutes):
+        filled = [
+            np.sum(CONTROLLER.filter.gut.after(jnp.asarray([1000.0 * carbs_g, 0.0]), end - at)) if end > at else None
+            for carbs_g, at in ((50.0, 20.0), (20.0, 7.0))
+        ]
+        expected.append(sum(1000.0 * c - f for c, f in zip((50.0, 20.0), filled, strict=True) if f is not None))
+    np.testing.assert_allclose(np.cumsum(appeared), expected, rtol=1e-9, atol=1e-6)
+
+
 @pytest.mark.parametrize("sample_min", [1.0, 5.0, 10.0, 30.0])
 def test_the_forecast_covers_eight_hours_in_blocks_of_whole_samples(sample_min):
     forecast = forecast_of(CONTROLLER.model, sample_min)

@@ -118,7 +118,7 @@ def simulate_people(
     meals, announced_carbs_g, told_min = (
         eaten(scenario.meals),
         announced_g(scenario.meals),
-        announced_min(scenario.meals),
+        announced_min(scenario.meals, scenario.announced_before_min),
     )
     as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(told_min, meals.t_min)
     announced_otherwise = scenario.announced and not as_eaten
@@ -133,6 +133,7 @@ def simulate_people(
             patient=patient_entry(people.name).partial({}, asked=people.name),
             setpoint_mg_dl=setpoint,
             announce_meals=scenario.announced,
+            announce_before_min=scenario.announced_in_min or 0.0,
         ),
         controller,
         people,

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
@@ -274,6 +275,7 @@ def _clean(
         announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0),
         delivered_bolus_mU=bolus_mU,
         time_of_day_min=None if time is None else jnp.where((time >= 0.0) & (time < MIN_PER_DAY), time, 0.0),
+        announced_in_min=None if observation.announced_in_min is None else eaten_in_min(observation),
         key=observation.key,
     )
 

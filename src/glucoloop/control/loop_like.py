@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
@@ -66,11 +67,11 @@ class Meals:
 
     carbs_g: jax.Array
     since_min: jax.Array
-    """Time since eating began."""
+    """Time since eating began; below 0 where it is still to come."""
     observed_g: jax.Array
     """Carbohydrate whose absorption was seen in the readings."""
 
-    def with_new(self, carbs_g: jax.Array) -> Meals:
+    def with_new(self, carbs_g: jax.Array, in_min: jax.Array) -> Meals:
         """The meals after one more was announced, where it is more than 0 g; the oldest is forgotten."""
 
         def first(new: jax.Array, old: jax.Array) -> jax.Array:
@@ -79,7 +80,7 @@ class Meals:
         zero = jnp.zeros_like(carbs_g)
         return Meals(
             carbs_g=first(carbs_g, self.carbs_g),
-            since_min=first(zero, self.since_min),
+            since_min=first(0.0 - in_min, self.since_min),
             observed_g=first(zero, self.observed_g),
         )
 
@@ -109,7 +110,8 @@ class Meals:
         least = part_absorbed(time / longest_min)
         part = self.observed_g / jnp.where(self.carbs_g > 0.0, self.carbs_g, 1.0)
         seen = (self.since_min > 0.0) & (part >= least)
-        length = jnp.where(time > 0.0, longest_min + CARB_DELAY_MIN, longest_min + self.since_min)
+        begun = jnp.maximum(self.since_min, 0.0)
+        length = jnp.where(time > 0.0, longest_min + CARB_DELAY_MIN, longest_min + begun)
         at_seen = jnp.where(time > 0.0, time_of_part(jnp.clip(part, least, 1.0)), 0.0)
         return jnp.where(seen, at_seen, time / length), jnp.where(seen, longest_min, length), seen
 
@@ -285,7 +287,7 @@ class LoopLike:
             stale_min=jnp.where(known, 0.0, jnp.minimum(state.stale_min + T, 2.0 * RECENT_MIN)),
             acting_U=acting,
             unexplained_mg_dl=jnp.concatenate([unexplained[None], state.unexplained_mg_dl[:-1]]),
-            meals=meals.with_new(carbs_told(observation)),
+            meals=meals.with_new(carbs_told(observation), eaten_in_min(observation)),
             rate_mU_min=delivered,
             asked_mU=state.asked_mU,
         )

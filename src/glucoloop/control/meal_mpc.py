@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
+from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
@@ -67,6 +68,8 @@ class MealMPCState:
     """(m,) moves planned for the coming sample and those after it, along which the model is linearised."""
     lasting_mg_min: jax.Array
     """Unexplained appearance at rest, such as a wrong basal rate leaves, from 0: it does not stop at once."""
+    to_come: MealsToCome | None = None
+    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
 
 
 @pytree
@@ -152,6 +155,7 @@ class MealMPC:
             announced_g=jnp.zeros(self.dead_time_samples),
             planned=jnp.zeros(self.move_horizon),
             lasting_mg_min=jnp.zeros_like(delivered),
+            to_come=no_meals_to_come(observation),
         )
 
     def step(self, state: MealMPCState, observation: Observation) -> tuple[MealMPCState, Decision]:
@@ -167,7 +171,8 @@ class MealMPC:
         delivered = delivered_since(observation, state.delivered_mU_min[-1])
         rates = jnp.append(state.delivered_mU_min[1:], delivered)
         reported = jnp.append(state.reported, jnp.isfinite(observation.delivered_mU_min))
-        announced = jnp.append(state.announced_g, observation.announced_carbs_g)
+        to_come, begins = hear(state.to_come, observation, observation.announced_carbs_g, self.sample_time_min)
+        announced = jnp.append(state.announced_g, begins)
         sensed = Sensed(
             glucose_mg_dl=jnp.where(known, observation.glucose_mg_dl, 0.0),
             known=known,
@@ -193,6 +198,7 @@ class MealMPC:
             announced_g=announced[1:],
             planned=planned,
             lasting_mg_min=jnp.where(sound, lasting, 0.0),
+            to_come=to_come,
         )
         wanted = jnp.where(sound, delivered + moves[0], jnp.nan)
         return state, decide(wanted, delivered, self.limits, known, converged), estimate

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
 from glucoloop.control.protocol import (
     Controller,
@@ -44,6 +45,8 @@ class PacedState:
     """Sum of the announced carbohydrate."""
     reading_mg_dl: jax.Array
     """Newest valid reading, or NaN."""
+    in_min: jax.Array | None = None
+    """Time from the last sample until the first announced meal was to be eaten, or infinity; None if none is told."""
 
 
 @pytree
@@ -101,13 +104,15 @@ class Paced:
             bolus_mU=jnp.zeros_like(delivered) if self.gives_boluses else None,
             carbs_g=jnp.zeros_like(observation.announced_carbs_g),
             reading_mg_dl=jnp.full_like(observation.glucose_mg_dl, jnp.nan),
+            in_min=None if observation.announced_in_min is None else jnp.full_like(delivered, jnp.inf),
         )
 
     def step(self, state: PacedState, observation: Observation) -> tuple[PacedState, Decision]:
         """Let the inner controller act where it is due, or hold its rate and give no bolus."""
         gathered = state.gathered + 1.0
         due = ~(gathered < self.samples)  # also where the number was lost
-        seen = self._since(state, observation, gathered)
+        in_min = self._first_eaten_in(state, observation)
+        seen = self._since(state, observation, gathered, in_min)
         inner, decision = self.inner.step(state.inner, seen)
 
         def acted(new: Any, old: Any) -> Any:
@@ -126,10 +131,20 @@ class Paced:
             bolus_mU=acted(no_bolus, seen.delivered_bolus_mU),
             carbs_g=acted(jnp.zeros_like(state.carbs_g), seen.announced_carbs_g),
             reading_mg_dl=jnp.where(due | ~seen.valid, jnp.nan, seen.glucose_mg_dl),
+            in_min=None if in_min is None else jnp.where(due, jnp.inf, in_min),
         )
         return state, Decision(insulin_mU_min=insulin, status=status, bolus_mU=acted(decision.bolus_mU, no_bolus))
 
-    def _since(self, state: PacedState, observation: Observation, gathered: jax.Array) -> Observation:
+    def _first_eaten_in(self, state: PacedState, observation: Observation) -> jax.Array | None:
+        """Time until the first meal is eaten of those announced since the inner controller acted, or infinity."""
+        if state.in_min is None:
+            return None
+        now = jnp.where(observation.announced_carbs_g > 0.0, eaten_in_min(observation), jnp.inf)
+        return jnp.minimum(jnp.maximum(state.in_min - self.sample_time_min, 0.0), now)
+
+    def _since(
+        self, state: PacedState, observation: Observation, gathered: jax.Array, in_min: jax.Array | None
+    ) -> Observation:
         """Observation of the inner controller: the newest valid reading, and everything since it acted."""
         earlier = ~is_known(observation) & jnp.isfinite(state.reading_mg_dl)
         # in this form the mean of a rate that was held is that rate, to the bit
@@ -144,6 +159,7 @@ class Paced:
             delivered_mU_min=delivered,
             delivered_bolus_mU=bolus,
             announced_carbs_g=state.carbs_g + observation.announced_carbs_g,
+            announced_in_min=None if in_min is None else jnp.where(jnp.isfinite(in_min), in_min, 0.0),
         )
 
 
@@ -153,7 +169,8 @@ def paced(controller: Controller, sample_time_min: float) -> Controller:
 
     The controller acts at the first sample of the loop and then each time that its own sample time has passed. It is
     told of the newest valid reading since it acted, the mean of the rates that the pump reported, the sum of the
-    boluses, and the sum of the announced carbohydrate. Between, its rate and its status hold, and no bolus is given.
+    boluses, and the sum of the announced carbohydrate, with the time at which the first of it is eaten. Between, its
+    rate and its status hold, and no bolus is given.
 
     Parameters
     ----------

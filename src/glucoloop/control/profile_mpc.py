@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
+from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import ProfileMPCSettings
@@ -55,6 +56,8 @@ class ProfileMPCState:
     """Rate that was asked for at the last sample, used where the pump reports nothing."""
     asked_bolus_mU: jax.Array
     """Bolus that was asked for at the last sample, used likewise."""
+    to_come: MealsToCome | None = None
+    """Announced meals that are still to be eaten; None where observations tell no time of eating."""
 
 
 @pytree
@@ -116,6 +119,7 @@ class ProfileMPC:
             plan_mU_min=jnp.ones(self.forecast.block_min.shape[0]) * self.model.basal_mU_min,
             asked_mU_min=delivered,
             asked_bolus_mU=jnp.zeros_like(delivered),
+            to_come=no_meals_to_come(observation),
         )
 
     def step(self, state: ProfileMPCState, observation: Observation) -> tuple[ProfileMPCState, Decision]:
@@ -127,7 +131,8 @@ class ProfileMPC:
         estimate = self.filter.update(self.model, estimate, observation.glucose_mg_dl, known)
         carbs = observation.announced_carbs_g
         eats = (carbs > 0.0) & (carbs <= _MOST_CARBS_G)
-        estimate = self.filter.announce(estimate, jnp.where(eats, carbs, 0.0))
+        to_come, begins = hear(state.to_come, observation, jnp.where(eats, carbs, 0.0), self.sample_time_min)
+        estimate = self.filter.announce(estimate, begins)
 
         finite = jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(estimate)])
         sound = jnp.all(finite) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
@@ -135,7 +140,7 @@ class ProfileMPC:
         estimate = jax.tree.map(lambda present, new: jnp.where(sound, present, new), estimate, fresh.estimate)
         plan = jnp.where(jnp.all(jnp.isfinite(state.plan_mU_min)) & sound, state.plan_mU_min, fresh.plan_mU_min)
 
-        plan = self._plan(estimate, plan, observation.setpoint_mg_dl, delivered, eats)
+        plan = self._plan(estimate, to_come, plan, observation.setpoint_mg_dl, delivered, eats)
         # What the plan wants now and not later is a bolus, if the pump can give one so small.
         at_once = (plan[0] - plan[1]) * self.sample_time_min >= self.bolus.min_mU
         rate = jnp.where((eats | self.automatic) & at_once, jnp.minimum(plan[0], plan[1]), plan[0])
@@ -143,7 +148,11 @@ class ProfileMPC:
         rest = (plan[0] - decision.insulin_mU_min) * self.sample_time_min
         wanted = jnp.clip(jnp.where((eats | self.automatic) & sound, rest, 0.0), 0.0, self.bolus.max_mU)
         state = ProfileMPCState(
-            estimate=estimate, plan_mU_min=plan, asked_mU_min=decision.insulin_mU_min, asked_bolus_mU=wanted
+            estimate=estimate,
+            plan_mU_min=plan,
+            asked_mU_min=decision.insulin_mU_min,
+            asked_bolus_mU=wanted,
+            to_come=to_come,
         )
         return state, dataclasses.replace(decision, bolus_mU=wanted)
 
@@ -152,22 +161,34 @@ class ProfileMPC:
         word, asked = observation.delivered_bolus_mU, state.asked_bolus_mU
         return asked if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, asked)
 
-    def _glucose(self, estimate: FedEstimate, plan: jax.Array) -> jax.Array:
-        """Glucose ``(p,)`` at the ends of the steps ahead, under a plan."""
+    def _later(self, to_come: MealsToCome | None) -> jax.Array | None:
+        """Mean appearance ``(p,)`` in the steps ahead of meals that are still to be eaten, or None for none."""
+        if to_come is None:
+            return None
+        minutes = self.forecast.step.minutes
+        ends = jnp.concatenate([jnp.zeros(1), jnp.cumsum(minutes)])
+        eaten_for = jnp.maximum(ends[:, None] - to_come.in_min, 0.0)
+        appeared = self.filter.gut.appeared(eaten_for) @ (MG_PER_G * to_come.carbs_g)
+        flux: jax.Array = jnp.diff(appeared) / minutes
+        return flux
+
+    def _glucose(self, estimate: FedEstimate, later_mg_min: jax.Array | None, plan: jax.Array) -> jax.Array:
+        """Glucose ``(p,)`` at the ends of the steps ahead, under a plan, with the appearance of meals to come."""
         gut, fading = self.filter.gut, self.filter.disturbance_min
 
         def one(carry: Any, entry: Any) -> Any:
             x, content, disturbance = carry
-            step, in_block = entry
+            step, in_block, later = entry
             h = step.minutes
             left = jnp.exp(-h / fading)
-            flux = self.model.meal_gain * gut.appearance_mg_min(content, h)
+            appears = gut.appearance_mg_min(content, h)
+            flux = self.model.meal_gain * (appears if later is None else appears + later)
             flux = flux + disturbance * (1.0 - left) * (fading / h)
             x = self.model.advance(x, in_block @ plan, flux, step)
             return (x, gut.after(content, h), left * disturbance), self.model.glucose_mg_dl(x)
 
         start = estimate.x, estimate.gut_mg, estimate.disturbance_mg_min
-        glucose: jax.Array = jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block))[1]
+        glucose: jax.Array = jax.lax.scan(one, start, (self.forecast.step, self.forecast.of_block, later_mg_min))[1]
         return glucose
 
     def _doubted(self, estimate: FedEstimate) -> FedEstimate:
@@ -180,10 +201,19 @@ class ProfileMPC:
         return dataclasses.replace(estimate, gut_mg=gut, disturbance_mg_min=disturbance)
 
     def _plan(
-        self, estimate: FedEstimate, plan: jax.Array, setpoint: jax.Array, delivered: jax.Array, eats: jax.Array
+        self,
+        estimate: FedEstimate,
+        to_come: MealsToCome | None,
+        plan: jax.Array,
+        setpoint: jax.Array,
+        delivered: jax.Array,
+        eats: jax.Array,
     ) -> jax.Array:
         """Rates ``(m,)`` of the blocks, the first of which takes a bolus with a meal."""
         doubted, basal = self._doubted(estimate), self.model.basal_mU_min
+        later = self._later(to_come)
+        sure = jnp.maximum(1.0 - self.doubt * self.filter.counting_error, 0.0)
+        doubted_later = None if later is None else sure * later
         blocks = self.forecast.block_min
         change, highest, lowest = self.limits.max_change_mU_min, self.limits.max_mU_min, self.limits.min_mU_min
         up = jnp.where(
@@ -191,22 +221,22 @@ class ProfileMPC:
             highest + self.bolus.max_mU / self.sample_time_min,
             jnp.minimum(delivered + change, highest),
         )
-        later = jnp.zeros_like(plan)[1:]
-        least = jnp.append(jnp.maximum(delivered - change, lowest), later + lowest)
-        most = jnp.append(up, later + highest)
+        others = jnp.zeros_like(plan)[1:]
+        least = jnp.append(jnp.maximum(delivered - change, lowest), others + lowest)
+        most = jnp.append(up, others + highest)
         # a bolus for a meal costs nothing by its size
         first = jnp.where(eats, 0.0, self.bolus_weight if self.automatic else self.move_weight)
         relative = self.model.insulin_gain / self.model.nominal.insulin_mU_min
-        preference = relative**2 * blocks * jnp.append(first, later + self.move_weight)
+        preference = relative**2 * blocks * jnp.append(first, others + self.move_weight)
 
         def expected(plan: jax.Array) -> tuple[jax.Array, jax.Array]:
-            glucose = self._glucose(estimate, plan)
+            glucose = self._glucose(estimate, later, plan)
             return glucose, glucose
 
         for _ in range(_ITERATIONS):
             A, likely = jax.jacfwd(expected, has_aux=True)(plan)
             A = jnp.minimum(A, 0.0)  # insulin never raises glucose, whatever a forecast far from any person says
-            careful = self._glucose(doubted, plan)
+            careful = self._glucose(doubted, doubted_later, plan)
             plan = minimise_rates(
                 self.costs,
                 likely - setpoint,

@@ -27,6 +27,7 @@ def observation(
     number: object = None,
     read_t_min: object = None,
     time_of_day_min: object = None,
+    announced_in_min: object = None,
 ) -> Observation:
     """Observation of one person from received values of any kind, as scalars; never raises.
 
@@ -57,6 +58,7 @@ def observation(
         number=None if number is None else jnp.asarray(_number(number)),
         read_t_min=None if read_t_min is None else jnp.asarray(_number(read_t_min)),
         time_of_day_min=None if time_of_day_min is None else jnp.asarray(_number(time_of_day_min)),
+        announced_in_min=None if announced_in_min is None else jnp.asarray(_number(announced_in_min)),
     )
 
 

@@ -171,6 +171,7 @@ class PeopleLoop:
             setpoint_mg_dl=situation.target_mg_dl,
             meals=meals,
             announced=situation.announce_meals,
+            announced_in_min=situation.announce_before_min or None,
             own_announcements=own_announcements,
             start_min=situation.start_min if start_min is None else start_min,
             meal_model=situation.gut if meal_model is None else meal_model,

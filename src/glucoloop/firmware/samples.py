@@ -162,6 +162,7 @@ def stepper_of(situation: Situation, seed: int) -> Stepper:
         start_min=situation.start_min,
         rhythms=situation.rhythms,
         rhythm_seed=seed,
+        announced_in_min=situation.announce_before_min or None,
     )
 
 

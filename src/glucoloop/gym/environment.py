@@ -10,6 +10,7 @@ import numpy.typing as npt
 from glucoloop._extras import needed_for
 from glucoloop.gym.people import DosedPeople
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
+from glucoloop.limits import LONGEST_AHEAD_MIN
 from glucoloop.refusal import Refusal
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
 
@@ -72,6 +73,9 @@ class _Situation:
             "announced_g": ("g", _MOST_CARBS_G),
             "time_of_day_min": ("min", MIN_PER_DAY),
         }
+        self._ahead = bool(trial.announce_before_min)
+        if self._ahead:
+            seen["announced_in_min"] = ("min", LONGEST_AHEAD_MIN)
         self.observation_names = tuple(seen)
         self.observation_units = tuple(unit for unit, _ in seen.values())
         highest = np.array([most for _, most in seen.values()], np.float32)
@@ -91,7 +95,9 @@ class _Situation:
         reported = np.where(np.isfinite(people.reported_U), people.reported_U, self._asked_U)
         age_min = (people.sample - self._read_at) * every
         seen = [people.glucose_mg_dl] if self._truth else [self._latest, age_min]
-        rows = np.stack([*seen, reported, people.announced_g, people.time_of_day_min], axis=-1)
+        announced = people.announced_g
+        ahead = [np.where(announced > 0.0, people.trial.announce_before_min, 0.0)] if self._ahead else []
+        rows = np.stack([*seen, reported, announced, people.time_of_day_min, *ahead], axis=-1)
         box = self.observation_box
         return np.asarray(np.clip(np.nan_to_num(rows), box.low, box.high), np.float32)
 
@@ -179,8 +185,9 @@ class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
     Actions are the basal rate [U/h] and, where insulin is given under the skin, a bolus [U] that is given at the
     beginning of the step, within the limits of the pump. Observations are named in ``observation_names``, with units in
     ``observation_units``: the latest valid reading (the target before the first) and its age, the insulin of the last
-    step as the pump reports it, the announced carbohydrate of the coming step, and the time of day. The episode is
-    terminated where glucose leaves its bounds, and truncated at the end of the run.
+    step as the pump reports it, the announced carbohydrate of the coming step, and the time of day; with
+    ``announce_before_min`` also the time until the announced meal is eaten. The episode is terminated where glucose
+    leaves its bounds, and truncated at the end of the run.
 
     Parameters
     ----------

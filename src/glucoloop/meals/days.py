@@ -106,6 +106,10 @@ class LivedDays:
         told = self.announced_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
         return self.changed(announced_g=np.clip(told, 0.0, LARGEST_MEAL_G))
 
+    def announced_before(self, minutes: float) -> LivedDays:
+        """The days with announcements that come so many minutes earlier."""
+        return self.changed(announced_min=self.announced_min - minutes)
+
     def since(self, earliest_min: float) -> LivedDays:
         """The days without the meals that begin before a time."""
         begun = self.t_min >= earliest_min

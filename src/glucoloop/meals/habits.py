@@ -89,7 +89,8 @@ class AnnouncedLateSettings(HabitPart, name="announced-late"):
     minutes: Annotated[
         float,
         About(
-            "Time from the beginning of eating to the announcement; below 0 it comes before.",
+            "Time by which the announcement comes after the beginning of eating, or after announce_before_min before "
+            "it; below 0 it comes before. What it tells of the time of eating does not change.",
             at_least=-_LONGEST_MIN,
             at_most=_LONGEST_MIN,
             unit="min",

@@ -13,7 +13,7 @@ import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.exercise import Exercise, exercise_in_order
-from glucoloop.limits import LONGEST_RUN_MIN
+from glucoloop.limits import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
 from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
@@ -43,7 +43,8 @@ class Meal:
     announced_g : float, optional
         Carbohydrate that is announced to the controller, if the scenario announces meals; the true one by default.
     announced_min : float, optional
-        Time at which it is announced, before or after eating begins; by default when eating begins.
+        Time at which it is announced, before or after eating begins; by default when eating begins, or as long before
+        as the scenario says.
 
     Raises
     ------
@@ -97,6 +98,10 @@ class Scenario:
         The patient starts at rest at this value; by default at the patient's setpoint.
     announced : bool
         Whether the controller is told of each meal when it begins.
+    announced_before_min : float
+        Time before eating at which meals are announced. Controllers are told that a meal is eaten so many minutes after
+        its announcement, also of one whose own `announced_min` is another. An announcement that would come before the
+        start is heard at the start.
     meal_model : MealModel or str, optional
         Model of absorption, or its name; the patient's own meal model by default.
     allow_unusual : bool
@@ -129,6 +134,7 @@ class Scenario:
     setpoint_mg_dl: float | None = None
     initial_glucose_mg_dl: float | None = None
     announced: bool = False
+    announced_before_min: float = 0.0
     allow_unusual: bool = False
     meal_model: MealModel | None = None
     start_min: float | None = None
@@ -147,6 +153,7 @@ class Scenario:
         setpoint_mg_dl: float | None = None,
         initial_glucose_mg_dl: float | None = None,
         announced: bool = False,
+        announced_before_min: float = 0.0,
         allow_unusual: bool = False,
         meal_model: MealModel | str | None = None,
         start_min: float | None = None,
@@ -162,6 +169,7 @@ class Scenario:
         object.__setattr__(self, "setpoint_mg_dl", setpoint_mg_dl)
         object.__setattr__(self, "initial_glucose_mg_dl", initial_glucose_mg_dl)
         object.__setattr__(self, "announced", announced)
+        object.__setattr__(self, "announced_before_min", announced_before_min)
         object.__setattr__(self, "allow_unusual", allow_unusual)
         object.__setattr__(self, "meal_model", _meal_model(meal_model))
         object.__setattr__(self, "start_min", start_min)
@@ -183,6 +191,11 @@ class Scenario:
         if start_min is not None and not is_traced(start_min):
             check_time_of_day(start_min)
         check_warm_up(warm_up_min, horizon_min)
+        if not 0.0 <= announced_before_min <= LONGEST_AHEAD_MIN:
+            raise Refusal(
+                f"meals that are announced {announced_before_min:g} min before eating are not possible; "
+                f"give 0 to {LONGEST_AHEAD_MIN:g} min"
+            )
         for meal in self.meals:
             if is_traced(meal.t_min):
                 continue
@@ -213,6 +226,11 @@ class Scenario:
         meals = eaten(self.meals)
         return dataclasses.replace(meals, t_min=self.warm_up_min + meals.t_min) if self.warm_up_min else meals
 
+    @property
+    def announced_in_min(self) -> float | None:
+        """Time to eating that an announcement tells; None where meals are announced when they begin, or not."""
+        return self.announced_before_min if self.announced and self.announced_before_min else None
+
     def absorbed_by(self, patient: object) -> Absorption:
         """All meals as a patient absorbs them: by the scenario's meal model, or else by the patient's own."""
         return absorb(meal_model_of(patient, self.meal_model), self.eaten())
@@ -240,9 +258,9 @@ def announced_g(meals: Sequence[Meal]) -> Any:
     return _row([meal.carbs_g if meal.announced_g is None else meal.announced_g for meal in meals])
 
 
-def announced_min(meals: Sequence[Meal]) -> Any:
-    """Times at which meals are announced, ``(meals,)``."""
-    return _row([meal.t_min if meal.announced_min is None else meal.announced_min for meal in meals])
+def announced_min(meals: Sequence[Meal], before_min: float = 0.0) -> Any:
+    """Times at which meals are announced, ``(meals,)``: so long before eating unless a meal says otherwise."""
+    return _row([meal.t_min - before_min if meal.announced_min is None else meal.announced_min for meal in meals])
 
 
 def _row(values: Sequence[Any]) -> Any:

@@ -83,6 +83,11 @@ class GutCompartments:
         first, second = content_mg[0], content_mg[1]
         return jnp.stack([left * first, left * (second + z * first)])
 
+    def appeared(self, minutes: ArrayLike) -> jax.Array:
+        """Share of a meal that has appeared some minutes after it was eaten."""
+        z = jnp.asarray(minutes) / self.time_to_peak_min
+        return 1.0 - (1.0 + z) * jnp.exp(-z)
+
     def appearance_mg_min(self, content_mg: jax.Array, minutes: ArrayLike) -> jax.Array:
         """Mean rate at which glucose appears over some minutes."""
         return jnp.sum(content_mg - self.after(content_mg, minutes), axis=0) / minutes

@@ -131,6 +131,8 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     ]
     if situation.announce_meals and meals != "none":
         meals += ", announced"
+        if situation.announce_before_min:
+            meals += f" {situation.announce_before_min:g} min before eating"
         if situation.miscounts:
             meals += f" with an error of {situation.carb_error_pct:g} % and a bias of {situation.carb_bias_pct:g} %"
     return {

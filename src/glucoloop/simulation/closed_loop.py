@@ -202,7 +202,8 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     carbs_g = at_samples(meals.t_min, meals.carbs_g)
     announced = 0.0 * carbs_g
     if scenario.announced:
-        announced = at_samples(scenario.warm_up_min + announced_min(scenario.meals), announced_g(scenario.meals))
+        told_min = scenario.warm_up_min + announced_min(scenario.meals, scenario.announced_before_min)
+        announced = at_samples(told_min, announced_g(scenario.meals))
     return OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
@@ -363,6 +364,7 @@ def simulate(
         pump=pump,
         setpoint_mg_dl=start.setpoint_mg_dl,
         rescue=rescue,
+        announced_in_min=None if scenario.announced_in_min is None else jnp.asarray(scenario.announced_in_min, float),
     )
     numbers, fixed = apart(loop)
     try:
@@ -393,5 +395,6 @@ def _first_observation(start: Start, controller: Controller, scenario: Scenario)
         announced_carbs_g=zero,
         delivered_bolus_mU=zero if gives_boluses(controller) else None,
         time_of_day_min=None if scenario.start_min is None else jnp.asarray(scenario.start_min, float),
+        announced_in_min=None if scenario.announced_in_min is None else zero,
         key=jax.random.key(0) if draws(controller) else None,
     )

@@ -151,7 +151,8 @@ class Cohort:
     `varied` are some people, to show which constants vary: those that have one axis more than the nominal patient's;
     `varied_controller`, `varied_sensor` and `varied_pump` do the same where each person has a different one. `meals`
     are those of all people, ``(meals,)``, or None if each has individual meals; with `own_announcements` what is
-    announced is individual too, as for carbohydrate that is counted with an error. Controllers are told of the time of
+    announced is individual too, as for carbohydrate that is counted with an error. With `announced_in_min` controllers
+    are told that a meal is eaten so long after its announcement. Controllers are told of the time of
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
     precision and products see `make_engine`. By default the integrator makes the steps
@@ -175,6 +176,7 @@ class Cohort:
         meals: Eaten | None,
         announced: bool = False,
         own_announcements: bool = False,
+        announced_in_min: float | None = None,
         start_min: float | None = None,
         meal_model: MealModel | None = None,
         varied_controller: Controller | None = None,
@@ -206,6 +208,7 @@ class Cohort:
             pump=pump,
             setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
             rescue=rescue and rescue.for_gut(self._gut(nominal)),
+            announced_in_min=None if announced_in_min is None else jnp.asarray(float(announced_in_min)),
         )
         self._varies = {
             "controller": varying(controller if varied_controller is None else varied_controller, controller),

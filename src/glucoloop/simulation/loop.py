@@ -39,6 +39,8 @@ class Loop:
     setpoint_mg_dl: jax.Array
     rescue: RescueCarbs | None = None
     """Carbohydrate that the person eats when glucose is low; None for none."""
+    announced_in_min: jax.Array | None = None
+    """Time to eating that an announcement tells; None where meals are announced when they begin."""
 
 
 @pytree
@@ -109,6 +111,7 @@ def _observe(
         announced_carbs_g=jnp.broadcast_to(announced_g, shape),
         delivered_bolus_mU=reported[1],
         time_of_day_min=None if time_of_day_min is None else jnp.broadcast_to(time_of_day_min, shape),
+        announced_in_min=None if loop.announced_in_min is None else jnp.broadcast_to(loop.announced_in_min, shape),
     )
 
 

@@ -135,6 +135,8 @@ class Stepper:
         Time to `start_min`, or to midnight by default, at which the stepper begins.
     rhythms, rhythm_seed, rhythm_person
         Arguments as for `Scenario`.
+    announced_in_min : float, optional
+        Time to eating that an announcement tells; by default meals are announced when they begin.
 
     Examples
     --------
@@ -169,6 +171,7 @@ class Stepper:
         rhythms: Iterable[Rhythm] = (),
         rhythm_seed: int = 0,
         rhythm_person: int = 0,
+        announced_in_min: float | None = None,
     ) -> None:
         begins_min = ((start_min or 0.0) - warm_up_min) % MIN_PER_DAY
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=begins_min)
@@ -201,6 +204,7 @@ class Stepper:
             sensor=IdealSensor() if sensor is None else sensor,
             pump=pump,
             setpoint_mg_dl=self.start.setpoint_mg_dl,
+            announced_in_min=None if announced_in_min is None else jnp.asarray(announced_in_min, float),
         )
         self._numbers, self._fixed = apart(loop)
         self._of = fingerprint(
@@ -208,6 +212,7 @@ class Stepper:
         )
         self._of += f" {self._integrator} {self._start_min}"
         self._of += f" {self._rhythms}" if self._rhythms[0] else ""
+        self._of += "" if announced_in_min is None else f" {announced_in_min:g} min"
         self._key = random_key(key)
         self.last: Sampled | None = None
         self.reset()
@@ -268,7 +273,7 @@ class Stepper:
         Parameters
         ----------
         announced_carbs_g : float
-            Carbohydrate of a meal during that sample of which the controller is told [g].
+            Carbohydrate of which the controller is told [g], of a meal during that sample, or after `announced_in_min`.
         """
         seen: Observation = _look(self._numbers, self._fixed, self._now, announced_carbs_g, self._start_min)
         return seen
@@ -443,6 +448,7 @@ def scenario_stepper(
         rhythms=scenario.rhythms,
         rhythm_seed=scenario.rhythm_seed,
         rhythm_person=scenario.rhythm_person,
+        announced_in_min=scenario.announced_in_min,
     )
 
 

@@ -249,12 +249,13 @@ class FedSituation(DaySettings, ControlledSituation):
         from glucoloop.meals.plan import draw_days
 
         days = draw_days(self.plan, self.seed, person)
-        return days.counted(self.carb_error_pct, self.carb_bias_pct) if self.miscounts else days
+        days = days.counted(self.carb_error_pct, self.carb_bias_pct) if self.miscounts else days
+        return days.announced_before(self.announce_before_min) if self.announce_before_min else days
 
     @property
     def individual_announcements(self) -> bool:
         """Whether what is announced differs between people."""
-        return self.miscounts or bool(self.habits)
+        return self.miscounts or bool(self.habits) or self.announce_before_min > 0.0
 
     def scenario_of(
         self, meals: Iterable[Meal], initial_glucose_mg_dl: float | None = None, *, person: int = 0
@@ -269,6 +270,7 @@ class FedSituation(DaySettings, ControlledSituation):
             initial_glucose_mg_dl=initial_glucose_mg_dl,
             allow_unusual=self.allow_unusual,
             announced=self.announce_meals,
+            announced_before_min=self.announce_before_min,
             meal_model=self.gut,
             start_min=self.start_min,
             warm_up_min=self.warm_up_min,

@@ -18,7 +18,7 @@ from glucoloop.parts.grammar import NAME, GivenValue, Tree, given
 from glucoloop.parts.part import Part
 from glucoloop.plausible import DURATION
 from glucoloop.situations.option import PATIENT_PANEL, Option
-from glucoloop.situations.situation import AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
+from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
 from glucoloop.situations.toml import read_file
 from glucoloop.units import MIN_PER_DAY
 
@@ -99,6 +99,7 @@ class ScenarioPart(DaySettings):
     kind: ClassVar = "scenario"
 
     announce_meals: AnnounceMeals = False
+    announce_before_min: AnnounceBefore = 0.0
     carb_error_pct: CarbError = 0.0
     carb_bias_pct: CarbBias = 0.0
     start: StartTime = None

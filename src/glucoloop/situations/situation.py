@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.faults import START, FaultPart
-from glucoloop.limits import LARGEST_SEED, LONGEST_RUN_MIN
+from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
 from glucoloop.parts.grammar import given as given_values
@@ -50,6 +50,15 @@ _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
 AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.")]
+AnnounceBefore = Annotated[
+    float,
+    _patient(
+        "Time before eating at which meals are announced, of which controllers are told.",
+        at_least=0.0,
+        at_most=LONGEST_AHEAD_MIN,
+        rare=True,
+    ),
+]
 CarbError = Annotated[
     float,
     _patient(
@@ -126,6 +135,7 @@ class Situation(Part):
         ),
     ] = None
     announce_meals: AnnounceMeals = False
+    announce_before_min: AnnounceBefore = 0.0
     rescue: Annotated[
         RescuePart | None,
         _patient(
@@ -207,6 +217,11 @@ class Situation(Part):
             raise Refusal(
                 "an error of counting carbohydrate concerns announced meals only; announce the meals "
                 "(--announce-meals), or leave the error and the bias out"
+            )
+        if self.announce_before_min and not self.announce_meals:
+            raise Refusal(
+                f"meals that are not announced cannot be announced {self.announce_before_min:g} min before eating; "
+                "announce the meals (--announce-meals), or leave the time out"
             )
         if self.profile_by == "titration" and not self.patient.under_the_skin:
             raise Refusal(

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
@@ -54,7 +55,7 @@ class Oref0State:
     insulin_U: jax.Array
     """Insulin of each past sample beyond the basal rate, boluses included."""
     carbs_g: jax.Array
-    """Announced carbohydrate of six hours."""
+    """Announced carbohydrate of six hours, when it is eaten."""
     gap: jax.Array
     """Samples since the last reading."""
     temp: TempBasal
@@ -64,6 +65,8 @@ class Oref0State:
     """Rate that was asked for at the last sample, used if the pump reports nothing."""
     asked_mU: jax.Array
     """Bolus that was asked for at the last sample, likewise."""
+    to_come: MealsToCome | None = None
+    """Meals that are still to be eaten; None where observations tell no time of eating."""
 
 
 @pytree
@@ -120,6 +123,7 @@ class Oref0:
             since_bolus_min=zero + _LONG_AGO_MIN,
             asked_mU_min=zero + self.basal_mU_min,
             asked_mU=zero,
+            to_come=no_meals_to_come(observation),
         )
 
     def step(self, state: Oref0State, observation: Observation) -> tuple[Oref0State, Decision]:
@@ -149,7 +153,8 @@ class Oref0:
             peak_min=self.settings.insulin_peak_min or PEAKS_MIN[self.settings.curve],
         )
         activity = _pushed(state.activity_U_min, iob.activity_U_min)
-        eaten = _pushed(state.carbs_g, carbs)
+        to_come, begins = hear(state.to_come, observation, carbs, self.sample_time_min)
+        eaten = _pushed(state.carbs_g, begins)
         meal = recent_carbs(eaten, glucose_mg_dl, activity, profile)
         left = jnp.maximum(state.temp.duration_min - SAMPLE_MIN, 0.0)
         temp = TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left)
@@ -170,6 +175,7 @@ class Oref0:
             since_bolus_min=jnp.where(bolus > 0.0, 0.0, waited),
             asked_mU_min=decision.insulin_mU_min,
             asked_mU=bolus,
+            to_come=to_come,
         )
         return after, dataclasses.replace(decision, bolus_mU=bolus)
 

@@ -22,7 +22,17 @@ class BoundRequest(Run):
     kind: ClassVar = "bound"
     # what concerns controllers only
     refused: ClassVar = (
-        *("announce_meals", "carb_error_pct", "carb_bias_pct", "start", "metrics", "seed", "integrator", "faults"),
+        *(
+            "announce_meals",
+            "announce_before_min",
+            "carb_error_pct",
+            "carb_bias_pct",
+            "start",
+            "metrics",
+            "seed",
+            "integrator",
+            "faults",
+        ),
         *("warm_up_min", "habits", "scenario", "rescue"),
         *("controller", "guard", "model"),
     )

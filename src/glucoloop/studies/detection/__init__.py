@@ -37,7 +37,16 @@ class Detection(Trial):
     kind: ClassVar = "test of estimators"
     # an estimator need not find announced meals
     refused: ClassVar[tuple[str, ...]] = (
-        *("announce_meals", "carb_error_pct", "carb_bias_pct", "metrics", "duration_min", "design", "traces"),
+        *(
+            "announce_meals",
+            "announce_before_min",
+            "carb_error_pct",
+            "carb_bias_pct",
+            "metrics",
+            "duration_min",
+            "design",
+            "traces",
+        ),
         *("precision", "arithmetic", "shard_people", "guard", "model"),
         *("rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
         *("warm_up_min", "habits", "scenario", "rescue"),

@@ -42,6 +42,7 @@ class ModelRequest(Situation):
         "meal_model",
         "rhythm",
         "announce_meals",
+        "announce_before_min",
         "rescue",
         "carb_error_pct",
         "carb_bias_pct",

@@ -42,7 +42,17 @@ class Search(Trial):
 
     kind: ClassVar = "search for a robust tuning"
     refused: ClassVar[tuple[str, ...]] = (
-        *("setpoint_mg_dl", "metrics", "carb_error_pct", "carb_bias_pct", "start", "seed", "first_person", "days"),
+        *(
+            "setpoint_mg_dl",
+            "metrics",
+            "announce_before_min",
+            "carb_error_pct",
+            "carb_bias_pct",
+            "start",
+            "seed",
+            "first_person",
+            "days",
+        ),
         *("meal_size_spread_pct", "meal_time_spread_min", "design", "traces", "precision", "arithmetic"),
         *("shard_people", "guard", "model", "rhythm", "exercise", "exercise_spread_pct", "exercise_time_spread_min"),
         *("warm_up_min", "habits", "scenario", "rescue"),

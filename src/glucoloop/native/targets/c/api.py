@@ -13,6 +13,7 @@ MEANINGS: Final = {
         "setpoint_mg_dl": "glucose that is to be reached [mg/dl]",
         "delivered_mU_min": "rate that the pump delivered since the last step [mU/min]",
         "announced_carbs_g": "carbohydrate of a meal that begins before the next step [g]; 0: none, or none is told",
+        "announced_in_min": "time from now until that meal is eaten [min]; 0: before the next step",
         "delivered_bolus_mU": "bolus that the pump delivered since the last step, apart from that rate [mU]; 0: none",
         "time_of_day_min": "minutes after midnight, from 0 to below 1440 [min]",
     },
