@@ -122,7 +122,7 @@ def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
         (("a.csv", "--label", "x", "--label", "y"), "--label is given 2 times for 1 file; give one for each"),
         (("a.csv", "--goals", "young"), "--goals is 'young'"),
         (("empty.csv",), "readings"),
-        (("folder",), "folder holds no course of glucose"),
+        (("folder",), "folder is empty; give a folder with a file for each person"),
     ],
 )
 def test_what_cannot_be_reported_is_refused(refused, record, tmp_path, arguments, sentence):

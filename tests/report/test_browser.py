@@ -15,7 +15,9 @@ from glucoloop.papers.parker1999.comparison import ENTRIES, ComparedEntry, Repro
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.study import page
 from glucoloop.report import Repeat, interactive_page, trial_page
-from glucoloop.report.record_page import GOALS, ReportedRecord, record_page
+from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_page import record_page
+from glucoloop.report.reported import ReportedRecord
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps

@@ -11,7 +11,9 @@ import pytest
 from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, record_page
+from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_page import MOST_IN_FULL, record_page
+from glucoloop.report.reported import ReportedRecord
 from monitor_records import with_gaps
 
 
@@ -103,7 +105,7 @@ def test_several_stand_side_by_side():
     text = words(record_page([record("before", seed=3), record("after", seed=4)], GOALS["adult"]))
     assert text.index("Side by side") < text.index("before, 2025-01-06") < text.index("after, 2025-01-06")
     assert text.count("Daily glucose profiles") == 2
-    assert "Metric before after Unit" in text
+    assert "Metric before after Difference Unit" in text
 
 
 def test_of_many_there_is_a_row_each():

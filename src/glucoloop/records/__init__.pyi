@@ -1,4 +1,5 @@
 from .readers import READERS as READERS
 from .readers import ReaderPart as ReaderPart
 from .record import DeviceRecord as DeviceRecord
+from .record import FileRefusal as FileRefusal
 from .record import read_record as read_record
