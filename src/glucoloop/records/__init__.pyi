@@ -1,3 +1,4 @@
+from .nightscout_site import read_nightscout as read_nightscout
 from .readers import READERS as READERS
 from .readers import ReaderPart as ReaderPart
 from .record import DeviceRecord as DeviceRecord
