@@ -42,6 +42,14 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
         raise FileRefusal(paths, str(error)) from None
 
 
+def reader_that_knows(path: Path) -> str | None:
+    """Name of the reader that takes a file of a device, an app or a simulator; None if there is not one."""
+    try:
+        return _reader_of(content_of(read_bytes(path)), Answers()).name
+    except Refusal:
+        return None
+
+
 def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
     """Reader that takes a file; Refusal if there is none, or more than one."""
     if answers.columns:

@@ -87,6 +87,7 @@ def record_page(
         group_heads=[f"{group.label}, {group.dates}" for group in drawn_groups],
         group_rows=groups_beside(drawn_groups, goals) if len(groups) > 1 else [],
         medians=medians_plot(beside, goals) if len(beside) > 1 else None,
+        median_labels=[one.label for one in beside],
         warnings=[*notes, *warnings(records)],
         heads=[heading for heading, _ in _short(records[0])],
         short=[[record.label, *(text for _, text in _short(record))] for record in records],

@@ -73,13 +73,17 @@ def amplitude(readings: Readings) -> Mapping[str, float]:
     glucose = readings.at_steps(_MAGE_STEP_MIN).glucose_mg_dl
     known = np.flatnonzero(np.isfinite(glucose))
     parts = np.split(known, np.flatnonzero(np.diff(known) * _MAGE_STEP_MIN > _MAGE_LONGEST_GAP_MIN) + 1)
-    found = np.array([(part[-1] - part[0], *_swings(glucose[part])) for part in parts if part.size >= _LONG])
-    means = []
-    for sizes in found.T[1:]:
-        there = np.isfinite(sizes)
-        if there.any():
-            means.append(np.average(sizes[there], weights=found[there, 0]))
-    return {"mage_mg_dl": float(np.mean(means)) if means else np.nan}
+    rows = [
+        (mean, part[-1] - part[0])
+        for part in parts
+        if part.size >= _LONG
+        for mean in _swings(glucose[part])
+        if np.isfinite(mean)
+    ]
+    if not rows:
+        return {"mage_mg_dl": np.nan}
+    means, durations = np.array(rows).T
+    return {"mage_mg_dl": float(np.average(means, weights=durations))}
 
 
 def _swings(glucose: Floats) -> tuple[float, float]:
