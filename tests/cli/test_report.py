@@ -151,7 +151,7 @@ def test_a_folder_is_a_group_whose_people_may_have_the_names_of_files(glucoloop,
     assert [(one["label"], one["people"], one["sufficient"]) for one in answer.json["groups"]] == [("People", 2, 0)]
     named = glucoloop("report", "after", "--file-names", "--period", "last-1", "--period", "last-2", "--json").json
     assert [one["label"] for one in named["records"]] == [
-        *("after: d.csv: last-1", "after: d.csv: last-2", "after: e: last-1", "after: e: last-2"),
+        *("d.csv: last-1", "d.csv: last-2", "e: last-1", "e: last-2"),
     ]
     assert [one["label"] for one in named["groups"]] == ["after: last-1", "after: last-2"]
 
