@@ -137,6 +137,7 @@ def test_folders_are_groups_of_people_and_what_cannot_be_read_is_named(glucoloop
     assert b"b.csv" not in written
     page = (tmp_path / "out" / "report.html").read_text()
     assert "1 record could not be read and is in no number: before: person 2." in page
+    assert "before: person 2: it is a Parquet file, but no whole record" in page
 
 
 def test_a_folder_is_a_group_whose_people_may_have_the_names_of_files(glucoloop, groups):

@@ -66,8 +66,8 @@ def _made(seed, kind):
     else:
         t_min, glucose = with_gaps(1, seed)
     if kind == "short":
-        chosen = (t_min >= 400.0) & (t_min < 400.0 + rng.integers(60, 600))
-        t_min, glucose = t_min[chosen], glucose[chosen]
+        count = rng.integers(12, 120)
+        t_min, glucose = t_min[:count], glucose[:count]
     return t_min + 15.0, glucose
 
 

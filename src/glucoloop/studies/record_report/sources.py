@@ -86,7 +86,12 @@ def read(source: Source, asked: RecordRequest) -> Iterator[NamedReadings]:
     """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
     [first, *_] = source.paths
     if first.is_dir() and is_simulated(first):
-        courses = simulated_courses(first)
+        try:
+            courses = simulated_courses(first)
+        except Refusal:
+            if source.group:  # whose refusals tell no path
+                raise FileRefusal([first], "its simulated courses are damaged; write them again") from None
+            raise
         for course in courses:
             label = (
                 source.label if len(courses) == 1 else course.name if source.alone else f"{source.label}: {course.name}"

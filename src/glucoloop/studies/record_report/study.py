@@ -26,6 +26,8 @@ from glucoloop.units import MIN_PER_DAY
 
 _MOST_ROWS: Final = 60
 """Largest number of records that the terminal has in rows; files have all."""
+_MOST_TOLD: Final = 20
+"""Largest number of records of which the page tells why they could not be read; report.json has all."""
 
 
 class Extra(NamedTuple):
@@ -69,7 +71,7 @@ def found(asked: RecordRequest, progress: Callable[[int], None]) -> Findings:
         "not_read": not_read,
         "complete": not not_read,
         "goals": asked.goals,
-        "notes": [*_on_unread(unread, len(records)), *warnings(records)],
+        "notes": [*_on_unread(unread), *warnings(records)],
     }
     return Findings(plain, file_tables(records, groups, GOALS[asked.goals]), Extra(records, unread))
 
@@ -81,7 +83,7 @@ def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedR
     return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text)
 
 
-def _on_unread(unread: Sequence[tuple[str, str]], read: int) -> Iterator[str]:
+def _on_unread(unread: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sentence on the records that could not be read, without names of files."""
     if unread:
         labels = the_first([label for label, _ in unread])
@@ -161,7 +163,8 @@ def drawn(asked: RecordRequest, found: Findings) -> dict[str, bytes]:
     from glucoloop.report.record_figure import plot_records
 
     records, goals = found.extra.records, GOALS[asked.goals]
-    page = record_page(records, goals, notes=list(_on_unread(found.extra.unread, len(records))))
+    why = [f"{one['label']}: {one['why']}." for one in found.plain["not_read"][:_MOST_TOLD]]
+    page = record_page(records, goals, notes=[*_on_unread(found.extra.unread), *why])
     figure = plot_records(groups_of(records) or records, goals)
     return {"report.html": page.encode(), **figure_files("figure", figure)}
 
