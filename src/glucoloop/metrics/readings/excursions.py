@@ -93,22 +93,23 @@ def _swings(glucose: Floats) -> tuple[float, float]:
     return (float(rises.mean()) if rises.size else np.nan, float(falls.mean()) if falls.size else np.nan)
 
 
-def _moving_mean(values: Floats, points: int) -> Floats:
-    """Mean of each value and those before it; before there are so many, the first of these means."""
+def _moving_sum(values: Floats, points: int) -> Floats:
+    """Sum of each value and those before it; before there are so many, the first of these sums."""
     sums = np.concatenate(([0.0], np.cumsum(values)))
-    means = (sums[points:] - sums[:-points]) / points
-    return np.concatenate((np.full(points - 1, means[0]), means))
+    sums = sums[points:] - sums[:-points]
+    return np.concatenate((np.full(points - 1, sums[0]), sums))
 
 
 def _extremes(glucose: Floats) -> Floats:
     """Peaks and nadirs, one for each stretch between two crossings of the averages."""
-    above = _moving_mean(glucose, _SHORT) - _moving_mean(glucose, _LONG)
-    edges = [0, *(np.flatnonzero(above[1:] * above[:-1] < 0.0) + 1).tolist(), glucose.size - 1]
+    # sums and not means, whose rounding would make crossings of whole mg/dl that are equal
+    above = _LONG * _moving_sum(glucose, _SHORT) > _SHORT * _moving_sum(glucose, _LONG)
+    edges = [0, *(np.flatnonzero(above[1:] != above[:-1]) + 1).tolist(), glucose.size - 1]
     found, after = [], 0
     for begin, end in itertools.pairwise(edges):
         stretch = glucose[after : end + 1]
         if stretch.size:
-            place = int(stretch.argmax() if above[begin] > 0.0 else stretch.argmin())
+            place = int(stretch.argmax() if above[begin] else stretch.argmin())
             found.append(stretch[place])
             after += place + 1
     return np.asarray(found)
