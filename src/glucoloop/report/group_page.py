@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from glucoloop.metrics.readings.people import Spread
+from glucoloop.metrics.readings.people import PeopleSpread
 from glucoloop.printable import NOT_AVAILABLE, percent
 from glucoloop.report.profile_plot import percentile_rows, profile_plot
 from glucoloop.report.record_goals import HIGHEST_CV_PCT, LEAST_ACTIVE_PCT, LEAST_DAYS, Goals
@@ -25,7 +25,7 @@ class _Number(NamedTuple):
 
 
 def group_parts(group: ReportedGroup, goals: Goals) -> dict[str, Any]:
-    """What the template shows of a group."""
+    """Values of a group for the template."""
     return {
         "of": group,
         "numbers": [_shown(number, group) for number in _numbers(goals)],
@@ -72,7 +72,7 @@ def _shown(number: _Number, group: ReportedGroup) -> dict[str, Any]:
 
 def _quartiles(number: _Number, group: ReportedGroup) -> Any:
     """Median with the quartiles in brackets."""
-    of: Spread = group.spreads[number.result]
+    of: PeopleSpread = group.spreads[number.result]
     if not of.people:
         return NOT_AVAILABLE
     return _in_units(number, "{} ({} to {})", [of.median, of.p25, of.p75])

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from glucoloop.metrics.readings.people import Spread, over_people
+from glucoloop.metrics.readings.people import PeopleSpread, over_people
 from glucoloop.metrics.readings.profile import DayProfile, day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.printable import how_many, percent, the_first
@@ -59,7 +59,7 @@ class ReportedGroup:
         return how_many(len(self.records), "person", "people")
 
     @functools.cached_property
-    def spreads(self) -> Mapping[str, Spread]:
+    def spreads(self) -> Mapping[str, PeopleSpread]:
         """Spread of each number over the people."""
         return over_people([record.numbers for record in self.records])
 

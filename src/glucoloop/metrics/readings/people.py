@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Spread(NamedTuple):
+class PeopleSpread(NamedTuple):
     """One number over people; NaN where nobody has it."""
 
     people: int
@@ -29,7 +29,7 @@ class Spread(NamedTuple):
     greatest: float
 
 
-def spread_of(values: Sequence[float]) -> Spread:
+def spread_of(values: Sequence[float]) -> PeopleSpread:
     """Spread of a number; a person for whom it is not finite is left out.
 
     Examples
@@ -40,11 +40,13 @@ def spread_of(values: Sequence[float]) -> Spread:
     given = np.asarray(values, float)
     given = given[np.isfinite(given)]
     if not given.size:
-        return Spread(0, *[np.nan] * 7)
+        return PeopleSpread(0, *[np.nan] * 7)
     quartiles = map(float, np.percentile(given, [0, 25, 50, 75, 100]))
-    return Spread(given.size, float(given.mean()), float(given.std(ddof=1)) if given.size > 1 else np.nan, *quartiles)
+    return PeopleSpread(
+        given.size, float(given.mean()), float(given.std(ddof=1)) if given.size > 1 else np.nan, *quartiles
+    )
 
 
-def over_people(numbers: Sequence[Mapping[str, float]]) -> dict[str, Spread]:
+def over_people(numbers: Sequence[Mapping[str, float]]) -> dict[str, PeopleSpread]:
     """Spread of each number over people; all have the same numbers."""
     return {name: spread_of([of[name] for of in numbers]) for name in numbers[0]}

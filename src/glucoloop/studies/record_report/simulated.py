@@ -16,8 +16,8 @@ _OF_TRIAL: Final = "shards/*/traces.parquet"
 _NAMES: Final = ("case", "controller", "person")
 
 
-class Course(NamedTuple):
-    """Course of one person under one controller."""
+class SimulatedCourse(NamedTuple):
+    """SimulatedCourse of one person under one controller."""
 
     name: str
     group: str
@@ -39,7 +39,7 @@ def _tables_of(folder: Path) -> list[Path]:
     return [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
 
 
-def simulated_courses(folder: Path) -> list[Course]:
+def simulated_courses(folder: Path) -> list[SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     with refusing_damage(folder):
         table = pl.concat(pl.read_parquet(place) for place in _tables_of(folder)).with_columns(
@@ -53,5 +53,5 @@ def simulated_courses(folder: Path) -> list[Course]:
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        found.append(Course(" ".join(words), group, of_people, readings))
+        found.append(SimulatedCourse(" ".join(words), group, of_people, readings))
     return found

@@ -1,4 +1,4 @@
-"""Where the records of a report come from: files, folders with a file or a folder for each person, and simulations."""
+"""Sources of the records of a report: files, folders with a file or a folder for each person, and simulations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glucoloop.studies.record_report import RecordRequest
 from glucoloop.studies.record_report.simulated import is_simulated, simulated_courses
 
 
-class Source(NamedTuple):
+class RecordSource(NamedTuple):
     """Files of one record, or the folder of a simulation."""
 
     label: str
@@ -36,22 +36,24 @@ class NamedReadings(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sources_of(asked: RecordRequest) -> list[Source]:
+def sources_of(asked: RecordRequest) -> list[RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
-    found: list[Source] = []
+    found: list[RecordSource] = []
     for place, name in enumerate(asked.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not is_simulated(path):
             people = _people_of(path)
         label = asked.labels[place] if asked.labels else printable(path.name) if asked.file_names else ""
         if not people:
-            found.append(Source(label or f"Record {place + 1}", "", (path,), len(asked.files) == 1))
+            found.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(asked.files) == 1))
             continue
         group = label or ("People" if len(asked.files) == 1 else f"Group {place + 1}")
         begin = "" if len(asked.files) == 1 and not asked.labels else f"{group}: "
         for number, paths in enumerate(people, 1):
             own = printable(_name_of(path, paths[0])) if asked.file_names else f"person {number}"
-            found.append(Source(f"{begin}{own}" if begin or asked.file_names else f"Person {number}", group, paths))
+            found.append(
+                RecordSource(f"{begin}{own}" if begin or asked.file_names else f"Person {number}", group, paths)
+            )
     twice = {source.label for source in found if sum(other.label == source.label for other in found) > 1}
     if twice:
         raise Refusal(f"{min(twice)!r} would name more than one record; give each file a --label")
@@ -82,7 +84,7 @@ def _name_of(folder: Path, path: Path) -> str:
     return path.relative_to(folder).parts[0]
 
 
-def read(source: Source, asked: RecordRequest) -> Iterator[NamedReadings]:
+def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
     """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
     [first, *_] = source.paths
     if first.is_dir() and is_simulated(first):

@@ -31,7 +31,7 @@ _MOST_TOLD: Final = 20
 
 
 class Extra(NamedTuple):
-    """What pages and tables are made of."""
+    """Results from which pages and tables are made."""
 
     records: list[ReportedRecord]
     unread: list[tuple[str, str]]
