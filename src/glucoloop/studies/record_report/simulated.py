@@ -17,7 +17,7 @@ _NAMES: Final = ("case", "controller", "person")
 
 
 class SimulatedCourse(NamedTuple):
-    """SimulatedCourse of one person under one controller."""
+    """Course of glucose of one person under one controller."""
 
     name: str
     group: str
