@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 import glucoloop as gl
+from device_files import clarity
 
 
 @pytest.mark.long
@@ -139,3 +140,11 @@ def test_where_to_use_it(glucoloop):
     out = glucoloop("identify", "--sample-time", 10, "--dead-time", 10, "--out", "m").out
     line = next(line for line in out.splitlines() if line.startswith("Use it: glucoloop "))
     assert glucoloop(*line.removeprefix("Use it: glucoloop ").split(), "--duration", 100).code == 0
+
+
+def test_an_export_of_a_device_is_told_where_it_belongs(refused, tmp_path):
+    (tmp_path / "export.csv").write_text(clarity(20), encoding="utf-8")
+    told = refused("identify", "--data", "export.csv")
+    assert told.startswith("export.csv is a file of dexcom-clarity, of ordinary days; a model is identified here from")
+    assert "glucoloop report" in told
+    assert "glucoloop twin" in told

@@ -3,6 +3,7 @@
 import csv
 import datetime as dt
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -98,6 +99,64 @@ def test_many_files_have_a_row_each(glucoloop, record):
     assert pl.read_csv("out/metrics.csv")["record"].to_list() == [f"Record {number + 1}" for number in range(7)]
 
 
+@pytest.fixture
+def groups(record, tmp_path):
+    """Two folders of people, one of whom has two files and one a file that cannot be read."""
+    for place, name in enumerate(("Mustermann_a.csv", "b.csv", "c.csv", "d.csv")):
+        folder = tmp_path / ("before" if place < 3 else "after")
+        folder.mkdir(exist_ok=True)
+        record(folder / name, days=3, seed=place)
+    (tmp_path / "before" / "b.csv").write_bytes(b"PAR1 and nothing more")
+    (tmp_path / "before" / ".DS_Store").write_bytes(b"hidden")
+    person = tmp_path / "after" / "e"
+    person.mkdir()
+    start = device_files.START
+    (person / "entries.json").write_text(device_files.nightscout_entries(600))
+    (person / "treatments.json").write_text(
+        device_files.nightscout_treatments((start, {"eventType": "Bolus", "insulin": 1.0}))
+    )
+
+
+def test_folders_are_groups_of_people_and_what_cannot_be_read_is_named(glucoloop, groups, tmp_path):
+    answer = glucoloop("report", "before", "after", "--label", "before", "--label", "after", "--out", "out")
+    assert answer.code == 1, answer.err
+    assert "before: person 2 was not read: before/b.csv: it is a Parquet file" in answer.out
+    metrics = pl.read_csv(tmp_path / "out" / "metrics.csv")
+    assert metrics["record"].to_list() == ["before: person 1", "before: person 3", "after: person 1", "after: person 2"]
+    assert metrics["group"].to_list() == ["before"] * 2 + ["after"] * 2
+    found = pl.read_csv(tmp_path / "out" / "groups.csv").filter(group="before", metric="time_70_180_pct").to_dicts()[0]
+    values = metrics.filter(group="before")["time_70_180_pct"].to_numpy()
+    assert (found["people"], found["goal_reached_pct"]) == (2, 100.0)
+    assert [found["mean"], found["sd"], found["median"]] == pytest.approx(
+        [values.mean(), values.std(ddof=1), np.median(values)]
+    )
+    curves = pl.read_csv(tmp_path / "out" / "profile.csv")
+    assert set(curves["record"]) == {*metrics["record"], "before", "after"}
+    written = b"".join(place.read_bytes() for place in (tmp_path / "out").iterdir())
+    assert b"Mustermann" not in written
+    assert b"b.csv" not in written
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "1 record could not be read and is in no number: before: person 2." in page
+    assert "before: person 2: it is a Parquet file, but no whole record" in page
+
+
+def test_a_folder_is_a_group_whose_people_may_have_the_names_of_files(glucoloop, groups):
+    answer = glucoloop("report", "before", "--json")
+    assert (answer.code, [one["label"] for one in answer.json["records"]]) == (1, ["Person 1", "Person 3"])
+    assert answer.json["not_read"] == [
+        {
+            "label": "Person 2",
+            "why": "it is a Parquet file, but no whole record that glucoloop wrote; read the first file again",
+        }
+    ]
+    assert [(one["label"], one["people"], one["sufficient"]) for one in answer.json["groups"]] == [("People", 2, 0)]
+    named = glucoloop("report", "after", "--file-names", "--period", "last-1", "--period", "last-2", "--json").json
+    assert [one["label"] for one in named["records"]] == [
+        *("d.csv: last-1", "d.csv: last-2", "e: last-1", "e: last-2"),
+    ]
+    assert [one["label"] for one in named["groups"]] == ["after: last-1", "after: last-2"]
+
+
 def test_units_are_those_asked_for(glucoloop, record):
     record("a.csv", days=2)
     assert "mmol/l" in glucoloop("report", "a.csv", "--units", "mmol/l").out
@@ -122,13 +181,20 @@ def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
         (("a.csv", "--label", "x", "--label", "y"), "--label is given 2 times for 1 file; give one for each"),
         (("a.csv", "--goals", "young"), "--goals is 'young'"),
         (("empty.csv",), "readings"),
-        (("folder",), "folder holds no course of glucose"),
+        (("trial",), "trial holds no course of glucose; run the trial with --traces"),
+        (("damaged",), "damaged/a.csv: it is not text; give the file as it was exported, unzipped (and 1 more)"),
+        (("a.csv", "--label", "x", "--file-names"), "--label and --file-names both name the records"),
+        (("folder",), "folder is empty; give a folder with a file for each person"),
     ],
 )
 def test_what_cannot_be_reported_is_refused(refused, record, tmp_path, arguments, sentence):
     record("a.csv", days=2)
     (tmp_path / "empty.csv").write_text("time,glucose_mg_dl\n2025-01-06T00:00:00,100\n")
     (tmp_path / "folder").mkdir()
+    (tmp_path / "trial" / "shards").mkdir(parents=True)
+    (tmp_path / "damaged").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / "damaged" / name).write_bytes(b"\0\1")
     assert sentence in refused("report", *arguments)
 
 
@@ -146,6 +212,8 @@ def test_each_traced_person_of_a_trial_is_a_record(glucoloop, tmp_path):
         frame.write_parquet(tmp_path / "trial" / "shards" / f"0000{shard}" / "traces.parquet")
     records = glucoloop("report", "trial", "--json").json["records"]
     assert [(one["label"], one["mean_mg_dl"]) for one in records] == [("mpc person 3", 103.0), ("mpc person 8", 108.0)]
+    [group] = glucoloop("report", "trial", "--json").json["groups"]
+    assert (group["label"], group["people"], group["mean_mg_dl"]["mean"]) == ("mpc", 2, 105.5)
 
 
 def test_a_damaged_folder_is_refused(refused, tmp_path):

@@ -8,28 +8,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 
 import glucoloop as gl
-from device_files import (
-    START,
-    carelink,
-    clarity,
-    every,
-    glucose,
-    libre,
-    nightscout_entries,
-    nightscout_treatments,
-    ohio,
-    tidepool,
-)
+from device_files import FILES, START, clarity, every, glucose, nightscout_entries, nightscout_treatments, tidepool
 
-SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
-FILES = {
-    "clarity": clarity(30),
-    "libre": libre(30),
-    "carelink": carelink([(START, {"Basal Rate": "1,0"})], SENSOR),
-    "nightscout": nightscout_entries(30),
-    "tidepool": tidepool(30),
-    "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
-}
 TEMPORARY = [
     (time, {"eventType": "Temp Basal", "absolute": 0.5, "duration": 30, "percent": -50}) for time in every(20, 10)
 ]

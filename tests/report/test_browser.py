@@ -15,7 +15,9 @@ from glucoloop.papers.parker1999.comparison import ENTRIES, ComparedEntry, Repro
 from glucoloop.papers.parker1999.experiments import PointResults
 from glucoloop.papers.parker1999.study import page
 from glucoloop.report import Repeat, interactive_page, trial_page
-from glucoloop.report.record_page import GOALS, ReportedRecord, record_page
+from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_page import record_page
+from glucoloop.report.reported import ReportedRecord
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps
@@ -31,9 +33,14 @@ def _as_wide_as_the_full_one():
     return [ComparedEntry(entry=entry, reproduced=dict.fromkeys(POINTS, found)) for entry in ENTRIES]
 
 
-def _record(label, days):
+def _record(label, days, group=""):
     readings = Readings.of(*with_gaps(days, 3), dt.date(2025, 1, 6))
-    return ReportedRecord(label, readings, numbers_of(readings), ("Glucose was brought from mmol/l to mg/dl.",))
+    notes = ("Glucose was brought from mmol/l to mg/dl.",)
+    return ReportedRecord(label, readings, numbers_of(readings), notes, group)
+
+
+def _groups():
+    return [_record(f"{group}: person {number}", 2, group) for group in ("before", "after") for number in range(1, 5)]
 
 
 pytestmark = [pytest.mark.long, needs_browser]
@@ -61,6 +68,7 @@ def pages(quiet, noisy, make_report, make_stress, stress_page, league_page, surf
             Searched(surface, surface.rank_of(surface.tunings[0])), "Tunings", tunings, facts=facts, repeat=repeat
         ),
         "record": record_page([_record("before", 14), _record("after", 3)], GOALS["adult"]),
+        "groups": record_page(_groups(), GOALS["adult"], notes=["1 record could not be read."]),
         "reproduction": page(dict.fromkeys(POINTS, _NO_RUNS), _as_wide_as_the_full_one(), 1),
     }
     folder = tmp_path_factory.mktemp("pages")

@@ -11,7 +11,9 @@ import pytest
 from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, record_page
+from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_page import MOST_IN_FULL, record_page
+from glucoloop.report.reported import ReportedRecord
 from monitor_records import with_gaps
 
 
@@ -103,7 +105,7 @@ def test_several_stand_side_by_side():
     text = words(record_page([record("before", seed=3), record("after", seed=4)], GOALS["adult"]))
     assert text.index("Side by side") < text.index("before, 2025-01-06") < text.index("after, 2025-01-06")
     assert text.count("Daily glucose profiles") == 2
-    assert "Metric before after Unit" in text
+    assert "Metric before after Difference Unit" in text
 
 
 def test_of_many_there_is_a_row_each():
@@ -113,6 +115,29 @@ def test_of_many_there_is_a_row_each():
     assert "Daily glucose profiles" not in page
     assert re.findall(r"person \d", words(page))[-7:] == [one.label for one in many]
     assert "7 of 7 records are shorter" in words(page)
+
+
+def test_groups_have_the_spread_of_each_number_over_their_people():
+    people = [
+        dataclasses.replace(record(f"{group} {number}", days=2, seed=number + place), group=group)
+        for place, group in enumerate(("before", "after"))
+        for number in range(5)
+    ]
+    page = record_page(people, GOALS["older"])
+    text = words(page)
+    for head in ("before, 5 people", "after, 5 people"):
+        assert head in text
+    means = [one.numbers["mean_mg_dl"] for one in people[:5]]
+    low, median, high = np.percentile(means, [25, 50, 75])
+    assert f"Mean glucose (mg/dl) {np.mean(means):.0f} {median:.0f} ({low:.0f} to {high:.0f})" in text
+    reached = 20 * sum(one.numbers["time_below_70_pct"] < 1.0 for one in people[:5])
+    assert re.search(rf"All below 70 mg/dl [^a-z]*to [^a-z]* less than 1\s% {reached} %", text)
+    assert text.count("Percentiles every hour") == 2
+    assert re.search(r"before 3 \d\.\d ", text)  # its row
+    of_all = day_profile(*(one.readings for one in people[:5]))
+    values = np.concatenate([one.readings.glucose_mg_dl for one in people[:5]])
+    times = np.concatenate([one.readings.time_of_day_min for one in people[:5]])
+    assert of_all.percentiles_mg_dl[75][40] == np.percentile(values[(times >= 585) & (times < 615)], 75)
 
 
 def test_goals_of_pregnancy_have_their_ranges():

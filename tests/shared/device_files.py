@@ -163,3 +163,15 @@ def ohio(**lists):
     parts = "".join(f"<{tag}>{events}</{tag}>" for tag, events in told.items())
     head = '<?xml version="1.0" encoding="UTF-8" ?>\n'
     return f'{head}<patient id="{SERIAL}" weight="99" insulin_type="Novalog">\n{parts}\n</patient>\n'
+
+
+_SENSOR = [(time, {"Sensor Glucose": str(glucose(number))}) for number, time in enumerate(every(5, 30))]
+FILES = {
+    "clarity": clarity(30),
+    "libre": libre(30),
+    "carelink": carelink([(START, {"Basal Rate": "1,0"})], _SENSOR),
+    "nightscout": nightscout_entries(30),
+    "tidepool": tidepool(30),
+    "ohio": ohio(glucose_level=[{"ts": f"{time:%d-%m-%Y %H:%M:%S}", "value": "100"} for time in every(5, 30)]),
+}
+"""A file of each vendor, with 30 readings."""

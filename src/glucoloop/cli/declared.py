@@ -237,7 +237,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         interrupted(
             f"interrupted; of {amount} {unit} {found.plain[unit]} were checked to the end; their results follow"
         )
-    if not found.plain.get("holds", True):
+    if not (found.plain.get("holds", True) and found.plain.get("complete", True)):
         sys.exit(1)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.screen import show
 from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
     from glucoloop.records import DeviceRecord
@@ -20,7 +22,10 @@ HELP: Final = (
     "read.\n\n"
     "  glucoloop records clarity.csv --out record.parquet\n\n"
     "  glucoloop records entries.json treatments.json --time-zone Europe/Berlin\n\n"
-    "  glucoloop records diary.csv --columns time=Zeit,glucose_mg_dl=BZ --dates day-first"
+    "  glucoloop records diary.csv --columns time=Zeit,glucose_mg_dl=BZ --dates day-first\n\n"
+    "From a Nightscout site its entries, treatments and time zone are fetched, by reading alone. A token stands in the "
+    "environment variable GLUCOLOOP_NIGHTSCOUT_TOKEN, never on the command line.\n\n"
+    "  glucoloop records --from nightscout https://my-site.example --days 14 --out record.parquet"
 )
 _READING: Final = "Reading"
 _ANSWERS: Final = (
@@ -62,15 +67,20 @@ _ANSWERS: Final = (
     ),
     CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
 )
+_NETWORK: Final = "Network"
+_NIGHTSCOUT: Final = "nightscout"
+_SITE: Final = (
+    CommandOption(
+        "from", "--from", "Fetch the record from a site, whose address is FILE.", panel=_NETWORK, metavar=_NIGHTSCOUT
+    ),
+    CommandOption("days", "--days", "Number of days up to now.", panel=_NETWORK, metavar="N", default="14"),
+)
 
 
 def _records(given: Given) -> None:
     """Read the files, write the record, and say what it holds."""
     place = file_to_write(given)
-    from glucoloop.records import read_record
-
-    answers: dict[str, Any] = {option.key: given[option.key] for option in _ANSWERS if option.key in given}
-    record = read_record(*given["files"], **answers)
+    record = _fetched(given) if "from" in given else _read(given)
     if place is not None:
         write_file(place, record.parquet())
     if given.get("json"):
@@ -81,6 +91,33 @@ def _records(given: Given) -> None:
         return
     _print_record(record)
     print("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
+
+
+def _read(given: Given) -> DeviceRecord:
+    from glucoloop.records import read_record
+
+    if "days" in given:
+        raise Refusal("--days is for a site; add --from nightscout, or leave it out")
+    answers: dict[str, Any] = {option.key: given[option.key] for option in _ANSWERS if option.key in given}
+    return read_record(*given["files"], **answers)
+
+
+def _fetched(given: Given) -> DeviceRecord:
+    """Record of a site; what answers questions of files is refused, but for the time zone."""
+    if given["from"] != _NIGHTSCOUT:
+        raise Refusal(f"--from is {given['from']!r}; the one kind of site is {_NIGHTSCOUT}")
+    if len(given["files"]) > 1:
+        raise Refusal(f"--from {_NIGHTSCOUT} has {len(given['files'])} addresses; give the one of the person")
+    for option in _ANSWERS:
+        if option.key in given and option.key != "time_zone":
+            raise Refusal(f"{option.flag} is for files, and not for a site; leave it out")
+    days = given.get("days", "14")
+    if not days.isdecimal():
+        raise Refusal(f"--days is {days!r}; give a whole number of days")
+    from glucoloop.records.nightscout_site import TOKEN_VARIABLE, read_nightscout
+
+    token = os.environ.get(TOKEN_VARIABLE, "").strip() or None
+    return read_nightscout(given["files"][0], days=int(days), token=token, time_zone=given.get("time_zone"))
 
 
 def _described(record: DeviceRecord) -> dict[str, Any]:
@@ -120,8 +157,9 @@ RECORDS: Final = Command(
     "records",
     HELP,
     (
-        CommandOption("files", "FILE...", "Files of one person.", metavar="FILE", many=True),
+        CommandOption("files", "FILE...", "Files of one person, or the address of a site.", metavar="FILE", many=True),
         *_ANSWERS,
+        *_SITE,
         CommandOption("out", "--out", "File for the record, in the format Parquet.", metavar="FILE"),
         OVERWRITE_FILE,
         JSON,

@@ -52,14 +52,20 @@ class FileText:
         With `whole` the fields have to be these names.
         """
         wanted = [name.casefold() for name in names]
-        for number, line in enumerate(self.head):
-            for delimiter in DELIMITERS:
-                fields = [" ".join(text.strip().strip('"').split()).casefold() for text in line.split(delimiter)]
-                if all(
-                    any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted
-                ):
-                    return number, delimiter
+        for place, fields in self._fields:
+            if all(any(text == name or (not whole and text.startswith(name)) for text in fields) for name in wanted):
+                return place
         return None
+
+    @functools.cached_property
+    def _fields(self) -> list[tuple[tuple[int, str], list[str]]]:
+        """Fields of each of the first lines by each delimiter that it has, with the number of the line."""
+        return [
+            ((number, delimiter), [" ".join(text.strip().strip('"').split()).casefold() for text in cells])
+            for number, line in enumerate(self.head)
+            for delimiter in DELIMITERS
+            if len(cells := line.split(delimiter)) > 1
+        ]
 
     def table(self, place: tuple[int, str]) -> CellTable:
         """Table that begins with the header at a place that `header` found."""

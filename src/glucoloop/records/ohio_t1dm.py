@@ -45,7 +45,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     if "<!DOCTYPE" in content.text or "<!ENTITY" in content.text:
         raise Refusal("it defines its own kinds of XML, which no file of OhioT1DM does; give the file as it came")
     try:
-        root = ElementTree.fromstring(content.text.encode())
+        root = ElementTree.fromstring(content.text.encode(), ElementTree.XMLParser(encoding="utf-8"))
     except ElementTree.ParseError as error:
         line = error.position[0]
         raise Refusal(f"its XML breaks off or is damaged at line {line}; give the whole file") from None

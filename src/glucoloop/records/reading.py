@@ -11,13 +11,13 @@ from glucoloop.parts.setting import choices_text
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart
-from glucoloop.records.record import PARQUET, DeviceRecord, record_from_parquet
+from glucoloop.records.record import PARQUET, DeviceRecord, FileRefusal, record_from_parquet
 from glucoloop.records.tidy import Account, record_of, settled
 from glucoloop.refusal import Refusal
 
 
 def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> DeviceRecord:
-    """Record of a person from all files; a Refusal names the file that it is about."""
+    """Record of a person from all files; FileRefusal where there is none."""
     chosen = None if reader is None else READERS.choose(reader)
     account, frames = Account(), list[pl.DataFrame]()
     for number, path in enumerate(paths, 1):
@@ -33,13 +33,21 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
             extract = (chosen or _reader_of(content, answers)).rows(content, answers)
             frames.append(settled(extract, answers, account))
         except Refusal as error:
-            raise Refusal(f"{path}: {error}") from None
+            raise FileRefusal([path], str(error)) from None
         if len(paths) > 1:
             account.notes[told:] = [f"File {number}: {note}" for note in account.notes[told:]]
     try:
         return record_of(frames, account)
     except Refusal as error:
-        raise Refusal(f"{', '.join(map(str, paths))}: {error}") from None
+        raise FileRefusal(paths, str(error)) from None
+
+
+def reader_that_knows(path: Path) -> str | None:
+    """Name of the reader that takes a file of a device, an app or a simulator; None if there is not one."""
+    try:
+        return _reader_of(content_of(read_bytes(path)), Answers()).name
+    except Refusal:
+        return None
 
 
 def _reader_of(content: FileText, answers: Answers) -> ReaderPart:

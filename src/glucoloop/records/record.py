@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -28,6 +28,14 @@ SCHEMA: Final = {
 PARQUET: Final = b"PAR1"
 """Bytes with which a Parquet file begins."""
 _METADATA: Final = "glucoloop_record"
+
+
+class FileRefusal(Refusal):
+    """A file, or several of one person, that cannot be read; `why` names none of them."""
+
+    def __init__(self, paths: Sequence[Path], why: str) -> None:
+        super().__init__(f"{', '.join(map(str, paths))}: {why}")
+        self.paths, self.why = tuple(paths), why
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +139,10 @@ def read_record(
 
     Raises
     ------
-    Refusal
+    FileRefusal
         If a file cannot be read, no reader or more than one takes it, or it leaves something open that matters.
+    Refusal
+        If what was given is not possible.
     """
     from glucoloop.records.reading import read_files
 

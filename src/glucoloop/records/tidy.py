@@ -66,11 +66,12 @@ def record_of(frames: Sequence[pl.DataFrame], account: Account) -> DeviceRecord:
             f"nothing in it can be used: it has {how_many(account.rows, 'row')}{f', of which {seen}' if seen else ''}; "
             "give a file with readings, meals or insulin"
         )
-    alike = ["time", "utc_offset_min", "second_pass", *_COLUMNS.values(), "out_of_range", "device", "kind"]
-    frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
-    read = pl.col("glucose_mg_dl").is_not_null()
-    at = pl.struct("time", "utc_offset_min", "second_pass", "device", "kind", read)
-    frame = account.without(frame, read & ~at.is_first_distinct(), SAME_TIME)
+    if frame["time"].n_unique() < frame.height:
+        alike = ["time", "utc_offset_min", "second_pass", *_COLUMNS.values(), "out_of_range", "device", "kind"]
+        frame = account.without(frame, ~pl.struct(alike).is_first_distinct(), REPEATED)
+        read = pl.col("glucose_mg_dl").is_not_null()
+        at = pl.struct("time", "utc_offset_min", "second_pass", "device", "kind", read)
+        frame = account.without(frame, read & ~at.is_first_distinct(), SAME_TIME)
     frame = frame.sort("time", "second_pass", maintain_order=True)
     account.notes += [f"Left out: {reason} ({count})." for reason, count in account.left_out.items()]
     account.notes += [*_on_devices(frame), *_on_gaps(frame)]

@@ -18,8 +18,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import polars as pl
 from polars import selectors
 
-from glucoloop.bounds import Distance
-from glucoloop.metrics import Metrics
 from glucoloop.metrics.settings import Result, metrics_with
 from glucoloop.printable import NOT_AVAILABLE, glucose_text
 from glucoloop.printable import percent as percent_text
@@ -30,6 +28,9 @@ from glucoloop.units import UNIT_BY_ENDING, ending_of
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
     from rich.table import Table
+
+    from glucoloop.bounds import Distance
+    from glucoloop.metrics import Metrics
 
 Row = Mapping[str, Any]
 """Values of a cell by the names of the columns."""

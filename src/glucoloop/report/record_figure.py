@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.report._style import (
     BOUND,
     FONT_PT,
@@ -19,7 +18,10 @@ from glucoloop.report._style import (
     new_figure,
     write,
 )
-from glucoloop.report.record_page import MOST_IN_FULL, Goals, ReportedRecord, highest_shown
+from glucoloop.report.profile_plot import highest_shown
+from glucoloop.report.record_goals import Goals
+from glucoloop.report.record_page import MOST_IN_FULL
+from glucoloop.report.reported import Reported
 from glucoloop.shown_units import other_value
 from glucoloop.units import MIN_PER_H
 
@@ -32,8 +34,8 @@ _LEAST_WRITTEN_PCT: Final = 4.0
 """Least share of the bar that has room for its number."""
 
 
-def plot_records(records: Sequence[ReportedRecord], goals: Goals) -> Figure:
-    """Draw the first records below each other, as a figure of the width of two columns.
+def plot_records(records: Sequence[Reported], goals: Goals) -> Figure:
+    """Draw the first records or groups below each other, as a figure of the width of two columns.
 
     The line is the median, the bands hold 25 to 75 % and 5 to 95 % of the readings; the bar has the time in each range
     in percent.
@@ -41,7 +43,7 @@ def plot_records(records: Sequence[ReportedRecord], goals: Goals) -> Figure:
     shown = records[:MOST_IN_FULL]
     figure = new_figure("double", _ROW_MM * len(shown) + 6.0, None)
     rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[12.0, 1.0])
-    top = max(highest_shown(day_profile(record.readings)) for record in shown)
+    top = max(highest_shown(record.profile) for record in shown)
     for record, (curves, bar) in zip(shown, rows, strict=True):
         _draw_profile(curves, record, goals, top)
         _draw_bar(bar, record, goals)
@@ -49,8 +51,8 @@ def plot_records(records: Sequence[ReportedRecord], goals: Goals) -> Figure:
     return figure
 
 
-def _draw_profile(axes: Axes, record: ReportedRecord, goals: Goals, top: float) -> None:
-    profile = day_profile(record.readings)
+def _draw_profile(axes: Axes, record: Reported, goals: Goals, top: float) -> None:
+    profile = record.profile
     of = profile.percentiles_mg_dl
     axes.axhspan(*goals.target_mg_dl, color="#009E73", alpha=0.12, linewidth=0.0, zorder=0)
     for bound in (54.0, 250.0):
@@ -66,7 +68,7 @@ def _draw_profile(axes: Axes, record: ReportedRecord, goals: Goals, top: float) 
     add_axis(axes, other_value(1.0, "mg/dl"), "(mmol/l)")
 
 
-def _draw_bar(axes: Axes, record: ReportedRecord, goals: Goals) -> None:
+def _draw_bar(axes: Axes, record: Reported, goals: Goals) -> None:
     below = 0.0
     for one in reversed(goals.ranges):
         share = record.numbers[one.result]

@@ -21,14 +21,16 @@ from markupsafe import Markup
 
 import glucoloop
 from glucoloop.pages.script import colours, page_script
+from glucoloop.parts.code import loaded
 from glucoloop.printable import glucose_text, percent
 from glucoloop.report.columns import headings
-from glucoloop.report.descriptions import settings_in_words, when_in_words
 from glucoloop.shown_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
 from glucoloop.situations.toml import toml_text, with_code
 
 FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
+_DESCRIPTIONS: Final = "glucoloop.report.descriptions"
+"""Module of words on faults, which imports JAX; pages without them do without it."""
 _COLOURS: Final = 6
 """Number of colours of runs in ``pages/colours.css``."""
 
@@ -97,11 +99,11 @@ def _environment(folder: Path) -> jinja2.Environment:
         "mmol_text": lambda mg_dl: other_number(glucose_text(mg_dl), mg_dl, "mg/dl"),
         "percent": percent,
         "quoted": lambda text: quote(text, safe=""),
-        "settings_in_words": settings_in_words,
+        "settings_in_words": lambda fault: loaded(f"{_DESCRIPTIONS}:settings_in_words")(fault),
         "shown_unit": shown_unit,
         "thousands": lambda count: f"{count:,}".replace(",", "\u202f"),
         "toml": toml_text,
-        "when_in_words": when_in_words,
+        "when_in_words": lambda fault: loaded(f"{_DESCRIPTIONS}:when_in_words")(fault),
         "with_code": with_code,
     }
     return environment

@@ -7,19 +7,21 @@ import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import polars as pl
 
-from glucoloop.identification import Record
 from glucoloop.parts.number_text import number_of
 from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
-from glucoloop.simulation import Trace
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.storage.parquet_size import parquet_size
+
+if TYPE_CHECKING:
+    from glucoloop.identification import Record
+    from glucoloop.simulation import Trace
 
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
 MEAL_COLUMN: Final = "carbs_g"

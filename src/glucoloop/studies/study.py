@@ -26,9 +26,9 @@ By its kind it has
   that are there, and its ``found(rows)`` sums up all. Example: ``studies/adversary``.
 - `PlainStudy`: it is carried out in one go by ``found(asked, progress)``, where `progress` is called with a text for
   what was done or, in a study that counts units, with their number; ``amount(asked)`` is that of all. A folder is
-  written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` is False
-  among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples: ``studies/tuning``, and
-  ``studies/verification``, which counts its loops and keeps nothing.
+  written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
+  ``complete`` is False among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples:
+  ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.
 
 What was found is a `storage.findings.Findings`: plain values, which are the summary and the JSON, and tables by the
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Final
 
@@ -11,6 +12,7 @@ from glucoloop.metrics.readings.series import Floats, Readings
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 _MAGE_STEP_MIN: Final = 5.0
+_MAGE_LONGEST_GAP_MIN: Final = 180.0
 _SHORT, _LONG = 5, 32
 """Numbers of points of 5 min of the two moving averages, after Fernandes et al. (2022)."""
 
@@ -51,12 +53,13 @@ def lagged_differences(readings: Readings) -> Mapping[str, float]:
 
 
 def amplitude(readings: Readings) -> Mapping[str, float]:
-    """MAGE: the mean amplitude of rises and falls of glucose by more than one standard deviation of all readings.
+    """MAGE: the mean amplitude of rises and falls of glucose by more than one standard deviation.
 
-    Where a moving average of 25 min crosses one of 160 min, a rise or a fall is taken to begin; between two crossings
-    the greatest or the least glucose itself is a peak or a nadir. Of peaks and nadirs, those that are not more than one
-    standard deviation from the next are passed over. Gaps of more than 45 min part the record, and both ends of a part
-    count as turns.
+    Glucose is taken every 5 min, and what is missing is passed over; a gap of more than 3 h parts the record. In each
+    part, from one crossing of a moving average of 5 points with one of 32 to the next, there is a peak where the first
+    is the greater and a nadir where it is the less: the greatest, or least, glucose from the turn before to the end of
+    the stretch. A swing of at most the standard deviation of the part is passed over. The mean rise and the mean fall
+    of each part count by its duration, and MAGE is the mean of both.
 
     References
     ----------
@@ -64,30 +67,52 @@ def amplitude(readings: Readings) -> Mapping[str, float]:
     644-655, 1970.
     N. J. Fernandes, N. Nguyen, E. Chun, N. M. Punjabi, I. Gaynanova, "Open-source algorithm to calculate mean amplitude
     of glycemic excursions using short and long moving averages", J. Diabetes Sci. Technol. 16(2), 576-577, 2022.
+    P. A. Baghurst, "Calculating the mean amplitude of glycemic excursion from continuous glucose monitoring data: an
+    automated algorithm", Diabetes Technol. Ther. 13(3), 296-302, 2011: the mean of rises and falls.
     """
-    threshold = float(readings.glucose_mg_dl.std(ddof=1))
-    sizes = [
-        np.abs(np.diff(turning_points(_extremes(segment.glucose_mg_dl), threshold)))
-        for segment in readings.at_steps(_MAGE_STEP_MIN).segments()
-        if segment.glucose_mg_dl.size > _LONG
+    glucose = readings.at_steps(_MAGE_STEP_MIN).glucose_mg_dl
+    known = np.flatnonzero(np.isfinite(glucose))
+    parts = np.split(known, np.flatnonzero(np.diff(known) * _MAGE_STEP_MIN > _MAGE_LONGEST_GAP_MIN) + 1)
+    rows = [
+        (mean, part[-1] - part[0])
+        for part in parts
+        if part.size >= _LONG
+        for mean in _swings(glucose[part])
+        if np.isfinite(mean)
     ]
-    swings = np.concatenate(sizes) if sizes else np.empty(0)
-    return {"mage_mg_dl": float(swings.mean()) if swings.size else np.nan}
+    if not rows:
+        return {"mage_mg_dl": np.nan}
+    means, durations = np.array(rows).T
+    return {"mage_mg_dl": float(np.average(means, weights=durations))}
 
 
-def _trailing_mean(values: Floats, points: int) -> Floats:
-    """Mean of each value and those before it, of as many as there are at the beginning."""
+def _swings(glucose: Floats) -> tuple[float, float]:
+    """Mean rise and mean fall by more than one standard deviation; NaN where there is none."""
+    swings = np.diff(turning_points(_extremes(glucose), float(glucose.std(ddof=1))))
+    rises, falls = swings[swings > 0.0], -swings[swings < 0.0]
+    return (float(rises.mean()) if rises.size else np.nan, float(falls.mean()) if falls.size else np.nan)
+
+
+def _moving_sum(values: Floats, points: int) -> Floats:
+    """Sum of each value and those before it; before there are so many, the first of these sums."""
     sums = np.concatenate(([0.0], np.cumsum(values)))
-    last = np.arange(1, values.size + 1)
-    first = np.maximum(last - points, 0)
-    return np.asarray((sums[last] - sums[first]) / (last - first))
+    sums = sums[points:] - sums[:-points]
+    return np.concatenate((np.full(points - 1, sums[0]), sums))
 
 
 def _extremes(glucose: Floats) -> Floats:
-    """Peaks and nadirs: of each stretch between two crossings of the averages."""
-    above = _trailing_mean(glucose, _SHORT) > _trailing_mean(glucose, _LONG)
-    begins = np.flatnonzero(np.diff(above.astype(np.int8), prepend=-1))
-    return np.where(above[begins], np.maximum.reduceat(glucose, begins), np.minimum.reduceat(glucose, begins))
+    """Peaks and nadirs, one for each stretch between two crossings of the averages."""
+    # sums and not means, whose rounding would make crossings of whole mg/dl that are equal
+    above = _LONG * _moving_sum(glucose, _SHORT) > _SHORT * _moving_sum(glucose, _LONG)
+    edges = [0, *(np.flatnonzero(above[1:] != above[:-1]) + 1).tolist(), glucose.size - 1]
+    found, after = [], 0
+    for begin, end in itertools.pairwise(edges):
+        stretch = glucose[after : end + 1]
+        if stretch.size:
+            place = int(stretch.argmax() if above[begin] else stretch.argmin())
+            found.append(stretch[place])
+            after += place + 1
+    return np.asarray(found)
 
 
 def turning_points(values: Floats, threshold: float) -> Floats:

@@ -36,12 +36,16 @@ class DayProfile:
     """(97,) numbers of readings that the percentiles are of."""
 
 
-def day_profile(readings: Readings) -> DayProfile:
-    """Percentiles, every 15 min, of all readings within 15 min of that time of day; nothing else is smoothed."""
+def day_profile(*records: Readings) -> DayProfile:
+    """Percentiles, every 15 min, of all readings within 15 min of that time of day; nothing else is smoothed.
+
+    Of several people it is of the readings of all, of which each counts alike.
+    """
     bins = int(MIN_PER_DAY) // STEP_MIN
-    place = np.floor_divide(readings.time_of_day_min, STEP_MIN).astype(np.int64)
+    times = np.concatenate([readings.time_of_day_min for readings in records])
+    place = np.floor_divide(times, STEP_MIN).astype(np.int64)
     order = np.argsort(place, kind="stable")
-    glucose = readings.glucose_mg_dl[order]
+    glucose = np.concatenate([readings.glucose_mg_dl for readings in records])[order]
     edges = np.searchsorted(place[order], np.arange(bins + 1))
     parts = [glucose[edges[i] : edges[i + 1]] for i in range(bins)]
     found, counts = [], []

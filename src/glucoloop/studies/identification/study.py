@@ -32,6 +32,7 @@ from glucoloop.identification import (
 from glucoloop.identification.record import FROM_ZERO
 from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
 from glucoloop.printable import printable
+from glucoloop.records.reading import reader_that_knows
 from glucoloop.refusal import Refusal
 from glucoloop.report import plot_identification, plot_validation
 from glucoloop.report.columns import MetricRow, lines_table
@@ -43,7 +44,7 @@ from glucoloop.storage import tables as stored
 from glucoloop.storage.files import read_text
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile, model_file
-from glucoloop.storage.tables import read_record_columns
+from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
 from glucoloop.studies.closed_loop import smoothing_of, source_of
 from glucoloop.studies.identification import ModelRequest
 
@@ -120,10 +121,25 @@ def _from_patient(config: ModelRequest) -> Identified:
     )
 
 
+def _columns(path: Path) -> dict[str, list[object]]:
+    """Columns of a record; the refusal of an export of a device says which commands take it."""
+    try:
+        return read_record_columns(path)
+    except Refusal:
+        reader = reader_that_knows(path)
+        if reader is None or reader == "table":
+            raise
+        raise Refusal(
+            f"{path} is a file of {reader}, of ordinary days; a model is identified here from pulses of insulin, in "
+            f"the columns {', '.join(RECORD_COLUMNS)}. glucoloop report shows the glucose of such a file, and "
+            "glucoloop twin finds a person's own model from it"
+        ) from None
+
+
 def _from_data(config: ModelRequest, path: Path) -> Identified:
     try:
         record, notes = record_from_samples(
-            *read_record_columns(path).values(),
+            *_columns(path).values(),
             sample_time_min=config.sample_time_min,
             max_gap_min=config.max_gap_min,
             allow_unusual=config.allow_unusual,

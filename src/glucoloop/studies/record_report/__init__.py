@@ -59,8 +59,8 @@ class RecordRequest(Part):
     files: Annotated[
         tuple[str, ...],
         _report(
-            "Records of a monitor in any format that can be read, or folders that `glucoloop run` or `trial --traces` "
-            "wrote.",
+            "Records of a monitor in any format that can be read, folders with a file or a folder for each person, or "
+            "folders that `glucoloop run`, `compare` or `trial --traces` wrote.",
             flag="FILE...",
             metavar="FILE",
         ),
@@ -77,13 +77,20 @@ class RecordRequest(Part):
     labels: Annotated[
         tuple[str, ...],
         _report(
-            "Name of a record in the report, in the order of the files; names of files are not shown, since they often "
-            "hold that of the person.",
+            "Name of a record, or of the group of a folder, in the order of the files; names of files are not shown, "
+            "since they often hold that of the person.",
             flag="--label",
             metavar="NAME",
             default="Record 1, Record 2 and so on",
         ),
     ] = ()
+    file_names: Annotated[
+        bool,
+        _report(
+            "Name records by their files, where these hold no name of a person; else a person of a folder has the "
+            "number of the file in the order of names."
+        ),
+    ] = False
     reader: Annotated[
         str | None, _reading("Reader of the files, where it cannot be seen: `glucoloop list readers`.")
     ] = None
@@ -113,6 +120,8 @@ class RecordRequest(Part):
             )
         if len(set(self.labels)) < len(self.labels):
             raise Refusal("a --label is given twice; give each file its own")
+        if self.labels and self.file_names:
+            raise Refusal("--label and --file-names both name the records; leave one out")
         for label in self.labels:
             if not label.strip() or not is_printable(label):
                 raise Refusal(f"--label {label!r} cannot be shown in a line; give a name without control characters")
@@ -133,11 +142,13 @@ REPORT: Final = PlainStudy(
         "Report records of a continuous glucose monitor in the form that clinics know, the ambulatory glucose "
         "profile: the ten numbers of the consensus with its goals, the time in each range, percentiles over the day, "
         "each day, and every episode of low and high glucose.\n\n"
-        "The page needs no network and prints. Several files or periods stand side by side; for many files there is a "
-        "row for each. Names and serial numbers are in none of the results, nor are names of files.\n\n"
+        "The page needs no network and prints. Several files or periods stand side by side; for many there is a row "
+        "for each. A folder is a group of people, with a file or a folder for each; several folders are compared as "
+        "groups; a file of it that cannot be read is named, and the exit code is 1. Names and serial numbers are in "
+        "none of the results, nor are names of files unless --file-names is given.\n\n"
         "  glucoloop report export.csv --out report\n\n"
         "  glucoloop report export.csv --period 2026-02-01/2026-02-14 --period 2026-03-01/2026-03-14 --out compared\n\n"
-        "  glucoloop report *.csv --json > metrics.json\n\n"
+        "  glucoloop report before after --label before --label after --out groups\n\n"
         "  glucoloop run --days 14 --out run && glucoloop report run --out report"
     ),
     module="glucoloop.studies.record_report.study",
@@ -148,10 +159,12 @@ REPORT: Final = PlainStudy(
         "figure.svg",
         "metrics.csv",
         "metrics.parquet",
+        "groups.csv",
         "days.csv",
         "episodes.csv",
         "profile.csv",
         "report.html",
     ),
     summary="report.json",
+    unit="sources",
 )

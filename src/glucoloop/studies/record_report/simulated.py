@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import polars as pl
 
@@ -16,22 +16,42 @@ _OF_TRIAL: Final = "shards/*/traces.parquet"
 _NAMES: Final = ("case", "controller", "person")
 
 
-def simulated_courses(folder: Path) -> dict[str, Readings]:
-    """Courses of a folder by name: of a run, of each case of a comparison, or of each person of a trial with traces."""
-    places = [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
-    if not places:
-        raise Refusal(
-            f"{folder} holds no course of glucose; give the folder of `glucoloop run`, `compare`, or `trial --traces`"
-        )
+class SimulatedCourse(NamedTuple):
+    """Course of glucose of one person under one controller."""
+
+    name: str
+    group: str
+    """Case and controller."""
+    of_people: bool
+    """Whether the simulation is of several people."""
+    readings: Readings
+
+
+def is_simulated(folder: Path) -> bool:
+    """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
+    found = bool(_tables_of(folder))
+    if not found and (folder / "shards").is_dir():
+        raise Refusal(f"{folder} holds no course of glucose; run the trial with --traces")
+    return found
+
+
+def _tables_of(folder: Path) -> list[Path]:
+    return [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
+
+
+def simulated_courses(folder: Path) -> list[SimulatedCourse]:
+    """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     with refusing_damage(folder):
-        table = pl.concat(pl.read_parquet(place) for place in places).with_columns(
+        table = pl.concat(pl.read_parquet(place) for place in _tables_of(folder)).with_columns(
             pl.col("t_min", "glucose_mg_dl").cast(pl.Float64)
         )
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
-    return {
-        " ".join(f"person {value}" if isinstance(value, int) else str(value) for value in name): Readings.of(
-            part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy()
-        )
-        for name, part in parts.items()
-    }
+    of_people = "person" in names and table["person"].n_unique() > 1
+    found = []
+    for key, part in parts.items():
+        words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
+        readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
+        group = " ".join(words[:-1] if "person" in names else words) or "People"
+        found.append(SimulatedCourse(" ".join(words), group, of_people, readings))
+    return found

@@ -3,84 +3,92 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import polars as pl
 
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
-from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, glucose_episodes
-from glucoloop.metrics.readings.profile import by_day, day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.printable import how_many, percent
-from glucoloop.records import read_record
+from glucoloop.printable import how_many, percent, the_first
+from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.record_figure import plot_records
-from glucoloop.report.record_page import GOALS, MOST_IN_FULL, ReportedRecord, number_rows, record_page, warnings
+from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_page import MOST_IN_FULL, number_columns, number_rows, record_page
+from glucoloop.report.reported import ReportedGroup, ReportedRecord, groups_of, warnings
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
-from glucoloop.studies.record_report.simulated import simulated_courses
+from glucoloop.studies.record_report.file_tables import file_tables
+from glucoloop.studies.record_report.sources import NamedReadings, read, sources_of
 from glucoloop.units import MIN_PER_DAY
 
-Source = tuple[str, Readings, tuple[str, ...]]
-"""Label, readings and notes of a record."""
+_MOST_ROWS: Final = 60
+"""Largest number of records that the terminal has in rows; files have all."""
+_MOST_TOLD: Final = 20
+"""Largest number of records of which the page tells why they could not be read; report.json has all."""
 
 
-def found(asked: RecordRequest, progress: Callable[[str], None]) -> Findings:
-    """Read the records, and compute their metrics."""
-    periods = [period_of(text) for text in asked.periods]
-    records = []
-    for label, readings, notes in _sources(asked):
-        for period in periods or [Period("")]:
-            chosen = within(readings, period, label)
-            name = label if len(periods) < 2 else f"{label}: {period.text.replace('/', ' to ')}"
-            records.append(ReportedRecord(name, chosen, numbers_of(chosen), notes))
-        progress(label)
+class Extra(NamedTuple):
+    """Results from which pages and tables are made."""
+
+    records: list[ReportedRecord]
+    unread: list[tuple[str, str]]
+    """Label of each record that could not be read, and a sentence with the names of its files."""
+
+
+def amount(asked: RecordRequest) -> int:
+    """Number of files, and of folders of one person."""
+    return len(sources_of(asked))
+
+
+def found(asked: RecordRequest, progress: Callable[[int], None]) -> Findings:
+    """Read the records, and compute their metrics; one of a folder of people that cannot be read is named."""
+    periods = [period_of(text) for text in asked.periods] or [Period("")]
+    records: list[ReportedRecord] = []
+    unread: list[tuple[str, str]] = []
+    not_read: list[dict[str, str]] = []
+    for source in sources_of(asked):
+        try:
+            own = [
+                _reported(one, period, several=len(periods) > 1) for one in read(source, asked) for period in periods
+            ]
+        except Refusal as error:
+            if not source.group:
+                raise
+            unread.append((source.label, str(error)))
+            not_read.append({"label": source.label, "why": error.why if isinstance(error, FileRefusal) else str(error)})
+        else:
+            records += own
+        progress(1)
+    if not records:
+        raise Refusal(f"{unread[0][1]}{f' (and {len(unread) - 1} more)' if unread[1:] else ''}")
+    groups = groups_of(records)
     plain = {
         "records": [_plain(record) for record in records],
+        "groups": [_plain_group(group) for group in groups],
+        "not_read": not_read,
+        "complete": not not_read,
         "goals": asked.goals,
-        "notes": list(warnings(records)),
+        "notes": [*_on_unread(unread), *warnings(records)],
     }
-    return Findings(plain, _tables(records), records)
+    return Findings(plain, file_tables(records, groups, GOALS[asked.goals]), Extra(records, unread))
 
 
-def _sources(asked: RecordRequest) -> Iterator[Source]:
-    for place, name in enumerate(asked.files):
-        label = asked.labels[place] if asked.labels else f"Record {place + 1}"
-        path = Path(name)
-        if path.is_dir():
-            courses = simulated_courses(path)
-            for case, readings in courses.items():
-                own = f"{label}: {case}" if asked.labels or len(asked.files) > 1 else case
-                yield own if len(courses) > 1 else label, readings, ("A simulated course; its first minute is 0 h.",)
-        else:
-            yield _read(asked, path, label)
+def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedRecord:
+    chosen = within(one.readings, period, one.label)
+    text = period.text.replace("/", " to ") if several else ""
+    label = f"{one.label}: {text}" if text else one.label
+    return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text)
 
 
-def _read(asked: RecordRequest, path: Path, label: str) -> Source:
-    """A record of a monitor."""
-    record = read_record(
-        path,
-        reader=asked.reader,
-        dates=asked.dates,
-        glucose_unit=asked.glucose_unit,
-        time_zone=asked.time_zone,
-        columns=asked.columns,
-        scans=asked.scans,
-    )
-    read = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
-    try:
-        readings = Readings.of_times(read["time"].to_numpy(), read["glucose_mg_dl"].to_numpy())
-    except Refusal as error:
-        raise Refusal(f"{path}: {error}") from None
-    averaged = read.height - readings.t_min.size
-    more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
-    return label, readings, (*record.notes, *more)
+def _on_unread(unread: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Sentence on the records that could not be read, without names of files."""
+    if unread:
+        labels = the_first([label for label, _ in unread])
+        one, many = "record could not be read and is", "records could not be read and are"
+        yield f"{how_many(len(unread), one, many)} in no number: {labels}."
 
 
 def within(readings: Readings, period: Period, label: str) -> Readings:
@@ -104,81 +112,61 @@ def within(readings: Readings, period: Period, label: str) -> Readings:
     return part
 
 
+def _plain_group(group: ReportedGroup) -> dict[str, Any]:
+    sufficient = sum(record.sufficient for record in group.records)
+    spreads = {name: spread._asdict() for name, spread in group.spreads.items()}
+    return {"label": group.label, "people": len(group.records), "sufficient": sufficient, **spreads}
+
+
 def _plain(record: ReportedRecord) -> dict[str, Any]:
     about = {"label": record.label, "days_reported": record.dates, "sufficient": record.sufficient}
     return {**about, **record.numbers, "gri_zone": gri_zone(record.numbers["gri"]), "read": list(record.notes)}
 
 
-def _tables(records: Sequence[ReportedRecord]) -> dict[str, pl.DataFrame]:
-    metrics = pl.DataFrame([{"record": one.label, **one.numbers} for one in records]).fill_nan(None)
-    days = [
-        {"record": one.label, "day": one.readings.date(day), **of}
-        for one in records
-        for day, of in by_day(one.readings)
-    ]
-    listed = [
-        (one.label, kind, one.readings.moment(ep.t_min), ep.duration_min, ep.extreme_mg_dl, ep.extended, ep.nocturnal)
-        for one in records
-        for kind in BOUNDS_MG_DL
-        for ep in glucose_episodes(one.readings, kind)
-    ]
-    return {
-        "metrics.csv": metrics,
-        "metrics.parquet": metrics,
-        "days.csv": pl.DataFrame(days).fill_nan(None) if days else pl.DataFrame(schema={"record": pl.String}),
-        "episodes.csv": pl.DataFrame(listed, schema=_EPISODE_COLUMNS, orient="row"),
-        "profile.csv": pl.concat(_profile_table(one) for one in records),
-    }
-
-
-_EPISODE_COLUMNS: Final = {
-    "record": pl.String,
-    "kind": pl.String,
-    "begin": pl.String,
-    "duration_min": pl.Float64,
-    "extreme_mg_dl": pl.Float64,
-    "extended": pl.Boolean,
-    "nocturnal": pl.Boolean,
-}
-
-
-def _profile_table(record: ReportedRecord) -> pl.DataFrame:
-    profile = day_profile(record.readings)
-    curves = {f"glucose_{name}_pct_mg_dl": values for name, values in profile.percentiles_mg_dl.items()}
-    columns = {"time_of_day_min": profile.t_min, "readings": profile.readings, **curves}
-    return pl.DataFrame(columns).fill_nan(None).select(pl.lit(record.label).alias("record"), pl.all())
-
-
 def tables(asked: RecordRequest, found: Findings) -> Iterator[object]:
-    """All metrics side by side, or the first ones of many records."""
-    records: list[ReportedRecord] = found.extra
+    """All metrics side by side, or the first ones of many records and of groups."""
+    records: list[ReportedRecord] = found.extra.records
     if len(records) <= MOST_IN_FULL:
-        yield lines_table("Metric", [one.label for one in records], number_rows(records))
-    else:
-        yield FittingTable(_rows_table(records))
+        yield lines_table("Metric", number_columns(records), number_rows(records))
+    elif len(records) <= _MOST_ROWS:
+        yield FittingTable(_rows_table("Record", ((one.label, one.numbers) for one in records)))
+    if groups := groups_of(records):
+        medians = ((f"{one.label}, {one.dates}", one.medians) for one in groups)
+        yield FittingTable(_rows_table("Median of", medians))
 
 
-def _rows_table(records: Sequence[ReportedRecord]) -> Any:
+def sentences(asked: RecordRequest, found: Findings) -> Iterator[str]:
+    """Files that could not be read, by name: here alone, since names of files are in no result."""
+    yield from (f"{label} was not read: {why}." for label, why in found.extra.unread)
+
+
+def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> Any:
+    """The first numbers of each record or group by its label."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ("Record", "Days", "Active", "GMI", "CV", "< 54", "< 70", "70-180", "> 180", "> 250", "GRI"):
-        table.add_column(head, justify="left" if head == "Record" else "right")
+    table.add_column(head)
+    for name in ("Days", "Active", "GMI", "CV", "< 54", "< 70", "70-180", "> 180", "> 250", "GRI"):
+        table.add_column(name, justify="right")
     shares = ("below_54", "below_70", "70_180", "above_180", "above_250")
-    for one in records:
-        of = one.numbers
+    for label, of in rows:
         first = [f"{of['days']:.1f}", percent(of["active_pct"]), f"{of['gmi_pct']:.1f} %", percent(of["cv_pct"])]
-        table.add_row(Text(one.label), *first, *(percent(of[f"time_{s}_pct"]) for s in shares), f"{of['gri']:.1f}")
+        table.add_row(Text(label), *first, *(percent(of[f"time_{s}_pct"]) for s in shares), f"{of['gri']:.1f}")
     return table
 
 
 def drawn(asked: RecordRequest, found: Findings) -> dict[str, bytes]:
     """The page, and the figure."""
-    records, goals = found.extra, GOALS[asked.goals]
-    page = {"report.html": record_page(records, goals).encode()}
-    return {**page, **figure_files("figure", plot_records(records, goals))}
+    from glucoloop.report.print_figure import figure_files
+    from glucoloop.report.record_figure import plot_records
+
+    records, goals = found.extra.records, GOALS[asked.goals]
+    why = [f"{one['label']}: {one['why']}." for one in found.plain["not_read"][:_MOST_TOLD]]
+    page = record_page(records, goals, notes=[*_on_unread(found.extra.unread), *why])
+    figure = plot_records(groups_of(records) or records, goals)
+    return {"report.html": page.encode(), **figure_files("figure", figure)}
 
 
 def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:

@@ -1,0 +1,190 @@
+"""Reading of a record from a Nightscout site over the network, by GET alone: entries, treatments and the profile.
+
+Addresses and filters are those of version 1 of Nightscout's interface, ``/api/v1/entries.json`` and so on. Nothing but
+the filters and the token is sent, and only to the site itself: a redirection is refused.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import urllib.error
+import urllib.parse
+import urllib.request
+import zoneinfo
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final, NoReturn
+
+from glucoloop.records import nightscout
+from glucoloop.records.answers import Answers
+from glucoloop.records.file_text import FileText
+from glucoloop.records.record import DeviceRecord
+from glucoloop.records.tidy import Account, record_of, settled
+from glucoloop.refusal import Refusal
+
+TOKEN_VARIABLE: Final = "GLUCOLOOP_NIGHTSCOUT_TOKEN"
+"""Environment variable of the token, which no command line or file may hold."""
+PAGE: Final = 10_000
+"""Number of entries asked for at once."""
+MOST_DAYS: Final = 3660
+_LARGEST_PAGE_BYTES: Final = 200_000_000
+_TIMEOUT_S: Final = 30.0
+_MOST_PAGES: Final = 10_000
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+
+
+def read_nightscout(
+    url: str,
+    *,
+    days: int = 14,
+    until: datetime | None = None,
+    token: str | None = None,
+    time_zone: str | None = None,
+) -> DeviceRecord:
+    """Read the record of a person from a Nightscout site; nothing there is changed.
+
+    Parameters
+    ----------
+    url : str
+        Address of the site, as ``https://my-site.example``.
+    days : int
+        Number of days before `until`.
+    until : datetime, optional
+        Moment with a time zone up to which the record goes; now by default.
+    token : str, optional
+        Access token of the site with the role ``readable``, where it asks for one.
+    time_zone : str, optional
+        Time zone of the person; that of the site's profile by default.
+
+    Returns
+    -------
+    DeviceRecord
+        The record, as `read_record` gives it of files.
+
+    Raises
+    ------
+    Refusal
+        If the site does not answer, refuses, answers anything but Nightscout's JSON, or has nothing for these days.
+    """
+    if not 1 <= days <= MOST_DAYS:
+        raise Refusal(f"days is {days}; give 1 to {MOST_DAYS}")
+    site = _Site(url, token)
+    end = until or datetime.now(UTC)
+    span = (end - timedelta(days=days), end)
+    entries = list(site.all_of("entries", "date", lambda at: str(round(1000.0 * at.timestamp())), span))
+    treatments = list(site.all_of("treatments", "created_at", _utc_text, span))
+    zone = time_zone or _zone_of(site.page("profile", {}))
+    answers, account, frames = Answers(time_zone=zone), Account(), []
+    for items in (entries, treatments):
+        if items:
+            content = FileText(json.dumps(items))
+            frames.append(settled(nightscout.rows(content, answers), answers, account))
+    if not frames:
+        raise Refusal(f"{site.name} has no entries and no treatments in these {days} days; ask for more days")
+    if zone and not time_zone:
+        account.notes.append(f"{zone} is the time zone of the site's profile.")
+    return record_of(frames, account)
+
+
+class _NoRedirection(urllib.request.HTTPRedirectHandler):
+    """A token must not follow where a site points to."""
+
+    def redirect_request(self, *_: Any) -> None:
+        return None
+
+
+class _Site:
+    """A site, asked page by page."""
+
+    def __init__(self, url: str, token: str | None) -> None:
+        parts = urllib.parse.urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise Refusal("the address of the site is none; give it like https://my-site.example")
+        if parts.query or parts.username or parts.password or parts.fragment:
+            raise Refusal(
+                "the address of the site holds more than the address, maybe a token; leave that out, and put the token "
+                f"into the environment variable {TOKEN_VARIABLE}"
+            )
+        if token and parts.scheme != "https" and parts.hostname not in _LOOPBACK:
+            raise Refusal(f"{parts.hostname} would get the token unencrypted; give an address with https")
+        self.name = parts.hostname
+        self._root, self._token = urllib.parse.urlunsplit(parts).rstrip("/"), token
+        self._opener = urllib.request.build_opener(_NoRedirection)
+
+    def page(self, what: str, asked: Mapping[str, str]) -> list[Any]:
+        """One page of entries, treatments or profiles."""
+        with_token = {**asked, "token": self._token} if self._token else asked
+        address = f"{self._root}/api/v1/{what}.json?{urllib.parse.urlencode(with_token)}"
+        request = urllib.request.Request(address, headers={"Accept": "application/json"}, method="GET")
+        try:
+            with self._opener.open(request, timeout=_TIMEOUT_S) as answer:
+                data = answer.read(_LARGEST_PAGE_BYTES + 1)
+        except urllib.error.HTTPError as error:
+            self._refuse(error)
+        except (OSError, http.client.HTTPException, ValueError) as error:
+            why = getattr(error, "reason", error)
+            raise Refusal(f"{self.name} gives no answer ({why}); check the address and the network") from None
+        if len(data) > _LARGEST_PAGE_BYTES:
+            raise Refusal(f"{self.name} answers with more than {_LARGEST_PAGE_BYTES} bytes at once; ask for fewer days")
+        try:
+            items = json.loads(data.decode("utf-8"), parse_constant=lambda _: None)
+        except (ValueError, RecursionError):
+            items = None
+        if not isinstance(items, list):
+            raise Refusal(
+                f"{self.name} answers {what}.json with something else than a list in JSON; give the address of a "
+                "Nightscout site"
+            )
+        return items
+
+    def all_of(
+        self, what: str, key: str, text: Callable[[datetime], str], span: tuple[datetime, datetime]
+    ) -> Iterator[dict[str, Any]]:
+        """Items of a span, newest first; a page begins with the moment that ends the one before."""
+        known, last = set[str](), text(span[1])
+        for _ in range(_MOST_PAGES):
+            asked = {"count": str(PAGE), f"find[{key}][$gte]": text(span[0]), f"find[{key}][$lte]": last}
+            items = [item for item in self.page(what, asked) if isinstance(item, dict)]
+            new = [item for item in items if _identity(item) not in known]
+            yield from new
+            known.update(map(_identity, new))
+            moments = [str(item[key]) for item in new if item.get(key)]
+            if not moments:
+                return
+            last = min(moments, key=lambda moment: (len(moment), moment) if key == "date" else (0, moment))
+        raise Refusal(f"{self.name} answers with ever more {what}; ask for fewer days")
+
+    def _refuse(self, error: urllib.error.HTTPError) -> NoReturn:
+        error.close()
+        if error.code in (401, 403):
+            given = "does not accept the token" if self._token else "asks for a token"
+            raise Refusal(
+                f"{self.name} {given}; put one with the role readable into the environment variable {TOKEN_VARIABLE}"
+            ) from None
+        if 300 <= error.code < 400:
+            raise Refusal(f"{self.name} points to another address; give that one") from None
+        raise Refusal(
+            f"{self.name} refuses with status {error.code}; give the address of a Nightscout site, or try later"
+        ) from None
+
+
+def _identity(item: Mapping[str, Any]) -> str:
+    return str(item.get("_id") or json.dumps(item, sort_keys=True))
+
+
+def _utc_text(at: datetime) -> str:
+    return f"{at.astimezone(UTC):%Y-%m-%dT%H:%M:%S.000Z}"
+
+
+def _zone_of(profiles: list[Any]) -> str | None:
+    """Time zone of the newest profile; None where it names none that is known."""
+    store = profiles[0].get("store") if profiles and isinstance(profiles[0], dict) else None
+    if not isinstance(store, dict):
+        return None
+    chosen = store.get(profiles[0].get("defaultProfile")) or next(iter(store.values()), None)
+    zone = chosen.get("timezone") if isinstance(chosen, dict) else None
+    try:
+        return zoneinfo.ZoneInfo(zone).key if isinstance(zone, str) and zone else None
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        return None

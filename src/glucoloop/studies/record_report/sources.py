@@ -1,0 +1,121 @@
+"""Sources of the records of a report: files, folders with a file or a folder for each person, and simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import polars as pl
+
+from glucoloop.metrics.readings.series import Readings
+from glucoloop.printable import how_many, printable
+from glucoloop.records import FileRefusal, read_record
+from glucoloop.refusal import Refusal
+from glucoloop.studies.record_report import RecordRequest
+from glucoloop.studies.record_report.simulated import is_simulated, simulated_courses
+
+
+class RecordSource(NamedTuple):
+    """Files of one record, or the folder of a simulation."""
+
+    label: str
+    group: str
+    """Name of the folder of people that it is of; empty for a file that was named itself."""
+    paths: tuple[Path, ...]
+    alone: bool = False
+    """Whether it is all that is reported."""
+
+
+class NamedReadings(NamedTuple):
+    """Readings of one record."""
+
+    label: str
+    group: str
+    readings: Readings
+    notes: tuple[str, ...]
+
+
+def sources_of(asked: RecordRequest) -> list[RecordSource]:
+    """Sources in the order of the files, and within a folder in that of the names."""
+    found: list[RecordSource] = []
+    for place, name in enumerate(asked.files):
+        path, people = Path(name), list[tuple[Path, ...]]()
+        if path.is_dir() and not is_simulated(path):
+            people = _people_of(path)
+        label = asked.labels[place] if asked.labels else printable(path.name) if asked.file_names else ""
+        if not people:
+            found.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(asked.files) == 1))
+            continue
+        group = label or ("People" if len(asked.files) == 1 else f"Group {place + 1}")
+        begin = "" if len(asked.files) == 1 and not asked.labels else f"{group}: "
+        for number, paths in enumerate(people, 1):
+            own = printable(_name_of(path, paths[0])) if asked.file_names else f"person {number}"
+            found.append(
+                RecordSource(f"{begin}{own}" if begin or asked.file_names else f"Person {number}", group, paths)
+            )
+    twice = {source.label for source in found if sum(other.label == source.label for other in found) > 1}
+    if twice:
+        raise Refusal(f"{min(twice)!r} would name more than one record; give each file a --label")
+    return found
+
+
+def _people_of(folder: Path) -> list[tuple[Path, ...]]:
+    """Files of each person of a folder: a file or a folder each, in the order of their names; hidden ones are none."""
+    people = []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if path.is_dir() and not is_simulated(path):
+            files = sorted(file for file in path.iterdir() if not file.name.startswith("."))
+            people.append(tuple(files) or (path,))
+        else:
+            people.append((path,))
+    if not people:
+        raise Refusal(
+            f"{folder} is empty; give a folder with a file for each person, or that of `glucoloop run`, `compare`, or "
+            "`trial --traces`"
+        )
+    return people
+
+
+def _name_of(folder: Path, path: Path) -> str:
+    """Name of the file or folder of a person within a folder of people."""
+    return path.relative_to(folder).parts[0]
+
+
+def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
+    """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
+    [first, *_] = source.paths
+    if first.is_dir() and is_simulated(first):
+        try:
+            courses = simulated_courses(first)
+        except Refusal:
+            if source.group:  # whose refusals tell no path
+                raise FileRefusal([first], "its simulated courses are damaged; write them again") from None
+            raise
+        for course in courses:
+            label = (
+                source.label if len(courses) == 1 else course.name if source.alone else f"{source.label}: {course.name}"
+            )
+            group = source.group or (course.group if source.alone else f"{source.label} {course.group}".strip())
+            group = group if course.of_people or source.group else ""
+            yield NamedReadings(label, group, course.readings, ("A simulated course; its first minute is 0 h.",))
+        return
+    record = read_record(
+        *source.paths,
+        reader=asked.reader,
+        dates=asked.dates,
+        glucose_unit=asked.glucose_unit,
+        time_zone=asked.time_zone,
+        columns=asked.columns,
+        scans=asked.scans,
+    )
+    given = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
+    try:
+        readings = Readings.of_times(given["time"].to_numpy(), given["glucose_mg_dl"].to_numpy())
+    except Refusal as error:
+        raise FileRefusal(source.paths, str(error)) from None
+    averaged = given.height - readings.t_min.size
+    more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
+    yield NamedReadings(source.label, source.group, readings, (*record.notes, *more))
