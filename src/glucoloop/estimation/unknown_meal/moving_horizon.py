@@ -367,7 +367,7 @@ def design_meal_horizon(
     largest_disturbance_mg_min: float = 100.0,
     noise_pace: float = 0.05,
     ends_unseen: float = 0.3,
-    noise_patience: float = 1.6,
+    noise_patience: float = 2.0,
     failures_per_h: float = 0.002,
     failure_min: float = 90.0,
     fast_meals: float = 0.1,

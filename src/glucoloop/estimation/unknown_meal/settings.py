@@ -53,7 +53,7 @@ class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
             "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
             at_least=0.0,
         ),
-    ] = 1.6
+    ] = 2.0
     ends_unseen: Annotated[
         float,
         About(
