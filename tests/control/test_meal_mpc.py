@@ -9,7 +9,9 @@ import pytest
 from scipy.optimize import minimize
 
 from glucoloop.control import MealTuning, Observation, Status, design_meal_mpc
+from glucoloop.control.meal_mpc import _variance_told
 from glucoloop.estimation.unknown_meal import MealHabits
+from glucoloop.estimation.unknown_meal.settings import KalmanSettings, MovingHorizonSettings
 from glucoloop.meals import Scenario
 from glucoloop.patients import patient
 from glucoloop.sensors import dead_time
@@ -152,10 +154,10 @@ def test_the_plan_minimises_the_objective_of_the_docstring(model):
         before, delivered = delivered, float(decision.insulin_mU_min)
     told = controller.expected.without(estimate, 0.6)
     variance = 1.45 + float(estimate.noise_mg_dl) ** 2
-    digested = jax.tree.map(lambda held: (1.0 - 0.5 * variance / (variance + 1.0)) * held, told.stomach)
+    digested = jax.tree.map(lambda held: (1.0 - 0.5 * variance / (variance + 3.0)) * held, told.stomach)
     unexplained = jnp.minimum(told.disturbance_mg_min, state.lasting_mg_min)
     explained = dataclasses.replace(told, stomach=digested, disturbance_mg_min=unexplained)
-    P, goes_on = float(told.eating), 1.0 - float(controller.ends)
+    P, goes_on, low = float(told.eating), 1.0 - float(controller.ends), SETPOINT - 0.8 * 5.0 / (variance + 5.0)
     assert 0.05 < P < 0.95
     assert decision.status == Status.OK
 
@@ -166,7 +168,7 @@ def test_the_plan_minimises_the_objective_of_the_docstring(model):
         return (
             np.sum((SETPOINT - likely) ** 2)
             + 0.22**2 * np.sum(moves**2)
-            + 6.0**2 * P * (1.0 - P) * np.sum(np.maximum(0.0, SETPOINT - 0.8 - ends) ** 2)
+            + 6.0**2 * (P * (1.0 - P) + 0.1) * np.sum(np.maximum(0.0, low - ends) ** 2)
             + 10.0**2 * np.sum(np.maximum(0.0, 65.0 - ends) ** 2)
         )
 
@@ -229,3 +231,17 @@ def test_a_design_that_is_not_possible_is_refused(model, bad, sentence):
 def test_a_tuning_that_is_not_possible_is_refused(bad, words):
     with pytest.raises(ValueError, match=words):
         MealTuning(**bad)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "told", "expected"),
+    [
+        (MovingHorizonSettings(), 0.0, 0.01),
+        (MovingHorizonSettings(), 1.0, 1.0),
+        (MovingHorizonSettings(), 9.0, 1.45),
+        (MovingHorizonSettings(noise_pace=0.0), 9.0, 9.0),
+        (KalmanSettings(), 9.0, 9.0),
+    ],
+)
+def test_noise_beyond_a_bound_is_left_to_an_estimator_that_learns_it(estimator, told, expected):
+    assert _variance_told(told, estimator) == expected

@@ -42,8 +42,17 @@ from glucoloop.refusal import Refusal
 
 _LEAST_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
-_DOUBTED_VARIANCE: Final = 1.0
+_MOST_VARIANCE: Final = 1.45
+"""(mg/dl)^2 of white noise of the sensor that a filter expects at most where it learns the rest.
+
+A correlated error that is taken for white noise looks like a meal.
+"""
+_DOUBTED_VARIANCE: Final = 3.0
 """(mg/dl)^2 of noise at which half of `gut_doubt` counts."""
+_CAUTIOUS_VARIANCE: Final = 5.0
+"""(mg/dl)^2 of noise at which half of `caution_mg_dl` is left."""
+_LASTING_DOUBT: Final = 0.1
+"""Added to the variance P (1 - P) of whether there is a meal: also of a certain one the end and the speed are not."""
 _LASTS_MIN: Final = 120.0
 """Time at rest, in min, after which most of a steady unexplained appearance counts as lasting."""
 _LARGEST_LASTING_MG_MIN: Final = 100.0
@@ -248,7 +257,7 @@ class MealMPC:
             at = dataclasses.replace(at, announced=announce(at.announced, announced[i]))
         return at
 
-    def _forecasts(self, now: _Ahead, lasting: jax.Array, noise_mg_dl: jax.Array, rates: jax.Array) -> jax.Array:
+    def _forecasts(self, now: _Ahead, lasting: jax.Array, variance: jax.Array, rates: jax.Array) -> jax.Array:
         """Glucose ``(2, p)`` at the samples ahead, under the rates ``(p,)``: expected, and if a meal ends now.
 
         In the second a share of what is in stomach and gut is not there, and what is not lasting of the unexplained
@@ -260,7 +269,6 @@ class MealMPC:
             at = jax.vmap(self._sample, in_axes=(0, None, 0))(at, insulin, goes_on)
             return at, jax.vmap(self.model.glucose_mg_dl)(at.x)
 
-        variance = self.measurement_variance + noise_mg_dl**2
         there = 1.0 - self.gut_doubt * variance / (variance + _DOUBTED_VARIANCE)
         ends = dataclasses.replace(
             now,
@@ -281,13 +289,15 @@ class MealMPC:
     ) -> tuple[jax.Array, jax.Array]:
         """Moves that improve the given ones, and whether they are the minimiser of the last quadratic program."""
         m, p = self.move_horizon, self.prediction_horizon
-        uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating))
+        uncertain = jnp.sqrt(estimate.eating * (1.0 - estimate.eating) + _LASTING_DOUBT)
+        variance = self.measurement_variance + estimate.noise_mg_dl**2
+        low_mg_dl = setpoint - self.caution_mg_dl * _CAUTIOUS_VARIANCE / (variance + _CAUTIOUS_VARIANCE)
         weight = jnp.concatenate([jnp.full(p, self.caution_weight * uncertain), jnp.full(p, self.floor_weight)])
-        least = jnp.concatenate([jnp.full(p, setpoint - self.caution_mg_dl), jnp.full(p, self.glucose_floor_mg_dl)])
+        least = jnp.concatenate([jnp.full(p, low_mg_dl), jnp.full(p, self.glucose_floor_mg_dl)])
 
         def glucose(moves: jax.Array) -> tuple[jax.Array, jax.Array]:
             rates = delivered + jnp.cumsum(jnp.concatenate([moves, jnp.zeros(p - m)]))
-            both = self._forecasts(now, lasting, estimate.noise_mg_dl, rates)
+            both = self._forecasts(now, lasting, variance, rates)
             return both, both
 
         limits = {
@@ -339,10 +349,11 @@ def design_meal_mpc(
     content of stomach and gut. From there the nonlinear model predicts glucose twice: its expected value, where a meal
     under way ends with its usual probability, and its value if that meal ended at this moment, and with it the share
     `doubt` of the glucose that no meal explains and a share of what is in stomach and gut. That share is `gut_doubt`
-    V / (V + 1), where V is the variance in (mg/dl)^2 of the readings' noise, which hides how fast they empty. The moves
+    V / (V + 3), where V is the variance in (mg/dl)^2 of the readings' noise, which hides how fast they empty. The moves
     solve::
 
-        min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2 + w^2 P (1 - P) |max(0, r - c - G_end)|^2
+        min over du of  Gamma_y^2 |r - G|^2 + Gamma_u^2 |du|^2
+                        + w^2 (P (1 - P) + 0.1) |max(0, r - 5 c / (V + 5) - G_end)|^2
                         + w_f^2 |max(0, floor - G_end)|^2
 
     subject to the pump's rate and magnitude limits at every planned move; G and G_end are linearised along the plan.
@@ -430,6 +441,12 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         habits=settings.habits(),
         estimator=settings.estimator,
         disturbance_variance=settings.disturbance_variance,
-        measurement_variance=settings.measurement_variance or max(case.noise_variance, _LEAST_VARIANCE),
+        measurement_variance=settings.measurement_variance or _variance_told(case.noise_variance, settings.estimator),
         dead_time_samples=case.dead_time_samples,
     )
+
+
+def _variance_told(noise_variance: float, estimator: EstimatorPart) -> float:
+    """Variance R for a sensor with white noise: what is beyond a bound is left to an estimator that learns noise."""
+    learns = getattr(estimator, "noise_pace", 0.0) > 0.0
+    return min(max(noise_variance, _LEAST_VARIANCE), _MOST_VARIANCE if learns else math.inf)

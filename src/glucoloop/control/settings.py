@@ -206,10 +206,10 @@ class NLQDMCSettings(_Estimating, name="nlqdmc-se"):
 class MealTuning(MPCTuning):
     """Tuning of the meal-aware controller: the horizons and weights, and how careful it is.
 
-    The caution weight is multiplied by the standard deviation of whether there is a meal, ``sqrt(P (1 - P))``, and so
-    counts where the estimate is uncertain. At an anticipation of 1 glucose rests a little below the setpoint, 0.2 mg/dl
-    without noise and 0.8 with noise of variance 1.45, and the peak after 50 g is lower by 0.2 and 0.5. At 0 it rests
-    0.1 below with this noise, and at the setpoint without noise.
+    The caution weight is multiplied by ``sqrt(P (1 - P) + 0.1)``: the variance of whether there is a meal, and what is
+    not known of a certain one, its end and the speed of the stomach. At an anticipation of 1 glucose rests a little
+    below the setpoint, 0.2 mg/dl without noise and 0.8 with noise of variance 1.45, and the peak after 50 g is lower by
+    0.2 and 0.5. At 0 it rests 0.1 below with this noise, and at the setpoint without noise.
     """
 
     prediction_horizon: PredictionHorizon = 12
@@ -217,8 +217,12 @@ class MealTuning(MPCTuning):
     move_weight: MoveWeight = 0.22
     caution_weight: Annotated[float, About("Weight on low glucose if the meal ended at once.", at_least=0.0)] = 3.5
     caution_mg_dl: Annotated[
-        float, About("Distance below the setpoint at which that counts as low, in mg/dl.", at_least=0.0)
-    ] = 0.8
+        float,
+        About(
+            "Distance below the setpoint at which that counts as low without noise, in mg/dl; less with noise.",
+            at_least=0.0,
+        ),
+    ] = 2.2
     glucose_floor_mg_dl: GlucoseFloor = 65.0
     floor_weight: FloorWeight = DEFAULT_FLOOR_WEIGHT
     anticipation: Annotated[
@@ -244,7 +248,7 @@ class MealTuning(MPCTuning):
             at_least=0.0,
             below=1.0,
         ),
-    ] = 0.35
+    ] = 0.4
     iterations: Annotated[int, About("Quadratic programs solved at each sample.", at_least=1, at_most=10)] = 1
 
 
@@ -286,7 +290,11 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
     ] = 8.0
     measurement_variance: Annotated[
         float,
-        About("Variance of a reading that the filter assumes, R; 0: that of the sensor, at least 0.01.", at_least=0.0),
+        About(
+            "Variance of a reading that the filter assumes, R; 0: that of the sensor, from 0.01 to 1.45 where the "
+            "estimator learns the noise beyond it.",
+            at_least=0.0,
+        ),
     ] = 0.0
     sensor_lag_min: SensorLag = 0.0
     individual_by: Annotated[
