@@ -367,8 +367,11 @@ def guarded(
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
     7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
-       given while insulin is suspended or no reading was believed for long, nor on a reading that is not believed,
-       unless a meal is announced.
+       given while insulin is suspended nor on a reading that is not believed, unless a meal is announced; and none at
+       all while a possible reading is low or no reading was believed for long.
+
+    Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
+    the hour and ``F`` by it, up to the setting ``profile_span``.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting
