@@ -131,15 +131,17 @@ def test_no_window_of_an_hour_and_no_moment_passes_its_cap(every, boluses):
         seed=st.integers(0, 2**32 - 1),
         name=st.sampled_from(sorted(SETTINGS)),
         change=st.sampled_from([2.0, 16.7, 200.0]),
+        share=st.sampled_from([0.4, 1.0, 2.7]),
     )
-    def holds(seed, name, change):
+    def holds(seed, name, change, share):
         caps, n = SETTINGS[name], samples_for(every)
         wanted, read = wanted_and_read(np.random.default_rng(seed), n, every)
-        doses = doses_of(guard_of(name, every, boluses=boluses, change=change), read, wanted, no_damage(n))
+        guard = dataclasses.replace(guard_of(name, every, boluses=boluses, change=change), carb_share=share)
+        doses = doses_of(guard, read, wanted, no_damage(n))
         rates, given_ = np.asarray(doses[0]), np.zeros(n) if doses[1] is None else np.asarray(doses[1])
         hour = largest_hour(rates, given_, every)
-        assert hour <= max(caps.max_hour, 1.0) * (1.0 + 1e-9)
-        assert largest_on_board(rates, given_, every, caps.on_board_tau_min) <= caps.max_on_board + 1e-9
+        assert hour <= (1.0 + share * (caps.max_hour - 1.0)) * (1.0 + 1e-9)
+        assert largest_on_board(rates, given_, every, caps.on_board_tau_min) <= share * caps.max_on_board + 1e-9
 
     holds()
 

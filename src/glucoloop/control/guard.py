@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import jax
@@ -13,7 +14,16 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
-from glucoloop.control.guard_doses import MOST_BOLUS_MU, Given, first_given, heal_given, most, most_bolus, take_in
+from glucoloop.control.guard_doses import (
+    MOST_BOLUS_MU,
+    Given,
+    OwnLimits,
+    first_given,
+    heal_given,
+    most,
+    most_bolus,
+    take_in,
+)
 from glucoloop.control.guard_readings import Seen, first_seen, heal_seen, near, possible, see
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import (
@@ -36,6 +46,8 @@ _MEMORY_BOUND: Final = 1e6
 """Bound on the numbers that a controller keeps, where it declares none of its own (`memory_bound`): the largest that
 one of glucose and insulin has reason to keep are a bolus of 100 U, 1e5 mU, and the minutes of a year, 5.3e5.
 """
+_MARGIN: Final = 1.4
+"""Factor on a person's correction factor, since insulin in two depots is left longer than the guard counts it."""
 _MOST_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 
@@ -66,6 +78,10 @@ class Guard:
     basal_mU_min: jax.Array | float
     """Basal rate, or NaN for the rate at which the loop starts."""
     settings: GuardSettings = static()
+    carb_share: jax.Array | float = 1.0
+    """Insulin that a gram of carbohydrate needs by the profile, relative to the rule from the basal rate."""
+    fall_share: jax.Array | float = 1.0
+    """Fall of glucose by insulin that the guard assumes, relative to that of the settings."""
 
     @property
     def sample_time_min(self) -> float:
@@ -93,9 +109,23 @@ class Guard:
         return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
 
     def with_profile(self, profile: Profile) -> Guard:
-        """The same guard for a person with the given profile, which the inner controller gets too if it takes it."""
+        """The same guard for a person with the given profile, which the inner controller gets too if it takes it.
+
+        The limits of insulin follow the person's own ratio and factor where these are known.
+        """
+        rule, span = Profile(basal_mU_min=profile.basal_mU_min, setpoint_mg_dl=jnp.nan), self.settings.profile_span
+
+        def share(known: Any, of_rule: Callable[[Any], jax.Array]) -> jax.Array | float:
+            return (
+                1.0 if known is None else jnp.where(jnp.isnan(known), 1.0, jnp.clip(of_rule(known), 1.0 / span, span))
+            )
+
         return dataclasses.replace(
-            self, inner=given_profile(self.inner, profile), basal_mU_min=jnp.asarray(profile.basal_mU_min)
+            self,
+            inner=given_profile(self.inner, profile),
+            basal_mU_min=jnp.asarray(profile.basal_mU_min),
+            carb_share=share(profile.carb_ratio_g_U, lambda ratio: rule.carb_ratio() / ratio),
+            fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
         )
 
     def init(self, observation: Observation) -> GuardState:
@@ -125,7 +155,7 @@ class Guard:
 
     def step(self, state: GuardState, observation: Observation) -> tuple[GuardState, Decision]:
         """Accept or reject each input, let the inner controller decide, and bound its dose."""
-        settings, every = self.settings, self.sample_time_min
+        settings, own, every = self.settings, self._own_limits, self.sample_time_min
         intact = state.given.agrees(state.command_mU_min, state.bolus_mU)
         state = self._healed(state, intact)
         # A pump that says nothing is taken to have done as it was asked: so its insulin is not forgotten.
@@ -154,8 +184,8 @@ class Guard:
         is_possible = possible(observation.glucose_mg_dl, observation.valid, settings)
         lowest = jnp.where(is_possible, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
-        given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, settings, every)
-        allowed = most(given, above, settings, self.limits.max_change_mU_min, every)
+        given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, own, settings, every)
+        allowed = most(given, above, own, settings, self.limits.max_change_mU_min, every)
         trusted = believed & (seen.held_min <= settings.held_min)
         allowed = jnp.where(trusted, allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
@@ -173,9 +203,10 @@ class Guard:
         limited, bolus = wanted > allowed, None
         if decision.bolus_mU is not None:
             asked = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
-            # A reading that is not believed calls for no insulin, but a meal does.
-            may = (trusted | (clean.announced_carbs_g > 0.0)) & ~unseen & ~suspended
-            largest = most_bolus(given, dose, settings, self.limits.max_change_mU_min, every)
+            # A reading that is not believed calls for no insulin, but a meal does, which also ends a predicted low.
+            eats = clean.announced_carbs_g > 0.0
+            may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~unseen
+            largest = most_bolus(given, dose, own, settings, self.limits.max_change_mU_min, every)
             bolus = jnp.where(may, jnp.minimum(asked, largest), 0.0)
             limited = limited | (asked > bolus)
 
@@ -206,7 +237,7 @@ class Guard:
         held, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(held), held, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, held.dtype)
-        given = heal_given(state.given, intact, basal, self.settings, self._highest_rate)
+        given = heal_given(state.given, intact, basal, self._own_limits, self._highest_rate)
         bolus = state.bolus_mU
         return GuardState(
             inner=state.inner,
@@ -217,6 +248,10 @@ class Guard:
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
             bolus_mU=None if bolus is None else jnp.where(intact, bolus, MOST_BOLUS_MU),
         )
+
+    @property
+    def _own_limits(self) -> OwnLimits:
+        return OwnLimits.of(self.settings, self.carb_share, self.fall_share)
 
     @property
     def _memory_bound(self) -> float:
@@ -334,8 +369,11 @@ def guarded(
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
     7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
-       given while insulin is suspended or no reading was believed for long, nor on a reading that is not believed,
-       unless a meal is announced.
+       given while insulin is suspended nor on a reading that is not believed, unless a meal is announced; and none at
+       all while a possible reading is low or no reading was believed for long.
+
+    Where a person's own carbohydrate ratio or correction factor is known, ``with_profile`` scales ``B_max``, the cap of
+    the hour and ``F`` by it, up to the setting ``profile_span``.
 
     ============  =========================================================  ====================
     variable      meaning                                                    setting

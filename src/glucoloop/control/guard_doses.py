@@ -92,6 +92,24 @@ class Given:
         return total + asked_bolus_mU + jnp.sum(self.hour_bolus_mU, axis=0)
 
 
+@pytree
+class OwnLimits:
+    """Limits of insulin of a person, in basal rates and basal hours, as the settings have them."""
+
+    max_hour: jax.Array | float
+    max_on_board: jax.Array | float
+    fall_mg_dl: jax.Array | float
+
+    @classmethod
+    def of(cls, settings: GuardSettings, carb_share: jax.Array | float, fall_share: jax.Array | float) -> OwnLimits:
+        """Limits of a person whose meals need so many times the usual insulin, which lowers glucose so many times."""
+        return cls(
+            max_hour=1.0 + (settings.max_hour - 1.0) * carb_share,
+            max_on_board=settings.max_on_board * carb_share,
+            fall_mg_dl=settings.fall_mg_dl * fall_share,
+        )
+
+
 @dataclass(frozen=True)
 class Hour:
     """Any window of 60 min in samples: ``60 min = whole T + part_min``."""
@@ -132,7 +150,7 @@ def heal_given(
     given: Given,
     intact: jax.Array,
     basal_mU_min: jax.Array,
-    settings: GuardSettings,
+    own: OwnLimits,
     most_mU_min: jax.Array | float,
 ) -> Given:
     """Replace every impossible number of this state by the one that allows the least insulin.
@@ -150,7 +168,7 @@ def heal_given(
     other = jnp.where(rate(other) & (other > _AGREE), other, most_mU_min)
     lower = jnp.where(rate(one), jnp.minimum(one, other), jnp.where(other < most_mU_min, other, 0.0))
     basal = jnp.where(sound, one, jnp.where(rate(basal_mU_min), basal_mU_min, lower))
-    cap, boluses = settings.max_on_board, given.hour_bolus_mU
+    cap, boluses = own.max_on_board, given.hour_bolus_mU
     return Given(
         basal_mU_min=basal,
         per_basal=jnp.where(sound, given.per_basal, _inverse(basal)),
@@ -169,6 +187,7 @@ def take_in(
     delivered_bolus_mU: jax.Array | None,
     above_setpoint_mg_dl: jax.Array,
     jump_mg_dl: jax.Array,
+    own: OwnLimits,
     settings: GuardSettings,
     sample_time_min: float,
 ) -> Given:
@@ -184,7 +203,7 @@ def take_in(
     beyond = (infused - given.basal_mU_min) * given.per_basal
     on_board = left_share * given.on_board + (1.0 - left_share) * beyond
     # How far glucose is above the setpoint, and how far insulin on board has lowered it.
-    need = above_setpoint_mg_dl + settings.fall_mg_dl * on_board
+    need = above_setpoint_mg_dl + own.fall_mg_dl * on_board
     doubted = math.exp(-sample_time_min / settings.doubt_tau_min) * given.doubted_mg_dl + jump_mg_dl
     counted = jnp.maximum(delivered_mU_min, given.basal_mU_min)
     return Given(
@@ -202,6 +221,7 @@ def take_in(
 def most(
     given: Given,
     above_setpoint_mg_dl: jax.Array,
+    own: OwnLimits,
     settings: GuardSettings,
     max_change_mU_min: jax.Array | float,
     sample_time_min: float,
@@ -214,19 +234,20 @@ def most(
     """
     left_share = _left_share(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
-    target = jnp.minimum(surely * (1.0 / settings.fall_mg_dl), settings.max_on_board)
+    target = jnp.minimum(surely * (1.0 / own.fall_mg_dl), own.max_on_board)
     by_reading = _most_beyond(target, given, max_change_mU_min, left_share)
-    little = jnp.minimum(settings.always_basal - 1.0, settings.max_on_board)
+    little = jnp.minimum(settings.always_basal - 1.0, own.max_on_board)
     always = jnp.minimum(little, (little - left_share * given.counted) * (1.0 / (1.0 - left_share)))
     by_board = (1.0 + jnp.maximum(by_reading, always)) * given.basal_mU_min
     return jnp.maximum(
-        jnp.minimum(by_board, _most_of_hour(given, settings, max_change_mU_min, sample_time_min)), given.basal_mU_min
+        jnp.minimum(by_board, _most_of_hour(given, own, max_change_mU_min, sample_time_min)), given.basal_mU_min
     )
 
 
 def most_bolus(
     given: Given,
     rate_mU_min: jax.Array,
+    own: OwnLimits,
     settings: GuardSettings,
     max_change_mU_min: jax.Array | float,
     sample_time_min: float,
@@ -250,10 +271,10 @@ def most_bolus(
         )
     )
     on_board = left * given.counted + (1.0 - left_share) * (held * beyond - lowered * steep)
-    at_once = (settings.max_on_board - given.counted) * settings.on_board_tau_min
-    spread = jnp.min((settings.max_on_board - on_board) * per_bolus, axis=0)
+    at_once = (own.max_on_board - given.counted) * settings.on_board_tau_min
+    spread = jnp.min((own.max_on_board - on_board) * per_bolus, axis=0)
     by_board = jnp.minimum(at_once, spread) * given.basal_mU_min
-    hours = _hours(given, settings, sample_time_min)
+    hours = _hours(given, own, sample_time_min)
     of_rate = _column(hours.rate_min, beyond) * counted_rate - _column(hours.steps_min, beyond) * max_change_mU_min
     by_hour = jnp.minimum(jnp.min(hours.rest_mU - of_rate, axis=0), jnp.min(hours.before_mU, axis=0))
     return jnp.maximum(jnp.minimum(by_board, by_hour), 0.0)
@@ -291,10 +312,10 @@ class _Hours:
     """(1, ...) the same of the window that ends now, in which of coming insulin only a bolus can be."""
 
 
-def _hours(given: Given, settings: GuardSettings, sample_time_min: float) -> _Hours:
+def _hours(given: Given, own: OwnLimits, sample_time_min: float) -> _Hours:
     """Windows of an hour with i past and k coming samples, and a part of one more at either end."""
     hour = Hour.of(sample_time_min)
-    cap = settings.max_hour * MIN_PER_H * given.basal_mU_min
+    cap = own.max_hour * MIN_PER_H * given.basal_mU_min
     amounts = sample_time_min * given.hour_mU_min
     if given.hour_bolus_mU is not None:
         amounts = amounts + given.hour_bolus_mU
@@ -316,14 +337,14 @@ def _hours(given: Given, settings: GuardSettings, sample_time_min: float) -> _Ho
 
 
 def _most_of_hour(
-    given: Given, settings: GuardSettings, max_change_mU_min: jax.Array | float, sample_time_min: float
+    given: Given, own: OwnLimits, max_change_mU_min: jax.Array | float, sample_time_min: float
 ) -> jax.Array:
     """Largest rate from which no hour passes its cap, while the rate goes down to the basal rate.
 
     A rate that would go on down below the basal rate is not looked at: of the windows with the basal rate in its place
     none holds more than an earlier one.
     """
-    hours = _hours(given, settings, sample_time_min)
+    hours = _hours(given, own, sample_time_min)
     lowered = _column(hours.steps_min / hours.rate_min, given.basal_mU_min) * max_change_mU_min
     return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, given.basal_mU_min) + lowered, axis=0)
 

@@ -48,6 +48,10 @@ OF_ROUTE: Final[dict[str, dict[str, float]]] = {
         "max_hour": 11.0,
         # One basal rate on board is 2 basal hours.
         "fall_mg_dl": 75.0,
+        # Insulin works for hours: 60 min, and not 40, before a low halves the people who go below 54 mg/dl on boluses.
+        "ahead_min": 60.0,
+        # From person to person the titrated ratio is .3 to 1.7 times that of the rule, and the factor .4 to 1.2 times.
+        "profile_span": 3.0,
     },
 }
 """Usual settings by route of insulin, where they differ from the setting's own default, which is for a vein."""
@@ -122,6 +126,13 @@ class GuardSettings(Part, name="usual"):
     error_mg_dl: Annotated[float, _limit("Sensor error for which no insulin is added.", quantity=GLUCOSE_ERROR)] = 5.0
     always_basal: Annotated[float, _one_or_more("Multiple of the basal rate that is allowed at any reading.")] = 1.2
     doubt_tau_min: Annotated[float, _positive("Time constant with which a jump of the reading is forgotten.")] = 480.0
+    profile_span: Annotated[
+        float,
+        _one_or_more(
+            "Largest factor by which a person's own ratio and correction factor change the limits of insulin; 1 for "
+            "those of the basal rate alone."
+        ),
+    ] = 1.0
 
     @classmethod
     def for_route(cls, insulin_route: str) -> GuardSettings:

@@ -86,7 +86,8 @@ _STATUS_TEXTS = {
         "the guard gives a part of the basal rate. Check glucose by another means, and replace the sensor."
     ),
     Status.SUSPENDED: (
-        "Glucose is low, may be low or is about to be; the guard gives no insulin until that has passed. "
+        "Glucose is low, may be low or is about to be; the guard gives no insulin until that has passed, but for the "
+        "bolus of an announced meal while no reading is low. "
         "Check glucose; be ready to eat."
     ),
     Status.DOSE_LIMITED: (

@@ -44,7 +44,7 @@ needs it: see `longest_horizon`. Shorter horizons are padded without weight.
 HORIZON_STEP: Final = 24
 """Longest horizons are multiples of it."""
 PREDICTIVE: Final = ("mpc", "mpc-se")
-FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min")
+FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min", "profile_span")
 """Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
 FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
 
