@@ -17,7 +17,6 @@ THERAPY = "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce
 PREDICTIVE = THERAPY.replace("basal-bolus", "profile-mpc")
 MONITOR = "&sensor=dexcom-g6,+worn_min=1440&duration_min=720"
 LINKS = {
-    "told before, in a guard": f"{THERAPY}&guard=usual&habits=announced-late,+minutes=-15{MONITOR}",
     "told late, with a blocked line": (
         "#patient=wilinska-2010&controller=basal-bolus,+carb_ratio_g_U=12&meals=60g@2h&meals=30g@301min"
         "&announce_meals=true&habits=announced-late,+minutes=20&sensor=white-noise,+variance=1.45"
@@ -79,6 +78,7 @@ def test_what_is_announced_is_in_links_files_and_commands(in_node):
 def test_what_the_page_does_not_have_is_refused(in_node):
     links = {
         "#patient=parker-1999&controller=basal-bolus": "the controller is 'basal-bolus'; the known ones are: pid",
+        "#patient=wilinska-2010&controller=profile-mpc": "the controller is 'profile-mpc'; the known ones are: pid",
         f"{THERAPY}&habits=skipped,+probability=0.2": "it has the habit skipped, probability=0.2, which this page",
         f"{THERAPY}&habits=announced-late,+minutes=-300": "give a whole number from -120 to 120 min",
         f"{PREDICTIVE}&follow=3": "nobody is drawn around hovorka-2004 at fasting-120 under profile-mpc",
@@ -94,7 +94,7 @@ def test_people_under_pump_therapy_have_their_own_profile(in_node):
     [nominal] = in_node([THERAPY])
     run = run_of(nominal["toml"])
     controller = given_profile(controller_of(run, run.case), of_people(people.profile, 0))
-    trace = simulate(of_people(people.patient, 0), controller, run.as_scenario())
+    trace = simulate(of_people(people.patient, 0), controller, scenario=run.as_scenario())
     found = answer["trace"]
     np.testing.assert_allclose(found["fine_glucose_mg_dl"], trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
     assert max(found["bolus_mU"]) > 1.2 * max(nominal["trace"]["bolus_mU"])

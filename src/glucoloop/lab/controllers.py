@@ -40,10 +40,10 @@ from glucoloop.situations.case import usual_case
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 """Controllers of all patients."""
-BY_PROFILE: Final = ("basal-bolus", "profile-mpc")
+BY_PROFILE: Final = ("basal-bolus",)
 """Controllers that dose by the person's profile and give boluses: of patients with insulin under the skin."""
-LOOPED: Final = ("profile-mpc",)
-"""Controllers whose programs keep their loops."""
+LOOPED: Final = {"profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009")}
+"""Controllers whose programs keep their loops, of which each is 20 kB of the page, with the families that have one."""
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
 """Samples that a predictive controller of the page can look ahead, by the route of insulin, or more where a patient
 needs it: see `longest_horizon`. Shorter horizons are padded without weight.
@@ -58,8 +58,8 @@ FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not
 
 def controllers_of(family: str) -> tuple[str, ...]:
     """Controllers that the page has for the patients of a family."""
-    by_profile = PATIENTS.find(family).insulin_route == SUBCUTANEOUS
-    return CONTROLLERS + (BY_PROFILE if by_profile else ())
+    by_profile = BY_PROFILE if PATIENTS.find(family).insulin_route == SUBCUTANEOUS else ()
+    return (*CONTROLLERS, *by_profile, *(name for name, families in LOOPED.items() if family in families))
 
 
 def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
