@@ -212,9 +212,9 @@ export function withPatient(situation, family, operating_point, data) {
   /** @type {("controller" | "tuning" | "guard_limits" | "pump_limits")[]} */
   const reset = parts.filter((part) => Object.keys(situation[part]).length > 0);
   const there = situation.controller in data.families[family].controllers;
-  const controller = there ? situation.controller : usual(data).controller;
   if (!there) reset.unshift("controller");
-  return { situation: { ...situation, patient, controller, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
+  const { controller, announce, told_after_min } = there ? situation : usual(data);
+  return { situation: { ...situation, patient, controller, announce, told_after_min, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
 }
 
 /**
