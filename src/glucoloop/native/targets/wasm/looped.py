@@ -162,10 +162,9 @@ def _moves(group: str, fields: Sequence[Field], structure: str, sample: str, out
     for field in fields:
         inside = f"{structure}.{field.name}" + ("[i]" if field.is_array else "")
         there = f"AT({group}, {group.upper()}, {sample}, {at} + i, lane)"
-        whole = "int32_t"
         move = f"{there} = ({format.type}){inside};"
         if not out:
-            move = f"{inside} = {there};" if field.kind == REAL else f"{inside} = ({whole}){there};"
+            move = f"{inside} = {there};" if field.kind == REAL else f"{inside} = (int32_t){there};"
         lines.append(f"for (int i = 0; i < {field.size}; i++) {move}")
         at += field.size
     return lines
