@@ -159,10 +159,11 @@ def pump_parts() -> dict[str, CompiledPart]:
         finite = jnp.isfinite(asked) & jnp.isfinite(bolus)
         command, bolus = jnp.where(finite, asked, 0.0), jnp.where(finite, bolus, 0.0)
         state, delivery = deliver(pump, carry, command, rng, bolus)
+        given = jnp.zeros(()) if delivery.bolus_mU is None else delivery.bolus_mU
         return state, {
             "insulin_mU_min": delivery.insulin_mU_min,
-            "bolus_mU": delivery.bolus_mU,
-            "infused_mU_min": delivery.insulin_mU_min + delivery.bolus_mU / SAMPLE_TIME_MIN,
+            "bolus_mU": given,
+            "infused_mU_min": delivery.insulin_mU_min + given / SAMPLE_TIME_MIN,
             "reported_mU_min": delivery.reported_mU_min,
             "reported_bolus_mU": delivery.reported_bolus_mU,
             "status": jnp.where(finite, own["status"], int(Status.NO_FINITE_DOSE)),

@@ -25,6 +25,13 @@ class CompiledPart:
     names: Mapping[str, Mapping[str, int]]
     """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
 
+    @property
+    def scalar(self) -> Lowered:
+        """The scalar program of a function that has one."""
+        if isinstance(self.lowered, Looped):
+            raise TypeError("a function that keeps its loops has no scalar program")
+        return self.lowered
+
 
 def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> CompiledPart:
     """Lower a function, and name what it takes and gives by the places in its trees; drawn numbers come last in own."""
