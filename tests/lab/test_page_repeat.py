@@ -183,6 +183,8 @@ noticed = true
         "dead_time_min": 5,
         "seed": 0,
         "duration_min": 600,
+        "announce": False,
+        "told_after_min": 0,
     }
 
 
