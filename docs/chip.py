@@ -7,6 +7,7 @@
 
 A cell is a controller, bare or guarded, in float32 or float64, on this computer or on an emulated chip. Its samples
 come in runs of 100: each is a closed loop with meals and faults of its own, whose last sixth is told absurd numbers.
+Controllers that give boluses have a patient with insulin under the skin, and are told of the meals.
 What was found is kept in ``chip_results.json`` after every step, and a later call goes on from there; what was found of
 a controller counts only as long as its design gives the same C. ``guide/chip_figures.md`` is written from it. Quick
 cells come first. The compilers, QEMU, cppcheck and Frama-C that ``guide/chip.md`` names are needed.
@@ -46,6 +47,8 @@ LEVELS = (RUN, 1000)
 A_PROGRAM = 4e9
 """Instructions that an emulated program may take: a minute, so that a busy machine does not exceed the longest time of
 a program, and not much is lost when the command is stopped."""
+TOLD = {"patient": "hovorka-2004", "announce_meals": True}
+"""Situation of the controllers that give boluses."""
 SLOW, SOFT = 3e6, {"cortex-m4f": 30.0, "rv32": 80.0}
 """Guesses: instructions of a step of a slow controller, and what float64 costs where the chip has only float32."""
 
@@ -65,7 +68,8 @@ class Case:
     @functools.cached_property
     def made(self):
         guard = "usual" if self.guard else None
-        return Made(configured(Export, controller=[self.controller], guard=guard, precision=self.precision))
+        told = TOLD if CONTROLLERS[self.controller].gives_boluses else {}
+        return Made(configured(Export, controller=[self.controller], guard=guard, precision=self.precision, **told))
 
     def guess(self, chip):
         """Instructions of a step, roughly."""

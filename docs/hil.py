@@ -13,18 +13,23 @@ from pathlib import Path
 
 from made import made
 
+from glucoloop.control.catalogue import CONTROLLERS
+
 GUIDE = Path(__file__).resolve().parent / "guide"
 NIGHT = "--guard --duration 1440 --noise 1.45"
 CALM = ""
 ROUGH = "--power-cuts 1000 --hangs 5 --damaged 200 --lost 50 --doubled 100 --late 100"
 OUTAGES = f"{ROUGH} --outages 10"
-CONTROLLERS = ("pid", "imc", "mpc", "mpc-se", "nlqdmc-se", "meal-mpc")
+LEFT_OUT = ("basal",)
+"""A rate that never changes tells nothing of a link."""
+TOLD = "--patient hovorka-2004 --announce-meals"
+"""Options of the controllers that give boluses."""
 # Chip, controller and disturbances.
 CASES = (
     ("host", "pid", CALM),
     ("host", "pid", ROUGH),
     ("cortex-m4f", "mpc-se", CALM),
-    *(("cortex-m4f", controller, ROUGH) for controller in CONTROLLERS),
+    *(("cortex-m4f", controller, ROUGH) for controller in CONTROLLERS if controller not in LEFT_OUT),
     ("cortex-m4f", "mpc-se", OUTAGES),
     ("cortex-m7", "mpc-se", ROUGH),
     ("rv32", "mpc-se", ROUGH),
@@ -35,7 +40,8 @@ FRAMES = ("damaged", "lost", "doubled", "late")
 
 
 def row(chip, controller, disturbances):
-    words = f"hil --chip {chip} --controller {controller} {NIGHT} {disturbances} --json".split()
+    told = TOLD if CONTROLLERS[controller].gives_boluses else ""
+    words = f"hil --chip {chip} --controller {controller} {told} {NIGHT} {disturbances} --json".split()
     done = subprocess.run(["glucoloop", *words], check=True, stdout=subprocess.PIPE, text=True)
     found = json.loads(done.stdout)["chip"]
     counts, samples = found["counts"], found["samples"]
@@ -60,9 +66,10 @@ def main():
     header = (*HEADER, *FOUND)
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}", *(row(*case) for case in CASES)]
     text = (
-        f"Each line is 24 hours in float32, `glucoloop hil {NIGHT}`; the disturbances are `{OUTAGES}` or a part of "
-        f"them. The machine has 2 cores ({platform.machine()}), and its load of the last minute was "
-        f"{os.getloadavg()[0]:.0f} at the end: an idle one is quicker by about as much. A decision that came late, "
+        f"Each line is 24 hours in float32, `glucoloop hil {NIGHT}`, of controllers that give boluses with `{TOLD}`; "
+        f"the disturbances are `{OUTAGES}` or a part of them. The machine has 2 cores ({platform.machine()}), and its "
+        f"load of the last minute was {os.getloadavg()[0]:.0f} at the end: an idle one is quicker by about as much. "
+        "A decision that came late, "
         "after an outage, is compared too."
         "\n\n" + "\n".join(lines) + f"\n\nThe table was {made()}.\n"
     )

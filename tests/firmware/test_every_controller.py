@@ -13,7 +13,7 @@ from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Observation
 from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.exported import export
-from glucoloop.firmware.samples import arithmetic, equal, leaves_of
+from glucoloop.firmware.samples import arithmetic, decision_of, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.run import Run
@@ -34,6 +34,8 @@ SEEN = Observation(
     announced_carbs_g=jnp.asarray(0.0),
 )
 READINGS = (110.0, 140.0, np.nan, 60.0, 3e38)
+ANNOUNCED_G = (0.0, 45.0, 0.0, 3e38, np.nan)
+"""Carbohydrate that is announced at each of them, of which some give boluses."""
 
 
 @pytest.mark.parametrize(
@@ -50,15 +52,18 @@ def test_c_gives_the_bits_of_its_definition(name):
         exported = export(controller, situation.limits, SEEN, [name], precision=precision)
         library, (init, step) = Library(exported.source, precision), arithmetic(exported)
         state = None
-        for reading in READINGS:
-            leaves = leaves_of(dataclasses.replace(SEEN, glucose_mg_dl=jnp.asarray(reading)), exported)
+        for reading, carbs_g in zip(READINGS, ANNOUNCED_G, strict=True):
+            seen = dataclasses.replace(SEEN, glucose_mg_dl=jnp.asarray(reading), announced_carbs_g=jnp.asarray(carbs_g))
+            leaves = leaves_of(seen, exported)
             if state is None:
                 state = init(leaves)
                 assert equal(library.init(leaves), state), (guard, precision)
             in_c = library.step(state, leaves)
             state, decided = step(state, leaves)
             assert equal((*in_c[0], *in_c[1]), (*state, *decided)), (guard, precision, reading)
-            assert 0.0 <= decided[0] <= situation.limits.max_mU_min
+            decision = decision_of(decided, exported)
+            assert 0.0 <= decision.insulin_mU_min <= situation.limits.max_mU_min
+            assert (decision.bolus_mU is not None) == CONTROLLERS[name].gives_boluses
 
 
 def test_c_of_a_controller_with_a_sample_time_of_its_own_gives_the_bits_of_its_definition():

@@ -92,7 +92,7 @@ def corpus(data):
     for i in range(216):
         family = data["families"][families[i // 8 % len(families)]]
         patients = [name for name, of in data["patients"].items() if data["families"][of["family"]] is family]
-        controller = list(family["controllers"])[i % 4]
+        controller = list(family["controllers"])[i % 4]  # those of all families; test_page_boluses.py has the others
         noisy, guard = bool(rng.integers(2)), bool(i // 4 % 2)
         settings = family["controllers"][controller]["settings"]
         tuning = {}
@@ -129,6 +129,8 @@ def corpus(data):
                 "dead_time_min": LATE_MIN[controller] if guard else 0.0,
                 "seed": int(rng.integers(data["seeds"])),
                 "duration_min": 600.0,
+                "announce": False,
+                "told_after_min": 0.0,
             }
         )
     rng = np.random.default_rng(18)

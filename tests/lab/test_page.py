@@ -35,6 +35,8 @@ USUAL = {
     "dead_time_min": 0.0,
     "seed": 0,
     "duration_min": 600.0,
+    "announce": False,
+    "told_after_min": 0.0,
 }
 
 
@@ -125,7 +127,7 @@ def moved(answer):
 
 def test_the_lessons_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
-    slow, far, late, occluded, _, unannounced, monitored = in_node([lesson["hash"] for lesson in lessons])
+    slow, far, late, occluded, _, unannounced, monitored = in_node([lesson["hash"] for lesson in lessons[:7]])
     others = (
         "#controller=pid,+closed_loop_min=10",
         "#controller=prediction_horizon=3",
@@ -166,6 +168,27 @@ def test_the_lessons_show_what_they_tell(in_node):
     assert round(moved(noise) / moved(exact)) == 9
     assert moved(predictive) < 0.5 * moved(monitored)
     assert low_and_peak(predictive)[0] > 79.0
+
+
+def test_the_lessons_on_boluses_show_what_they_tell(in_node):
+    [lessons] = in_node(["lessons"])
+    feedback, before, guarded = in_node([lesson["hash"] for lesson in lessons[7:]])
+    told, with_meal, bare = in_node([lesson["beside"]["hash"] for lesson in lessons[7:]])
+    assert low_and_peak(feedback)[1] > 240.0
+    assert low_and_peak(told)[1] < 220.0
+    late = [lessons[7]["hash"].replace("profile-mpc", name) for name in ("pid", "mpc")]
+    assert all(low_and_peak(answer)[1] > 280.0 for answer in in_node(late))
+    earlier = lessons[8]["hash"]
+    after, missed = in_node(
+        [earlier.replace("-15", "20"), earlier.partition("&announce")[0] + earlier[earlier.index("&sensor") :]]
+    )
+    peaks = [low_and_peak(answer)[1] for answer in (before, with_meal, after, missed)]
+    assert [round(peak) for peak in peaks] == [194, 214, 240, 290]
+    assert [round(low_and_peak(answer)[1]) for answer in (bare, guarded)] == [243, 257]
+    assert [max(answer["trace"]["bolus_mU"]) for answer in (bare, guarded)] == pytest.approx([4600.0, 4000.0])
+    smaller = [lesson.replace("120g", "60g") for lesson in (lessons[9]["hash"], lessons[9]["beside"]["hash"])]
+    boluses = [answer["trace"]["bolus_mU"] for answer in in_node(smaller)]
+    assert boluses[0] == boluses[1]
 
 
 def test_each_preset_is_a_situation_of_its_own(in_node):

@@ -119,20 +119,20 @@ def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
 
 
 def test_a_page_of_results_opens_the_laboratory_with_its_configuration(in_node, corpus, tmp_path):
-    keys = {**tomllib.loads(in_node(corpus[:1])[0]["toml"]), "announce_meals": True, "metrics": []}
+    keys = {**tomllib.loads(in_node(corpus[:1])[0]["toml"]), "warm_up_min": 60.0, "metrics": []}
     template = tmp_path / "page.html"
     template.write_text('{% extends "base.html" %}')
     written = render(template, "Run", repeat=Repeat("run --config run.toml", keys))
     [link] = re.findall(r'href="lab\.html(#[^"]+)"', written)
     [opened, plain] = in_node([html.unescape(link), corpus[0]])
     assert opened["trace"] == plain["trace"]
-    assert opened["unlike"] == ["announce_meals = true"]
+    assert opened["unlike"] == ["warm_up_min = 60"]
 
 
 def test_what_the_page_leaves_out_of_a_configuration_is_told(in_node):
-    text = 'controller = "pid"\nintegrator = "adaptive"\nmeals = [\n    "30g@20min",\n]\nannounce_meals = true\n'
+    text = 'controller = "pid"\nintegrator = "adaptive"\nmeals = [\n    "30g@20min",\n]\nwarm_up_min = 60\n'
     told, other, unread = in_node([{"toml": text}, {"toml": 'patient = "sorensen"\n'}, {"toml": "meals = 3 g\n"}])
-    assert told["unlike"] == ['integrator = "adaptive"', "announce_meals = true"]
+    assert told["unlike"] == ['integrator = "adaptive"', "warm_up_min = 60"]
     assert told["situation"]["meals"] == [{"carbs_g": 30, "t_min": 20}]
     assert "the patient is 'sorensen'; the known ones are: parker-1999, hovorka" in other["refused"]
     assert unread["refused"] == "the configuration has the line 'meals = 3 g', which this page cannot read"
@@ -183,6 +183,8 @@ noticed = true
         "dead_time_min": 5,
         "seed": 0,
         "duration_min": 600,
+        "announce": False,
+        "told_after_min": 0,
     }
 
 

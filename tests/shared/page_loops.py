@@ -18,6 +18,7 @@ from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
 OBSERVED = [field.name for field in dataclasses.fields(Observation)][:5]
+"""What the page shows to a controller without boluses."""
 NO_DRAW = 0.5
 """What stands for the draw of an onset that is given."""
 OF_PUMP = 0x50554D50
@@ -265,8 +266,13 @@ class Loops:
         for k in range(self.samples):
             states, line, reading, valid = read(k, states, line)
             memory, decision = decide(self.of_controller, memory, observed(reading, valid))
-            in_pump, (insulin, reported, status) = pump(self.of_pump, in_pump, np.array([*decision, *pulses[k]]))
-            happened = [glucose, reading, decision[0], insulin, status]
+            decided = dict(zip(parts[f"{self.controller}_step"].names["outputs"], decision, strict=True))
+            asked = {"bolus_mU": np.zeros_like(reading), **decided}
+            own = [asked[name] for name in parts[self.pump].names["own"] if name != "drawn"]
+            in_pump, delivered = pump(self.of_pump, in_pump, np.array([*own, *pulses[k]]))
+            given = dict(zip(parts[self.pump].names["outputs"], delivered, strict=True))
+            insulin, reported = given["infused_mU_min"], given["reported_mU_min"]
+            happened = [glucose, reading, decided["insulin_mU_min"], given["insulin_mU_min"], given["status"]]
             inside = []
             for step, moments in enumerate(self.moments[k]):
                 x, outputs = yield x, np.concatenate([insulin[None], moments])

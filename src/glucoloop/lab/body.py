@@ -232,7 +232,7 @@ def portable_glucose_mg_dl(family: str, operating_point: str, x: jax.Array) -> f
         del rng
         return patient_of(family, person).glucose_mg_dl(own)
 
-    lowered = starting(read, example_person(family), x).lowered
+    lowered = starting(read, example_person(family), x).scalar
     numbers = plant_numbers(family, operating_point)
     person = np.array([*numbers["matrices"], *numbers["numbers"]])[:, None]
     _, [[glucose]] = interpret(lowered, person=person, own=np.asarray(x)[:, None])

@@ -2,8 +2,8 @@
 
     python -m glucoloop.lab.build
 
-writes both into the package. It needs LLVM's linker, which users of the package do not; run it again when a definition
-that the page uses has changed. The tests compare what is there with what would be written.
+writes both into the package. It needs clang and LLVM's linker, which users of the package do not; run it again
+when a definition that the page uses has changed. The tests compare what is there with what would be written.
 """
 
 from __future__ import annotations
@@ -17,12 +17,17 @@ from glucoloop.lab.numbers import numbers
 from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.parts import parts
+from glucoloop.native.targets.wasm.looped import c_compiler_version
 from glucoloop.native.targets.wasm.module import held_numbers, linker_version, wasm_module
 
 
 def tools() -> dict[str, str]:
     """Versions on which the bytes of the module depend."""
-    return {"llvmlite": importlib.metadata.version("llvmlite"), "linker": linker_version()}
+    return {
+        "llvmlite": importlib.metadata.version("llvmlite"),
+        "clang": c_compiler_version(),
+        "linker": linker_version(),
+    }
 
 
 def module(of_page: Mapping[str, CompiledPart]) -> bytes:

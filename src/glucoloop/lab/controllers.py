@@ -11,20 +11,22 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
 
-from glucoloop.control import Controller, LinearMPC
+from glucoloop.control import LinearMPC
+from glucoloop.control.basal_bolus import design_basal_bolus
 from glucoloop.control.guard import Guard, guarded
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.horizon import identified_response, least_horizon, linear_response
 from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
-from glucoloop.control.protocol import Observation
+from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
 from glucoloop.experiments.designs import controller_of, nominal_model
 from glucoloop.lab.body import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.lab.devices import MONITORS
@@ -37,6 +39,11 @@ from glucoloop.simulation import linear_model
 from glucoloop.situations.case import usual_case
 
 CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
+"""Controllers of all patients."""
+BY_PROFILE: Final = ("basal-bolus",)
+"""Controllers that dose by the person's profile and give boluses: of patients with insulin under the skin."""
+LOOPED: Final = {"profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009")}
+"""Controllers whose programs keep their loops, of which each is 20 kB of the page, with the families that have one."""
 LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
 """Samples that a predictive controller of the page can look ahead, by the route of insulin, or more where a patient
 needs it: see `longest_horizon`. Shorter horizons are padded without weight.
@@ -47,6 +54,12 @@ PREDICTIVE: Final = ("mpc", "mpc-se")
 FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min", "profile_span")
 """Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
 FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
+
+
+def controllers_of(family: str) -> tuple[str, ...]:
+    """Controllers that the page has for the patients of a family."""
+    by_profile = BY_PROFILE if PATIENTS.find(family).insulin_route == SUBCUTANEOUS else ()
+    return (*CONTROLLERS, *by_profile, *(name for name, families in LOOPED.items() if family in families))
 
 
 def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
@@ -119,9 +132,16 @@ def _with_room(name: str, family: str, operating_point: str, *sensor: str) -> An
     return controller.padded(moves, longest_horizon(family))
 
 
+@functools.cache
 def example_controller(name: str, family: str) -> Controller:
     """A controller of a kind for the patients of a family."""
     point = next(iter(patients(family)))
+    if name == "basal-bolus":
+        return design_basal_bolus(10.0, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)
+    if name == "profile-mpc":
+        at_point = situation(family, point)
+        designed: Controller = controller_of(at_point, usual_case(name, at_point))
+        return designed
     if name == "pid":
         return design_pid(PIDTuning(1.0, 60.0, 1.0), PARKER_1999_LIMITS)
     if name == "imc":
@@ -133,12 +153,20 @@ def example_controller(name: str, family: str) -> Controller:
 def program_of(name: str, family: str) -> str:
     """Name of the functions of a controller, which patients with insulin by one route share.
 
-    Linear MPC has one for each number of coefficients that it keeps, MPC/SE for each horizon and number of states.
+    Linear MPC has one for each number of coefficients that it keeps, MPC/SE for each horizon and number of states, and
+    a controller on the equations of the patient one for each family.
     """
     example: Any = example_controller(name, family)
+    if name in LOOPED:
+        return "_".join([re.sub(r"\W", "_", family), name.replace("-", "_")])
     sizes = {"mpc": "step_response", "mpc-se": "free_state"}
     size = getattr(example, sizes[name]).shape if name in sizes else ()
     return "_".join([PATIENTS.find(family).insulin_route, name.replace("-", "_"), *map(str, size)])
+
+
+def guard_program_of(family: str) -> str:
+    """Name of the functions of the guard around a controller that keeps its loops."""
+    return f"{PATIENTS.find(family).insulin_route}_guard"
 
 
 class _FreeLimits:
@@ -180,16 +208,28 @@ def adjustable(name: str, family: str, *, guard: bool) -> Adjustable:
     return Adjustable(guarded(bare, guard_of(PATIENTS.find(family)), PARKER_1999_LIMITS))
 
 
-def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
-    """The two functions of a controller: its state at the start, and its step."""
+def example_observation(*, boluses: bool) -> Observation:
+    """Observation as the page shows it to a controller."""
     zero = jnp.zeros(())
-    observation = Observation(
+    return Observation(
         glucose_mg_dl=zero,
         valid=jnp.asarray(True),
         setpoint_mg_dl=zero,
         delivered_mU_min=zero,
         announced_carbs_g=zero,
+        delivered_bolus_mU=zero if boluses else None,
     )
+
+
+def told(decision: Decision) -> dict[str, jax.Array]:
+    """Decision as the functions of the page give it."""
+    boluses = {} if decision.bolus_mU is None else {"bolus_mU": decision.bolus_mU}
+    return {"insulin_mU_min": decision.insulin_mU_min, "status": decision.status, **boluses}
+
+
+def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
+    """The two functions of a controller: its state at the start, and its step."""
+    observation = example_observation(boluses=gives_boluses(adjusted.example))
 
     def init(person: Any, own: Any, rng: Any) -> Any:
         del rng
@@ -198,7 +238,7 @@ def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
         state, decision = adjusted.of(person).step(carry, own)
-        return state, {"insulin_mU_min": decision.insulin_mU_min, "status": decision.status}
+        return state, told(decision)
 
     person = adjusted.numbers
     state = jax.eval_shape(lambda: adjusted.of(person).init(observation))

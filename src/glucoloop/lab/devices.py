@@ -21,6 +21,7 @@ from glucoloop.lab.body import SAMPLE_TIME_MIN
 from glucoloop.lab.part import CompiledPart, with_start
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.pumps.protocol import deliver
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import Reading, Sensor, lag, white_noise
 from glucoloop.sensors.cgm import Monitor, display
@@ -140,10 +141,13 @@ def pumps() -> dict[str, Pump]:
 
 
 def pump_parts() -> dict[str, CompiledPart]:
-    """Pumps, each with its state at the start: from a decision to what is delivered and what is reported."""
+    """Pumps, each with its state at the start: from a decision to what is delivered and what is reported.
+
+    A controller without boluses asks for none at each sample.
+    """
     found: dict[str, CompiledPart] = {}
     zero = jnp.zeros(())
-    decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int)}
+    decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int), "bolus_mU": zero}
 
     def init(pump: Any, insulin_mU_min: Any, rng: Any) -> Any:
         return pump.init(insulin_mU_min, rng)
@@ -151,12 +155,17 @@ def pump_parts() -> dict[str, CompiledPart]:
     def step(pump: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         """Deliver a dose, as `simulation.loop.sample` passes it to the pump."""
         del shared
-        asked = own["insulin_mU_min"]
-        finite = jnp.isfinite(asked)
-        state, delivery = pump.deliver(carry, jnp.where(finite, asked, 0.0), rng)
+        asked, bolus = own["insulin_mU_min"], own["bolus_mU"]
+        finite = jnp.isfinite(asked) & jnp.isfinite(bolus)
+        command, bolus = jnp.where(finite, asked, 0.0), jnp.where(finite, bolus, 0.0)
+        state, delivery = deliver(pump, carry, command, rng, bolus)
+        given = jnp.zeros(()) if delivery.bolus_mU is None else delivery.bolus_mU
         return state, {
             "insulin_mU_min": delivery.insulin_mU_min,
+            "bolus_mU": given,
+            "infused_mU_min": delivery.insulin_mU_min + given / SAMPLE_TIME_MIN,
             "reported_mU_min": delivery.reported_mU_min,
+            "reported_bolus_mU": delivery.reported_bolus_mU,
             "status": jnp.where(finite, own["status"], int(Status.NO_FINITE_DOSE)),
         }
 

@@ -26,10 +26,13 @@ from glucoloop.lab.body import (
     people_of,
     plant_numbers,
     portable_glucose_mg_dl,
+    situation,
     steps_of,
 )
 from glucoloop.lab.controllers import (
-    CONTROLLERS,
+    LOOPED,
+    controllers_of,
+    guard_program_of,
     horizon_suits_model,
     longest_horizon,
     program_of,
@@ -105,7 +108,7 @@ def _family(entry: type[PatientPart]) -> dict[str, Any]:
         "inside": [list(place) for place in inside(entry.name)],
         "guard_limits": _offered(GuardSettings, SLIDERS["guard"], guard_of(entry).values()),
         "pump_limits": _offered(PumpPart, SLIDERS["pump"], {name: getattr(entry, name) for name in SLIDERS["pump"]}),
-        "controllers": {name: _controller(name, entry) for name in CONTROLLERS},
+        "controllers": {name: _controller(name, entry) for name in controllers_of(entry.name)},
         "configuration": _configuration(entry),
     }
 
@@ -178,10 +181,20 @@ def _patient(entry: type[PatientPart], point: str, patient: SemilinearPatient) -
         "basal_insulin_mU_min": float(patient.basal_insulin_mU_min),
         "setpoint_mg_dl": float(patient.setpoint_mg_dl),
         "glucose_mg_dl": portable_glucose_mg_dl(entry.name, point, x),
+        "profile": _profile(entry, point),
         "first_order": {name: _first_order(patient, usual_tuning(name, entry.name, point)) for name in ("pid", "imc")},
         "response": _response(entry.name, point),
         "response_behind_lag": _response(entry.name, point, *MONITORS[:1]),
         "linear": _linear(entry.name, point, patient),
+    }
+
+
+def _profile(entry: type[PatientPart], point: str) -> dict[str, float]:
+    """The person's carbohydrate ratio and correction factor, where the profile knows them or by its rules."""
+    profile = situation(entry.name, point).profile
+    return {
+        "carb_ratio_g_U": float(profile.carb_ratio()),
+        "correction_mg_dl_U": float(profile.correction_factor()),
     }
 
 
@@ -243,6 +256,8 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         }
     found: dict[str, Any] = {
         "program": program_of(name, of_patient.name),
+        **({"guard_program": guard_program_of(of_patient.name)} if name in LOOPED else {}),
+        "gives_boluses": entry.gives_boluses,
         "summary": entry.summary,
         "settings": _offered(entry, bounds),
         "usual": usual,

@@ -10,17 +10,27 @@ import jax
 import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
+from glucoloop.native.targets.c.source import trace, write_source
+from glucoloop.native.targets.wasm.looped import Looped
 
 
 @dataclass(frozen=True)
 class CompiledPart:
-    """A lowered function with the names of its inputs and outputs."""
+    """A compiled function with the names of its inputs and outputs."""
 
     step: Callable[..., Any]
     """The function, in JAX."""
-    lowered: Lowered
+    lowered: Lowered | Looped
+    """The scalar program, or the C of a function whose loops would make that too long."""
     names: Mapping[str, Mapping[str, int]]
     """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
+
+    @property
+    def scalar(self) -> Lowered:
+        """The scalar program of a function that has one."""
+        if isinstance(self.lowered, Looped):
+            raise TypeError("a function that keeps its loops has no scalar program")
+        return self.lowered
 
 
 def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> CompiledPart:
@@ -51,6 +61,46 @@ def with_start(
     """Two functions of the page by their names: one that gives the state at the start, and the step."""
     state = jax.eval_shape(init, person, at_start, jax.random.key(0))
     return {f"{name}_start": starting(init, person, at_start), name: part(step, person, state, own)}
+
+
+def looped(
+    title: str,
+    init: Callable[[Any, Any], Any],
+    step: Callable[[Any, Any, Any], tuple[Any, Any]],
+    person: Any,
+    own: Any,
+) -> dict[str, CompiledPart]:
+    """Two functions of a controller that keep their loops: its state at the start, and its step.
+
+    The functions are called with the numbers of the person, the state, and the person's own at a sample.
+    """
+    precision = "float64"
+    traced = trace(
+        lambda seen: init(seen["person"], seen["own"]),
+        lambda state, seen: step(seen["person"], state, seen["own"]),
+        {"own": own, "person": person},
+        precision,
+    )
+    source = write_source(traced, [title], "compact")
+
+    def waking(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared, rng
+        return carry, init(person, own)
+
+    def stepping(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+        del shared, rng
+        return step(person, carry, own)
+
+    state = traced.state
+    outer = {"person": _names(person), "own": _names(own), "shared": {}}
+    return {
+        "start": CompiledPart(waking, Looped(source, wakes=True), {**outer, "carry": {}, "outputs": _names(state)}),
+        "step": CompiledPart(
+            stepping,
+            Looped(source, wakes=False),
+            {**outer, "carry": _names(state), "outputs": _names(traced.decision)},
+        ),
+    }
 
 
 def _names(tree: Any) -> dict[str, int]:

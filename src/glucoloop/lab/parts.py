@@ -17,8 +17,17 @@ import jax
 import numpy as np
 
 from glucoloop.lab.body import FAMILIES, by_equations, meal_parts, plant_part
-from glucoloop.lab.controllers import CONTROLLERS, Adjustable, adjustable, controller_parts, program_of
+from glucoloop.lab.controllers import (
+    LOOPED,
+    Adjustable,
+    adjustable,
+    controller_parts,
+    controllers_of,
+    guard_program_of,
+    program_of,
+)
 from glucoloop.lab.devices import pump_parts, sensor_parts
+from glucoloop.lab.looped import guard_parts, looped_parts
 from glucoloop.lab.part import CompiledPart
 from glucoloop.lab.people import draw_part, person_part
 from glucoloop.refusal import Refusal
@@ -36,7 +45,14 @@ def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
         if not by_equations(family):
             found[f"{name}_person"] = person_part(family)
     shapes: dict[str, tuple[object, ...]] = {}
-    for family, name, guard in itertools.product(families, CONTROLLERS, (False, True)):
+    of_families = ((family, name) for family in families for name in controllers_of(family))
+    for (family, name), guard in itertools.product(of_families, (False, True)):
+        if name in LOOPED:
+            program = guard_program_of(family) if guard else program_of(name, family)
+            if f"{program}_step" not in found:
+                made = guard_parts(family) if guard else looped_parts(family)
+                found |= {f"{program}_{what}": compiled for what, compiled in made.items()}
+            continue
         program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
         shape = _shape(adjusted)
         if program not in shapes:

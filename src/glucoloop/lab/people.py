@@ -82,9 +82,7 @@ def person_part(family: str) -> CompiledPart:
     """
     with_rest = _person_part(family, rests=True)
     return (
-        with_rest
-        if len(with_rest.lowered.program.operations) <= _MOST_OPERATIONS
-        else _person_part(family, rests=False)
+        with_rest if len(with_rest.scalar.program.operations) <= _MOST_OPERATIONS else _person_part(family, rests=False)
     )
 
 

@@ -72,6 +72,7 @@ export function fromTrace(text, data) {
     reading_mg_dl: numbers("reading_mg_dl"),
     command_mU_min: numbers("command_mU_min"),
     insulin_mU_min: numbers("insulin_mU_min"),
+    bolus_mU: head.includes("bolus_mU") ? numbers("bolus_mU") : t_min.map(() => 0),
     status: column("status").map((name) => statuses[name] ?? 0),
     fine_t_min: t_min,
     fine_glucose_mg_dl: glucose_mg_dl,

@@ -193,17 +193,60 @@ export function mpcSe(tuning, linear, kept) {
   };
 }
 
+/** The rules of 500 and 1800, by the total daily dose, which is twice the basal dose; see `glucoloop.profile`. */
+const CARB_RULE = 500;
+const CORRECTION_RULE = 1800;
+const LEAST_DAILY_BASAL_U = 0.5;
+const U_A_DAY = 1440 / 1000; // of 1 mU/min
+
+/**
+ * Basal-bolus therapy; what is not given is the person's own, by the rules unless the profile has it.
+ * @param {Tuning} tuning
+ * @param {number} basal_mU_min
+ * @param {{carb_ratio_g_U: number, correction_mg_dl_U: number}} [profile]
+ */
+export function basalBolus(tuning, basal_mU_min, profile) {
+  const daily_U = 2 * Math.max(basal_mU_min * U_A_DAY, LEAST_DAILY_BASAL_U);
+  const own = profile ?? { carb_ratio_g_U: CARB_RULE / daily_U, correction_mg_dl_U: CORRECTION_RULE / daily_U };
+  return {
+    basal_mU_min,
+    carb_ratio_g_U: tuning.carb_ratio_g_U || own.carb_ratio_g_U,
+    correction_mg_dl_U: tuning.correction_mg_dl_U || own.correction_mg_dl_U,
+    insulin_on_board_min: tuning.insulin_on_board_min,
+    correction_above_mg_dl: tuning.correction_above_mg_dl,
+    correction_every_min: tuning.correction_every_min,
+  };
+}
+
+/** Least variance that predictive control by a profile expects of readings, (mg/dl)². */
+const LEAST_VARIANCE = 0.25;
+
+/**
+ * Predictive control by a profile, of which the page sets costs, doubts and the error of the sensor.
+ * @param {Tuning} tuning
+ * @param {number} noise_variance of the readings
+ * @returns {Numbers}
+ */
+export function profileMpc(tuning, noise_variance) {
+  return { ...tuning, measurement_variance: tuning.measurement_variance || Math.max(noise_variance, LEAST_VARIANCE) };
+}
+
 /**
  * The controller of a name for a patient.
  * @param {string} name
  * @param {Tuning} tuning
  * @param {import("./situation.mjs").Patient} patient
+ * @param {number} noise_variance of the readings
  * @param {number} sample_time_min
  * @param {Kept} kept
  * @returns {Numbers}
  */
-export function design(name, tuning, patient, sample_time_min, kept) {
+export function design(name, tuning, patient, noise_variance, sample_time_min, kept) {
   switch (name) {
+    case "basal-bolus":
+      return basalBolus(tuning, patient.basal_insulin_mU_min, patient.profile);
+    case "profile-mpc":
+      return profileMpc(tuning, noise_variance);
     case "pid":
       return pid(tuning, patient.first_order.pid, sample_time_min);
     case "imc":

@@ -1,7 +1,7 @@
 // @ts-check
 /** Numbers of the functions of the module, by the names of their fields, from the settings of a situation. */
 
-import { familyOf, limitsOf, monitorSettings } from "./situation.mjs";
+import { bolusLimitsOf, familyOf, limitsOf, monitorSettings } from "./situation.mjs";
 
 /** @typedef {import("./situation.mjs").Situation} Situation */
 /** @typedef {import("./situation.mjs").Data} Data */
@@ -14,7 +14,7 @@ const DRAWN = -1;
 const HAIR = 1e-9; // of a sample or a step, as glucoloop rounds up
 
 /**
- * Numbers of a controller, and of the guard around it.
+ * Numbers of a controller, and of the guard around it; of a guard with a program of its own, `designed` is nothing.
  * @param {Numbers} designed
  * @param {Situation} situation
  * @param {Data} data
@@ -30,6 +30,7 @@ export function ofController(designed, situation, data) {
     numbers[`${own}${planned}limits.${name}`] = value;
     if (situation.guard) numbers[`controller.limits.${name}`] = value;
   }
+  for (const [name, value] of Object.entries(bolusLimitsOf(situation, data))) numbers[`${own}bolus.${name}`] = value;
   if (!situation.guard) return numbers;
   numbers["controller.basal_mU_min"] = NaN; // a guard that is told no basal rate takes the one at the start
   for (const [name, { usual }] of Object.entries(familyOf(situation, data).guard_limits)) {
@@ -122,6 +123,10 @@ export function ofPump(situation, data) {
   for (const [limit, value] of Object.entries(limitsOf(situation, data))) {
     all[`limits.${limit}`] = value; // those that a resolution keeps, or the pump's own
     all[`inner.limits.${limit}`] = value;
+  }
+  for (const [limit, value] of Object.entries(bolusLimitsOf(situation, data))) {
+    all[`bolus.${limit}`] = value;
+    all[`inner.bolus.${limit}`] = value;
   }
   return { name, numbers: all };
 }

@@ -17,6 +17,8 @@ const OF_NO_EFFECT = [
   VERSION, "metrics", "allow_unusual", "people", "first_person", "population", "design", "traces", "shard_people",
   "precision", "arithmetic", "bound",
 ];
+/** The habit by which the controller is told of meals before or after they begin. */
+const TOLD = "announced-late";
 /** Usual values of what a run does not have. */
 const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
 const MIN_PER_DAY = 1440;
@@ -26,7 +28,7 @@ const MIN_PER_H = 60;
  * Root keys of the situation, in the grammar of `glucoloop`, with its parts as texts.
  * @param {Situation} situation
  * @param {Data} data
- * @returns {Record<string, string | number | string[]>}
+ * @returns {Record<string, string | number | true | string[]>}
  */
 export function keys(situation, data) {
   const { family, operating_point } = data.patients[situation.patient];
@@ -45,6 +47,8 @@ export function keys(situation, data) {
     ...(situation.controller === "mpc" ? { model: partText({ noise_variance: 0 }) } : {}),
     ...(guard ? { guard: limited ? partText(guard_limits) : "usual" } : {}),
     meals: situation.meals.map(({ carbs_g, t_min }) => `${carbs_g}g@${t_min}min`),
+    ...(situation.announce ? { announce_meals: true } : {}),
+    ...(situation.announce && situation.told_after_min !== 0 ? { habits: [partText({ name: TOLD, minutes: situation.told_after_min })] } : {}),
     duration_min: situation.duration_min,
     ...(sensor.length > 0 ? { sensor: sensor.map(partText) } : {}),
     ...(Object.keys(pump_limits).length > 0 ? { pump: partText(pump_limits) } : {}),
@@ -146,6 +150,25 @@ function faultsOf(parts, duration_min, data, unlike) {
   });
 }
 
+/** Settings of the habit that the page does not have, with their usual values. */
+const OF_TOLD = { probability: 1, spread_min: 0, meal: 0 };
+
+/**
+ * Time from the beginning of a meal until the controller is told of it.
+ * @param {Tree[]} habits
+ * @param {string[]} unlike gets a phrase for each habit that the page does not have
+ */
+function toldAfter(habits, unlike) {
+  let found = 0;
+  for (const habit of habits) {
+    const { name, minutes = 20, ...others } = habit;
+    if (name !== TOLD) unlike.push(`the habit ${partText(habit)}`);
+    else found = minutes;
+    if (name === TOLD) taken("habit.", others, OF_TOLD, [], unlike);
+  }
+  return found;
+}
+
 /**
  * The situation that is nearest to what a link or a file tells.
  * @param {Tree} told root keys, with parts as texts or tables
@@ -155,7 +178,7 @@ function faultsOf(parts, duration_min, data, unlike) {
  */
 export function situationOf(told, data) {
   const begun = usual(data);
-  const { patient, controller, guard, model, meals, days, duration_min, seed, sensor, pump, faults, ...root } = told;
+  const { patient, controller, guard, model, meals, days, duration_min, seed, sensor, pump, faults, announce_meals, habits, ...root } = told;
   const { name: family = data.patients[begun.patient].family, operating_point, ...of_patient } = partOf(patient ?? {});
   among("the patient", family, Object.keys(data.families));
   const { points, controllers, guard_limits, pump_limits, configuration } = data.families[family];
@@ -177,6 +200,8 @@ export function situationOf(told, data) {
     meals: meals === undefined ? begun.meals : listed(meals).filter(Boolean).map(mealOf),
     duration_min: length_min,
     seed: seed ?? begun.seed,
+    announce: announce_meals ?? begun.announce,
+    told_after_min: toldAfter(listed(habits).map(partOf), unlike),
     ...ofChain(listed(sensor).map(partOf), data, unlike),
     faults: faultsOf([...listed(faults), ...listed(own_faults)].map(partOf), length_min, data, unlike),
     pump_limits: taken("pump.", partOf(pump ?? {}), configuration.pump, Object.keys(pump_limits), unlike),
@@ -221,7 +246,7 @@ export function hash(situation, data, version) {
  */
 export function fromHash(text, data) {
   const told = new URLSearchParams(text.replace(/^#/, ""));
-  const several = ["controller", "meals", "sensor", "faults"];
+  const several = ["controller", "meals", "sensor", "faults", "habits"];
   const root = Object.fromEntries([...told.keys()].map((name) => [name, several.includes(name) ? told.getAll(name) : valueOf(told.get(name) ?? "")]));
   const { situation, unlike } = situationOf({ model: { noise_variance: 0 }, ...root }, data);
   if (unlike.length > 0) throw new RangeError(`it has ${unlike.join(" and ")}, which this page cannot simulate`);

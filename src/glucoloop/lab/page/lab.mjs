@@ -1,9 +1,9 @@
 // @ts-check
 /** Simulates situations: the functions of the module with all that is kept from one situation to the next. */
 
-import { design } from "./design.mjs";
+import { basalBolus, design } from "./design.mjs";
 import { ofController } from "./fields.mjs";
-import { LoopOfVector } from "./loop.mjs";
+import { LoopOfVector, programsOf } from "./loop.mjs";
 import { MOMENTS, functionOf, Stage } from "./stage.mjs";
 import { lagOf, tuningOf } from "./situation.mjs";
 
@@ -21,6 +21,7 @@ import { lagOf, tuningOf } from "./situation.mjs";
  * @property {number[]} reading_mg_dl
  * @property {number[]} command_mU_min
  * @property {number[]} insulin_mU_min rate that is delivered from each sample to the next
+ * @property {number[]} bolus_mU bolus that is delivered at each sample beside the rate
  * @property {number[]} status
  * @property {number[]} fine_t_min a grid of one minute, both ends included
  * @property {number[]} fine_glucose_mg_dl
@@ -107,10 +108,33 @@ export class Lab {
     /** @type {import("./design.mjs").Kept} */
     const kept = (of, compute) => this.remembered([situation.patient, lags, ...of], compute);
     const patient = data.patients[situation.patient];
-    const designed = this.remembered([situation.patient, lags, situation.controller, tuning], () =>
-      design(situation.controller, tuning, lags ? { ...patient, response: patient.response_behind_lag } : patient, data.sample_time_min, kept),
-    );
-    return ofController(designed, situation, data);
+    const designed = this.remembered([situation.patient, lags, situation.controller, tuning, situation.noise_variance], () => {
+      const behind = lags ? { ...patient, response: patient.response_behind_lag } : patient;
+      return design(situation.controller, tuning, behind, situation.noise_variance, data.sample_time_min, kept);
+    });
+    const { guard } = programsOf(situation, data);
+    return ofController(designed, guard === null ? situation : { ...situation, guard: false }, data);
+  }
+
+  /** Numbers of a guard with a program of its own. @param {Situation} situation @returns {Numbers} */
+  guardNumbers(situation) {
+    return ofController({}, situation, this.data);
+  }
+
+  /**
+   * Numbers of a controller that are those of a person, by the names of their places.
+   * @param {Situation} situation
+   * @param {Body} person
+   * @returns {Record<string, number>}
+   */
+  ofPerson(situation, { basal_insulin_mU_min }) {
+    const { controller, guard } = situation;
+    const inner = guard ? "controller.inner." : "controller.";
+    if (controller === "mpc-se") return { [`${inner}basal_mU_min`]: basal_insulin_mU_min };
+    if (controller !== "basal-bolus") return {};
+    const { basal_mU_min, carb_ratio_g_U, correction_mg_dl_U } = basalBolus(tuningOf(situation, this.data), basal_insulin_mU_min);
+    const own = { basal_mU_min, carb_ratio_g_U, correction_mg_dl_U };
+    return Object.fromEntries(Object.entries(own).map(([name, value]) => [`${inner}${name}`, value]));
   }
 
   /**
@@ -242,6 +266,7 @@ export class Lab {
       reading_mg_dl: array(t_min),
       command_mU_min: array(t_min),
       insulin_mU_min: array(t_min),
+      bolus_mU: array(t_min),
       status: array(t_min),
       fine_t_min,
       fine_glucose_mg_dl: array(fine_t_min),
@@ -255,6 +280,7 @@ export class Lab {
       trace.reading_mg_dl[k] = happened.reading_mg_dl[0];
       trace.command_mU_min[k] = happened.command_mU_min[0];
       trace.insulin_mU_min[k] = happened.insulin_mU_min[0];
+      trace.bolus_mU[k] = happened.bolus_mU[0];
       trace.status[k] = happened.status[0];
       for (let i = 0; i < inside; i++) {
         trace.fine_glucose_mg_dl[k * inside + i + 1] = happened.inside_mg_dl[i * lanes];

@@ -3,7 +3,7 @@
 
 import { fromToml } from "./configuration.mjs";
 import { fromHash, hash, situationOf, VERSION } from "./keys.mjs";
-import { familyOf, peopleAround } from "./situation.mjs";
+import { familyOf, peopleIn } from "./situation.mjs";
 import { unitOf, usualUnits } from "./units.mjs";
 
 /** @typedef {import("./situation.mjs").Data} Data */
@@ -29,7 +29,7 @@ export function link({ situation, units, person }, data, version) {
   for (const quantity of /** @type {("glucose" | "insulin")[]} */ (["glucose", "insulin"])) {
     if (units[quantity] !== usual[quantity]) told.set(KEYS[quantity], units[quantity].name);
   }
-  if (person !== null && peopleAround(situation.patient, data) !== null) told.set(PERSON, `${person}`);
+  if (person !== null && peopleIn(situation, data) !== null) told.set(PERSON, `${person}`);
   return `#${told}`;
 }
 
@@ -64,10 +64,11 @@ export function fromLink(text, data) {
 }
 
 /** Number of the person whom a link follows. @param {string | null} text @param {Situation} situation @param {Data} data */
-function followed(text, { patient }, data) {
+function followed(text, situation, data) {
   if (text === null) return null;
-  const people = peopleAround(patient, data);
-  if (people === null) throw new RangeError(`person '${text}' is to be followed, but nobody is drawn around ${patient.replace("/", " at ")}; leave ${PERSON} out`);
+  const people = peopleIn(situation, data);
+  const { patient, controller } = situation;
+  if (people === null) throw new RangeError(`person '${text}' is to be followed, but nobody is drawn around ${patient.replace("/", " at ")} under ${controller}; leave ${PERSON} out`);
   const { count } = people;
   if (!/^\d+$/.test(text) || Number(text) >= count) throw new RangeError(`the person is '${text}'; give a number from 0 to ${count - 1}`);
   return Number(text);

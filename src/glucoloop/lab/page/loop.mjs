@@ -3,7 +3,7 @@
 
 import { draws } from "./draws.mjs";
 import { ofFault, ofPump, ofSensor } from "./fields.mjs";
-import { familyOf } from "./situation.mjs";
+import { announced, familyOf, givesBoluses } from "./situation.mjs";
 import { MOMENTS, put } from "./stage.mjs";
 import { drawForPump, drawForSensor } from "./threefry.mjs";
 
@@ -20,14 +20,120 @@ import { drawForPump, drawForSensor } from "./threefry.mjs";
  * @property {ArrayLike<number>} reading_mg_dl
  * @property {ArrayLike<number>} command_mU_min
  * @property {ArrayLike<number>} insulin_mU_min
+ * @property {ArrayLike<number>} bolus_mU that is delivered beside the rate
  * @property {ArrayLike<number>} status
  * @property {ArrayLike<number>} inside_mg_dl (moments, people) glucose until the next sample, its moment included
  */
 
-/** Name of the functions of a controller, without what they do. @param {Situation} situation @param {Data} data */
-export function controllerName(situation, data) {
-  const { program } = familyOf(situation, data).controllers[situation.controller];
-  return situation.guard ? `${program}_guarded` : program;
+/**
+ * Names of the functions of a controller, without what they do: of the one with the guard in it, or of the one inside and
+ * of the guard around it.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {{controller: string, guard: string | null}}
+ */
+export function programsOf(situation, data) {
+  const { program, guard_program } = familyOf(situation, data).controllers[situation.controller];
+  if (!situation.guard) return { controller: program, guard: null };
+  return guard_program === undefined ? { controller: `${program}_guarded`, guard: null } : { controller: program, guard: guard_program };
+}
+
+/** A controller of one vector of people, from what it is shown to what it decides. */
+class Deciding {
+  /** @param {Lab} lab @param {Situation} situation */
+  constructor(lab, situation) {
+    const { controller, guard } = programsOf(situation, lab.data);
+    this.start = lab.stage(`${controller}_start`);
+    this.stage = lab.stage(`${controller}_step`);
+    /** The guard, if it is a function of its own. */
+    this.around = guard === null ? null : new Around(lab, guard);
+    const numbers = lab.controllerNumbers(situation);
+    for (const stage of [this.start, this.stage]) stage.give(numbers);
+    if (this.around !== null) for (const stage of [this.around.start, this.around.stage]) stage.give(lab.guardNumbers(situation));
+    this.at = this.places(this.deciding);
+  }
+
+  /** The function that decides last. */
+  get deciding() {
+    return this.around === null ? this.stage : this.around.stage;
+  }
+
+  /** First places of the numbers of a decision. @param {Stage} stage */
+  places(stage) {
+    const place = (/** @type {string} */ name) => stage.place(name, "outputs") * stage.lanes;
+    return { rate: place("insulin_mU_min"), status: place("status"), bolus: "bolus_mU" in stage.fields.outputs ? place("bolus_mU") : -1 };
+  }
+
+  /** What is shown at a sample, or at the start. @param {boolean} starts @returns {{into: Float64Array | Float32Array, at: number}} */
+  shown(starts) {
+    if (this.around !== null) return this.around.shown(starts);
+    return { into: (starts ? this.start : this.stage).own, at: 0 };
+  }
+
+  /** Wake at what is shown. */
+  wake() {
+    const { start, stage, around } = this;
+    around?.wake(start.own);
+    start.step();
+    stage.carry.set(start.outputs);
+  }
+
+  /** Decide on what is shown. */
+  step() {
+    const { stage, around } = this;
+    around?.ask(stage.own);
+    stage.step();
+    around?.answer(stage);
+  }
+}
+
+/** A guard around a controller that is computed elsewhere: it is stepped to show what it shows, and again with the answer. */
+class Around {
+  /** @param {Lab} lab @param {string} name */
+  constructor(lab, name) {
+    this.start = lab.stage(`${name}_start`);
+    this.stage = lab.stage(`${name}_step`);
+    const { stage } = this;
+    this.before = new Float64Array(stage.carry.length);
+    this.observation = stage.place("observation.glucose_mg_dl", "own") * stage.lanes;
+    this.inner = stage.place("inner.glucose_mg_dl", "carry") * stage.lanes;
+    const decided = ["insulin_mU_min", "status", "bolus_mU"];
+    this.decision = Object.fromEntries(decided.map((of) => [of, stage.place(`decision.${of}`, "own") * stage.lanes]));
+  }
+
+  /** @param {boolean} starts */
+  shown(starts) {
+    return starts ? { into: this.start.own, at: 0 } : { into: this.stage.own, at: this.observation };
+  }
+
+  /** Wake, and show the one inside what it wakes at. @param {Float64Array | Float32Array} own */
+  wake(own) {
+    const { start, stage, inner } = this;
+    start.step();
+    stage.carry.set(start.outputs);
+    own.set(stage.carry.subarray(inner, inner + own.length));
+  }
+
+  /** Show the one inside what the guard lets it see. @param {Float64Array | Float32Array} own */
+  ask(own) {
+    const { stage, before, inner, decision } = this;
+    before.set(stage.carry);
+    for (const at of Object.values(decision)) stage.own.fill(0, at, at + stage.lanes);
+    stage.step();
+    own.set(stage.carry.subarray(inner, inner + own.length));
+    stage.carry.set(before);
+  }
+
+  /** Bound what the one inside decided. @param {Stage} decided */
+  answer({ outputs, lanes, fields }) {
+    const { stage, decision } = this;
+    let from = 0;
+    for (const name in fields.outputs) {
+      for (let lane = 0; lane < lanes; lane++) stage.own[decision[name] + lane] = outputs[from + lane];
+      from += lanes;
+    }
+    stage.step();
+  }
 }
 
 /** The earlier readings of a fault that gives one of them; its function is shown the one that is chosen. */
@@ -103,7 +209,6 @@ export class LoopOfVector {
     this.steps = Math.round(data.sample_time_min / this.step_min);
     /** Moments of the meals; see `Lab.moments`. @type {Float64Array} */
     this.moments = new Float64Array(0);
-    const name = controllerName(situation, data);
     const pump = ofPump(situation, data);
     this.sensors = ofSensor(situation, data).map(({ name, numbers, drawing }) => ({
       numbers,
@@ -122,16 +227,13 @@ export class LoopOfVector {
         const [start, stage] = [lab.stage(`${name}_start`, place), lab.stage(name, place)];
         return { numbers, start, stage, past: earlier > 0 ? new Past(stage, earlier, random) : null };
       });
-    this.start = lab.stage(`${name}_start`);
-    this.controller = lab.stage(`${name}_step`);
+    this.controller = new Deciding(lab, situation);
     this.pumpStart = lab.stage(`${pump.name}_start`);
     this.pump = lab.stage(pump.name);
     this.plant = lab.plant(situation.patient);
 
     for (const { numbers, start, stage } of [...this.sensors, ...this.faults]) for (const of of [start, stage]) of.give(numbers);
     for (const stage of [this.pumpStart, this.pump]) stage.give(pump.numbers);
-    const numbers = lab.controllerNumbers(situation);
-    for (const stage of [this.start, this.controller]) stage.give(numbers);
 
     /** Samples by which a reading is late, and the readings on their way. */
     this.late = Math.round(situation.dead_time_min / data.sample_time_min);
@@ -141,19 +243,36 @@ export class LoopOfVector {
     this.reading = new Float64Array(lanes);
     this.valid = new Float64Array(lanes);
     this.reported = new Float64Array(lanes);
+    this.reportedBolus = new Float64Array(lanes);
+    /** What the controller is told of meals, sample by sample. */
+    this.announced = announced(situation, data);
+    this.boluses = givesBoluses(situation, data);
     /** Seeds of the people's random numbers. @type {number[]} */
     this.seeds = [];
     this.drawsPump = "drawn" in this.pump.fields.own;
+    const own = (/** @type {string} */ name) => this.pump.place(name, "own") * lanes;
+    const given = (/** @type {string} */ name) => this.pump.place(name, "outputs") * lanes;
+    /** First places of the numbers that the pump takes and gives. */
+    this.takes = { rate: own("insulin_mU_min"), status: own("status"), bolus: own("bolus_mU"), drawn: this.drawsPump ? own("drawn") : -1 };
+    this.gives = {
+      rate: given("insulin_mU_min"),
+      bolus: given("bolus_mU"),
+      infused: given("infused_mU_min"),
+      reported: given("reported_mU_min"),
+      reported_bolus: given("reported_bolus_mU"),
+      status: given("status"),
+    };
   }
 
   /** How many numbers the controller keeps of a person. */
   get kept() {
-    return this.controller.carry.length / this.controller.lanes;
+    const { carry, lanes } = this.controller.stage;
+    return carry.length / lanes;
   }
 
   /** Copy what the controller keeps of the first person. @param {Float64Array} into @param {number} at */
   remember(into, at) {
-    const { carry, lanes } = this.controller;
+    const { carry, lanes } = this.controller.stage;
     for (let i = 0; i < carry.length; i += lanes) into[at++] = carry[i];
   }
 
@@ -204,15 +323,19 @@ export class LoopOfVector {
     }
   }
 
-  /** Show a controller what was read, in the order of `Observation`. @param {Stage} stage */
-  observe({ own, lanes }) {
-    const { reading, valid, reported, patient } = this;
+  /** Show the controller what was read, in the order of `Observation`. @param {number} k sample @param {boolean} starts */
+  observe(k, starts) {
+    const { reading, valid, reported, reportedBolus, patient, announced, boluses } = this;
+    const { into, at } = this.controller.shown(starts);
+    const lanes = reading.length;
     for (let lane = 0; lane < lanes; lane++) {
-      own[lane] = reading[lane];
-      own[lanes + lane] = valid[lane];
-      own[2 * lanes + lane] = patient.setpoint_mg_dl;
-      own[3 * lanes + lane] = reported[lane];
-      own[4 * lanes + lane] = 0;
+      const own = at + lane;
+      into[own] = reading[lane];
+      into[own + lanes] = valid[lane];
+      into[own + 2 * lanes] = patient.setpoint_mg_dl;
+      into[own + 3 * lanes] = reported[lane];
+      into[own + 4 * lanes] = announced[k];
+      if (boluses) into[own + 5 * lanes] = reportedBolus[lane];
     }
   }
 
@@ -243,7 +366,7 @@ export class LoopOfVector {
    * @param {number[]} seeds of each person's random numbers
    */
   begin(people, seeds) {
-    const { lab, situation, patient, start, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
+    const { lab, situation, patient, controller, pumpStart, pump, plant, glucose, reported, late, line } = this;
     const { lanes } = lab.kernels;
     this.seeds = seeds;
     for (const sensor of this.sensors) {
@@ -256,10 +379,11 @@ export class LoopOfVector {
     }
     this.moments = lab.moments(situation, this.samples * this.steps, people);
     put(plant, people);
-    if (situation.controller === "mpc-se" && people.some((person) => person !== patient)) {
-      const name = `controller.${situation.guard ? "inner." : ""}basal_mU_min`;
-      for (const stage of [start, controller]) {
-        people.forEach((person, lane) => stage.set([person.basal_insulin_mU_min], lane, stage.place(name)));
+    if (people.some((person) => person !== patient)) {
+      for (const stage of [controller.start, controller.stage]) {
+        people.forEach((person, lane) => {
+          for (const [name, value] of Object.entries(lab.ofPerson(situation, person))) stage.set([value], lane, stage.place(name));
+        });
         stage.prepared.hold();
       }
     }
@@ -269,11 +393,11 @@ export class LoopOfVector {
       for (let i = 0; i < late; i++) line[i * lanes + lane] = glucose[lane];
     }
     this.lineValid.fill(1);
+    this.reportedBolus.fill(0);
     this.wake();
     this.read(0, false);
-    this.observe(start);
-    start.step();
-    controller.carry.set(start.outputs);
+    this.observe(0, true);
+    controller.wake();
     this.wake();
     pumpStart.own.fill(DRAWN);
     pumpStart.own.set(reported);
@@ -286,7 +410,10 @@ export class LoopOfVector {
    * @param {(sample: number, happened: Happened) => void} tell
    */
   run(tell) {
-    const { samples, steps, step_min, moments, controller, pump, plant, glucose, reported, seeds, drawsPump } = this;
+    const { samples, steps, step_min, moments, controller, pump, plant, glucose, reported, reportedBolus, seeds, drawsPump } = this;
+    const { takes, gives, boluses } = this;
+    const { at: of } = controller;
+    const decided = controller.deciding.outputs;
     const lanes = glucose.length;
     const { inside } = familyOf(this.situation, this.lab.data);
     const timed = plant.shared.length > 0;
@@ -295,21 +422,27 @@ export class LoopOfVector {
     const happened = {
       glucose_mg_dl: glucose,
       reading_mg_dl: this.reading,
-      command_mU_min: controller.outputs,
-      insulin_mU_min: pump.outputs,
-      status: pump.outputs.subarray(2 * lanes),
+      command_mU_min: decided.subarray(of.rate),
+      insulin_mU_min: pump.outputs.subarray(gives.rate),
+      bolus_mU: pump.outputs.subarray(gives.bolus),
+      status: pump.outputs.subarray(gives.status),
       inside_mg_dl: within,
     };
     for (let k = 0; k < samples; k++) {
       this.read(k, true);
-      this.observe(controller);
+      this.observe(k, false);
       controller.step();
-      for (let i = 0; i < 2 * lanes; i++) pump.own[i] = controller.outputs[i]; // rate and status
-      if (drawsPump) for (let lane = 0; lane < lanes; lane++) pump.own[2 * lanes + lane] = drawForPump(seeds[lane], k);
+      for (let lane = 0; lane < lanes; lane++) {
+        pump.own[takes.rate + lane] = decided[of.rate + lane];
+        pump.own[takes.status + lane] = decided[of.status + lane];
+        pump.own[takes.bolus + lane] = boluses ? decided[of.bolus + lane] : 0;
+        if (drawsPump) pump.own[takes.drawn + lane] = drawForPump(seeds[lane], k);
+      }
       pump.step();
       for (let lane = 0; lane < lanes; lane++) {
-        reported[lane] = pump.outputs[lanes + lane];
-        plant.own[lane] = pump.outputs[lane];
+        reported[lane] = pump.outputs[gives.reported + lane];
+        reportedBolus[lane] = pump.outputs[gives.reported_bolus + lane];
+        plant.own[lane] = pump.outputs[gives.infused + lane];
       }
       for (let step = 0; step < steps; step++) {
         const at = (k * steps + step) * MOMENTS;

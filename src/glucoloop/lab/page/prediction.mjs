@@ -1,7 +1,7 @@
 // @ts-check
 /** Why a dose was given, from the controller's own memory: what a predictive one expects, or the terms of which it is the sum. */
 
-import { controllerName } from "./loop.mjs";
+import { programsOf } from "./loop.mjs";
 
 /** @typedef {import("./lab.mjs").Lab} Lab */
 /** @typedef {import("./situation.mjs").Situation} Situation */
@@ -104,7 +104,7 @@ function keptAt({ memory = new Float64Array(), t_min }, sample) {
 function inside(lab, situation) {
   const prefix = situation.guard ? "inner." : "";
   const numbers = lab.controllerNumbers(situation);
-  const { carry } = lab.data.functions[`${controllerName(situation, lab.data)}_step`];
+  const { carry } = lab.data.functions[`${programsOf(situation, lab.data).controller}_step`];
   return {
     memory: (/** @type {string} */ name, /** @type {ArrayLike<number>} */ of) => named(carry, of, `${prefix}${name}`),
     number: (/** @type {string} */ name) => listOf(numbers[`controller.${prefix}${name}`]),

@@ -7,7 +7,7 @@ import { keys, VERSION } from "./keys.mjs";
 /** @typedef {import("./situation.mjs").Situation} Situation */
 
 /** Options whose names are not those of the keys. @type {Record<string, string>} */
-const OPTIONS = { duration_min: "duration", meals: "meal", faults: "fault" };
+const OPTIONS = { duration_min: "duration", meals: "meal", faults: "fault", announce_meals: "announce-meals", habits: "habit" };
 /** Sensors for which there are shorter options. @type {[RegExp, string][]} */
 const SHORT = [
   [/^white-noise, variance=/, "noise"],
@@ -39,6 +39,7 @@ export function commandForPeople(situation, data, people) {
 function command(name, given) {
   const words = Object.entries(given).flatMap(([key, value]) => {
     const told = Array.isArray(value) && value.length === 0 ? ["none"] : [value].flat();
+    if (value === true) return [`--${OPTIONS[key] ?? key}`];
     return told.map((text) => {
       const [start, option] = SHORT.find(([start]) => start.test(`${text}`)) ?? ["", OPTIONS[key] ?? key];
       return `--${option} ${quoted(`${text}`.replace(start, ""))}`;
@@ -74,7 +75,7 @@ export function toml(situation, data, version) {
  * @param {Data} data
  */
 export function python(situation, data) {
-  const lines = Object.entries(keys(situation, data)).map(([name, value]) => `    ${name}=${written(value)},`);
+  const lines = Object.entries(keys(situation, data)).map(([name, value]) => `    ${name}=${value === true ? "True" : written(value)},`);
   return `from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 from glucoloop.studies.closed_loop import close_the_loop

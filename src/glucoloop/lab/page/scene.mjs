@@ -5,7 +5,7 @@ import { colourOf } from "../../pages/chart.mjs";
 import { summary } from "./summary.mjs";
 import { limitsOf } from "./situation.mjs";
 import { texts } from "./texts.mjs";
-import { shown } from "./units.mjs";
+import { inUnits, shown } from "./units.mjs";
 
 /** @typedef {import("./session.mjs").Session} Session */
 /** @typedef {import("../../pages/chart.mjs").Span} Span */
@@ -26,6 +26,8 @@ const SHOWN = [60, 130];
 const MARGIN = 5;
 /** Statuses by which a guard says that it acted. */
 const GUARD = [5, 6, 7, 8, 9, 10];
+/** Boluses from this one on are told above the insulin; smaller ones, as some controllers give them at each sample, are in its curve. */
+const TOLD_BOLUS_MU = 500;
 /** Dashes of a run: the present one is solid. @param {number} place */
 export function dashes(place) {
   return place === 0 ? [] : [3 + 3 * place, 4];
@@ -63,6 +65,16 @@ function topOf(most, limit) {
   let top = limit;
   while (most > 0 && most <= top / 2) top /= 2;
   return top;
+}
+
+/**
+ * Insulin as a rate, with the boluses that are too small to be told, which the pump gives until the next sample.
+ * @param {import("./lab.mjs").Trace} trace
+ * @param {number} every
+ */
+function withSmallBoluses({ insulin_mU_min, bolus_mU }, every) {
+  if (!bolus_mU.some((bolus) => bolus > 0 && bolus < TOLD_BOLUS_MU)) return insulin_mU_min;
+  return insulin_mU_min.map((rate, k) => (bolus_mU[k] < TOLD_BOLUS_MU ? rate + bolus_mU[k] / every : rate));
 }
 
 /** @param {Session} session @returns {Scene} */
@@ -110,8 +122,11 @@ export function scene(session) {
   });
   const rates = (/** @type {import("./lab.mjs").Trace} */ trace, /** @type {number[]} */ values) =>
     ({ x: trace.t_min, y: scaled(values, units.insulin.factor), until: trace.t_min.length * every });
-  const dosed = runs.flatMap(({ trace }) => [trace.insulin_mU_min, ...(trace === runs[0].trace ? [trace.command_mU_min] : [])]);
-  const top = topOf(Math.max(...dosed.map((rates) => Math.max(...rates))), max_mU_min);
+  const delivered = runs.map(({ trace }) => withSmallBoluses(trace, every));
+  const dosed = runs.flatMap(({ trace }, i) => [delivered[i], ...(trace === runs[0].trace ? [trace.command_mU_min] : [])]);
+  const most_mU_min = Math.max(...dosed.map((rates) => Math.max(...rates)));
+  const top = Math.max(topOf(most_mU_min, max_mU_min), most_mU_min);
+  const boluses = trace.bolus_mU.flatMap((bolus, k) => (bolus >= TOLD_BOLUS_MU ? [/** @type {[number, string]} */ ([trace.t_min[k], `${inUnits(bolus)} U`])] : []));
   const differs = trace.command_mU_min.some((command, k) => command !== trace.insulin_mU_min[k]);
   const commanded = { name: texts.commanded, colour: colourOf(0), width: 1.1, dash: [2, 3], ...rates(trace, trace.command_mU_min) };
   const { people } = session;
@@ -179,16 +194,18 @@ export function scene(session) {
     insulin: {
       title: texts.insulinTitle(units.insulin.name),
       legend: legend([
-        [true, (top === max_mU_min ? texts.mostOf : texts.mostAbove)(shown(max_mU_min, units.insulin))],
+        [true, (top >= max_mU_min ? texts.mostOf : texts.mostAbove)(shown(max_mU_min, units.insulin))],
+        [boluses.length > 0, texts.boluses(`${TOLD_BOLUS_MU / 1000}`)],
         [differs, texts.dashes],
         [acts.length > 0, texts.marks],
         [faulty("pump").length > 0, texts.shaded],
       ]),
       range: [0, insulin(top * 1.05)],
       band: null,
-      rules: top === max_mU_min ? [{ value: insulin(max_mU_min), dash: [2, 4] }] : [],
+      marks: boluses,
+      rules: top >= max_mU_min ? [{ value: insulin(max_mU_min), dash: [2, 4] }] : [],
       lines: [
-        ...runs.map(({ trace }, i) => ({ ...line(i), ...rates(trace, trace.insulin_mU_min) })),
+        ...runs.map(({ trace }, i) => ({ ...line(i), ...rates(trace, delivered[i]) })),
         ...(differs ? [commanded] : []),
       ],
       dots: [],

@@ -4,7 +4,7 @@
 import { seedOf } from "./many.mjs";
 import { personOf } from "./people.mjs";
 import { predicted, termsOf } from "./prediction.mjs";
-import { checked, peopleAround, usual } from "./situation.mjs";
+import { checked, peopleIn, usual } from "./situation.mjs";
 import { texts } from "./texts.mjs";
 import { usualUnits } from "./units.mjs";
 
@@ -97,7 +97,7 @@ export class Session {
    */
   ofPerson(situation) {
     const { lab, data, person } = this;
-    if (person === null || peopleAround(situation.patient, data) === null) return null;
+    if (person === null || peopleIn(situation, data) === null) return null;
     const body = personOf(lab, situation.patient, person);
     if (body === null) return null;
     const trace = lab.simulate(situation, body, { seed: seedOf(data, situation, person) });

@@ -28,6 +28,8 @@
  * @property {number} dead_time_min
  * @property {number} seed
  * @property {number} duration_min
+ * @property {boolean} announce whether the controller is told of each meal
+ * @property {number} told_after_min time from the beginning of eating until it is told; below 0 it is told before
  */
 
 /**
@@ -58,6 +60,7 @@
  * @property {number} basal_insulin_mU_min
  * @property {number} setpoint_mg_dl
  * @property {number} glucose_mg_dl
+ * @property {{carb_ratio_g_U: number, correction_mg_dl_U: number}} profile of the person, as far as basal-bolus therapy needs it
  * @property {{pid: import("./design.mjs").FirstOrder, imc: import("./design.mjs").FirstOrder}} first_order
  * @property {import("./design.mjs").Numbers & {step_response: number[]}} response as linear MPC keeps it: coefficients, and a
  *   realisation of what comes after them
@@ -82,10 +85,12 @@
  * @property {number} step_min of the integrator
  * @property {[number, number][]} inside for each moment inside a sample, the integrator's step and the place among its
  *   readings
- * @property {Record<string, {program: string, summary: string, settings: Record<string, Setting>, least_behind_lag?: number,
+ * @property {Record<string, {program: string, guard_program?: string, gives_boluses: boolean, summary: string,
+ *   settings: Record<string, Setting>, least_behind_lag?: number,
  *   horizon_suits_model: boolean,
  *   usual: Record<string, Record<"noise_free" | "noisy" | "behind_lag", Record<string, any>>>}>} controllers with the usual
- *   values by operating point, and whether the usual horizon is the one that suits the model
+ *   values by operating point, and whether the usual horizon is the one that suits the model; the guard has a program of
+ *   its own around a controller whose program keeps its loops
  * @property {Record<string, Setting & {usual: number}>} guard_limits
  * @property {Record<string, Setting & {usual: number}>} pump_limits
  * @property {Record<string, any>} configuration what a run without options uses, with a guard
@@ -122,12 +127,15 @@
  * @property {Record<string, string>} status_names as tables tell them
  */
 
+const MU_PER_U = 1000;
 const MOST_MEALS = 12;
 const LARGEST_MEAL_G = 300;
 const LARGEST_VARIANCE = 900;
 const MOST_FAULTS = 4;
 const LONGEST_DEAD_TIME_MIN = 60;
 const SHORTEST_MIN = 30;
+/** The longest time from a meal until the controller is told of it, and from then until the meal. */
+const LONGEST_TOLD_MIN = 120;
 /** Settings that only have the values of their sliders: for other lags the page has no models. */
 const OF_STEPS = ["lag_min"];
 
@@ -151,6 +159,8 @@ export function usual(data) {
     dead_time_min: 0,
     seed: 0,
     duration_min: 600,
+    announce: false,
+    told_after_min: 0,
   };
 }
 
@@ -163,6 +173,17 @@ export function usual(data) {
 export function peopleAround(patient, data) {
   const people = data.people[data.patients[patient].family];
   return people?.patient === patient ? people : null;
+}
+
+/**
+ * The people on whom a controller can be tried; null if there are none.
+ * @param {{patient: string, controller: string}} situation
+ * @param {Data} data
+ * @returns {People | null} none under a controller whose model of each person the page cannot make
+ */
+export function peopleIn(situation, data) {
+  const { guard_program } = familyOf(situation, data).controllers[situation.controller];
+  return guard_program === undefined ? peopleAround(situation.patient, data) : null;
 }
 
 /** Name of a patient in the data. @param {string} family @param {string} operating_point */
@@ -182,14 +203,18 @@ export function familyOf({ patient }, data) {
  * @param {string} family
  * @param {string | undefined} operating_point the usual one, if none is given
  * @param {Data} data
- * @returns {{situation: Situation, reset: ("tuning" | "guard_limits" | "pump_limits")[]}} with what did not stay
+ * @returns {{situation: Situation, reset: ("controller" | "tuning" | "guard_limits" | "pump_limits")[]}} with what did not stay
  */
 export function withPatient(situation, family, operating_point, data) {
   const patient = patientId(family, operating_point ?? Object.keys(data.families[family].points)[0]);
   if (family === data.patients[situation.patient].family) return { situation: { ...situation, patient }, reset: [] };
   const parts = /** @type {const} */ (["tuning", "guard_limits", "pump_limits"]);
+  /** @type {("controller" | "tuning" | "guard_limits" | "pump_limits")[]} */
   const reset = parts.filter((part) => Object.keys(situation[part]).length > 0);
-  return { situation: { ...situation, patient, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
+  const there = situation.controller in data.families[family].controllers;
+  if (!there) reset.unshift("controller");
+  const { controller, announce, told_after_min } = there ? situation : usual(data);
+  return { situation: { ...situation, patient, controller, announce, told_after_min, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
 }
 
 /**
@@ -203,6 +228,26 @@ export function tuningOf(situation, data) {
   const usual = familyOf(situation, data).controllers[situation.controller].usual[operating_point];
   const kind = situation.noise_variance > 0 ? "noisy" : lagOf(situation, data) > 0 ? "behind_lag" : "noise_free";
   return { ...usual[kind], ...situation.tuning };
+}
+
+/** Whether the controller decides on boluses. @param {Situation} situation @param {Data} data */
+export function givesBoluses(situation, data) {
+  return familyOf(situation, data).controllers[situation.controller].gives_boluses;
+}
+
+/**
+ * Carbohydrate that the controller is told of at each sample; what it would be told before the start, it is told there.
+ * @param {Situation} situation
+ * @param {Data} data
+ * @returns {Float64Array}
+ */
+export function announced({ announce, told_after_min, meals, duration_min }, { sample_time_min }) {
+  const told = new Float64Array(Math.round(duration_min / sample_time_min));
+  for (const { t_min, carbs_g } of announce ? meals : []) {
+    const sample = Math.max(0, Math.floor((t_min + told_after_min) / sample_time_min));
+    if (sample < told.length) told[sample] += carbs_g;
+  }
+  return told;
 }
 
 /** All settings of a monitor. @param {Monitor} monitor @param {Data} data @returns {Record<string, any>} */
@@ -226,6 +271,12 @@ export function limitsOf(situation, data) {
   const { pump } = familyOf(situation, data).configuration;
   const { max_change_mU_min, min_insulin_mU_min, max_insulin_mU_min } = { ...pump, ...situation.pump_limits };
   return { max_change_mU_min, min_mU_min: min_insulin_mU_min, max_mU_min: max_insulin_mU_min };
+}
+
+/** Limits of boluses, those of the patient's usual pump. @param {Situation} situation @param {Data} data */
+export function bolusLimitsOf(situation, data) {
+  const { max_bolus_U, min_bolus_U, bolus_step_U } = familyOf(situation, data).configuration.pump;
+  return { max_mU: MU_PER_U * max_bolus_U, min_mU: MU_PER_U * min_bolus_U, step_mU: MU_PER_U * bolus_step_U };
 }
 
 /**
@@ -307,6 +358,7 @@ export function checked(given, data) {
   within("the length", given.duration_min, SHORTEST_MIN, data.longest_min, " min", data.sample_time_min);
   within("the variance of the noise", given.noise_variance, 0, LARGEST_VARIANCE, " (mg/dl)²");
   within("the dead time", given.dead_time_min, 0, LONGEST_DEAD_TIME_MIN, " min", data.sample_time_min);
+  within("the time until the controller is told of a meal", given.told_after_min, -LONGEST_TOLD_MIN, LONGEST_TOLD_MIN, " min", 1);
   within("the seed", given.seed, 0, data.seeds - 1, "", 1);
   if (given.monitor !== null) {
     among("the monitor", given.monitor.name, Object.keys(data.monitors));

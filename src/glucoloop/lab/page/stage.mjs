@@ -80,7 +80,7 @@ export class Stage {
     }
   }
 
-  /** Place of the numbers of a name among those of a person, or of another group. @param {string} name @param {"person" | "carry" | "outputs"} [group] */
+  /** Place of the numbers of a name among those of a person, or of another group. @param {string} name @param {"person" | "carry" | "own" | "outputs"} [group] */
   place(name, group = "person") {
     let at = 0;
     for (const other in this.fields[group]) {

@@ -44,6 +44,7 @@ export const texts = {
     point: "Operating point",
     meals: "Meals",
     addMeal: "Add a meal",
+    announce: "The controller is told of each meal",
     duration: "Length of the run",
     controller: "Controller",
     usual: "Usual tuning",
@@ -74,6 +75,7 @@ export const texts = {
     `The patient is ${family} now, for whom the controller was designed anew; insulin is shown in ${unit}.` +
     (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),
   resets: {
+    controller: "the controller, which the page does not have for this patient",
     tuning: "the settings of the controller",
     guard_limits: "the limits of the guard",
     pump_limits: "the limits of the pump",
@@ -126,6 +128,24 @@ export const texts = {
       hash: "#patient=hovorka-2004&controller=pid&sensor=dexcom-g6,+worn_min=1440&duration_min=720&meals=60g@60min",
       text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off, under Sensor. With the lag alone, which shows glucose ten minutes late, it falls to 80. With the noise alone it falls to 78: half of an error is still there a quarter of an hour later, so that the controller takes it for glucose, and moves insulin nine times as much. With the error of calibration alone, on this day, it falls to 86. MPC moves insulin less than half as much as PID, and keeps glucose above 79.",
       beside: { name: "Exact readings", hash: "#patient=hovorka-2004&controller=pid&duration_min=720&meals=60g@60min" },
+    },
+    {
+      title: "Feedback alone is late",
+      hash: "#patient=hovorka-2004&controller=profile-mpc&meals=60g@60min&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
+      text: "Insulin under the skin acts most after an hour, and for hours. This predictive controller knows that, and yet glucose rises above 240 mg/dl after a meal of which nobody told it: when the readings rise, which lag behind, most of the meal is on its way. Told of the meal as eating begins (dashed), it gives a bolus at once, and glucose stays below 220. No tuning makes up for that: PID and MPC, which know less of the person, let glucose rise above 280.",
+      beside: { name: "Told of the meal", hash: "#patient=hovorka-2004&controller=profile-mpc&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
+    },
+    {
+      title: "A bolus before the meal",
+      hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
+      text: "Pump therapy: a constant basal rate, and a bolus by the carbohydrate ratio of the person, here 15 min before eating. Glucose rises to 194 mg/dl; with the bolus as eating begins (dashed) to 214. Move the bolus by the minutes under Meals: 20 min after eating began, glucose rises to 240 mg/dl. If the controller is not told at all, it corrects high readings alone, and glucose rises to 290.",
+      beside: { name: "Bolus as eating begins", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
+    },
+    {
+      title: "What a guard costs",
+      hash: "#patient=hovorka-2004&controller=basal-bolus&guard=usual&meals=120g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
+      text: "A guard cannot know whether a meal that was announced is eaten, nor whether it was counted rightly. So it bounds the bolus for 120 g: 4 of 4.6 U pass, and glucose rises to 257 mg/dl, where it rises to 243 without a guard (dashed). A meal of 60 g passes whole, and costs nothing. Its limits are below Controller: try the largest dose in an hour.",
+      beside: { name: "Without the guard", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=120g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
     },
   ],
   presets: [
@@ -192,6 +212,7 @@ export const texts = {
   grams: (/** @type {number} */ carbs_g) => `${carbs_g} g`,
   meal: (/** @type {number} */ number, /** @type {number} */ carbs_g, /** @type {number} */ t_min) =>
     `Meal ${number}: ${carbs_g} g at ${t_min} min`,
+  toldBefore: "Minutes before eating at which the controller is told; below 0: after eating begins",
   mealTime: (/** @type {number} */ number) => `Meal ${number}, min`,
   mealSize: (/** @type {number} */ number) => `Meal ${number}, g`,
   removeMeal: (/** @type {number} */ number) => `Remove meal ${number}`,
@@ -224,6 +245,7 @@ export const texts = {
   mostOf: (/** @type {string} */ most) => `dotted: the most the pump gives, ${most}`,
   mostAbove: (/** @type {string} */ value) => `the most the pump gives, ${value}, lies above`,
   dashes: "fine dashes: commanded, not delivered",
+  boluses: (/** @type {string} */ least) => `triangles: boluses of ${least} U or more; smaller ones are in the curve`,
   marks: "orange marks: the guard acted",
   shaded: "shaded: a fault",
   minutes: (/** @type {number} */ t) => `${t} min`,
@@ -238,6 +260,8 @@ export const texts = {
     `Of this family, the page draws people around ${patient.replace("/", " at ")} only; choose that operating point to try a tuning on them, or copy the command below that tries it on people around the present one`,
   peopleNone: (/** @type {string} */ family, /** @type {string} */ population) =>
     `The page draws nobody around ${family}; copy the command for people below, which tries the controller on people of the population ${population}`,
+  peopleNotUnder: (/** @type {string} */ controller) =>
+    `The page tries no people under ${controller}, whose model would be another one for each of them; copy the command for people below`,
   peopleTold: (/** @type {import("./crowd.mjs").Score} */ score, /** @type {number} */ drawn) =>
     (score.people < drawn ? `Left out of ${drawn}, since no rate holds their setpoint: ${drawn - score.people}. ` : "") +
     `Of ${score.people} people ${score.people_below_70} come below 70 mg/dl, and ${score.people_below_54} below 54. Half of the people lie within the darker band, 90 % within the lighter one; the green curve is their median.`,
@@ -291,9 +315,10 @@ export const texts = {
   noMoment: "Point at the picture, or move the slider below it, to learn why a dose was given.",
   reading: (/** @type {string} */ value, /** @type {string} */ unit) => `reading ${value} ${unit}`,
   noReading: "no reading",
+  bolus: (/** @type {string} */ units) => `, and a bolus of ${units} U`,
   at: (/** @type {Record<string, string>} */ of) =>
     `At ${of.t} min: glucose ${of.glucose} ${of.glucose_unit}, ${of.reading}; ` +
-    `insulin commanded ${of.commanded}, delivered ${of.delivered} ${of.insulin_unit}.`,
+    `insulin commanded ${of.commanded}, delivered ${of.delivered} ${of.insulin_unit}${of.bolus}.`,
   acts: (/** @type {string} */ status, /** @type {number} */ total, /** @type {{from: number, to: number}[]} */ when) =>
     `${status} ${total} min: ${when.slice(0, MOST_TIMES).map(({ from, to }) => `${from} to ${to}`).join(", ")}` +
     (when.length > MOST_TIMES ? `, and ${when.length - MOST_TIMES} times more.` : "."),

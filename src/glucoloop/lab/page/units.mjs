@@ -45,6 +45,11 @@ export function unitOf(quantity, name) {
   return found;
 }
 
+/** A bolus in units of insulin, as text without the unit. @param {number} bolus_mU */
+export function inUnits(bolus_mU) {
+  return `${Math.round(bolus_mU / 10) / 100}`;
+}
+
 /**
  * A number in a unit, as text without the unit.
  * @param {number} value in mg/dl or mU/min

@@ -3,7 +3,7 @@
 
 import { RULE } from "../crowd.mjs";
 import { button, byId, choices, element, say, select, tell } from "../dom.mjs";
-import { peopleAround } from "../situation.mjs";
+import { peopleAround, peopleIn } from "../situation.mjs";
 import { texts } from "../texts.mjs";
 import { shown } from "../units.mjs";
 
@@ -29,7 +29,8 @@ export function crowdView(session, many) {
   /** Whom the page tries a tuning on, or that it has nobody of the present patient. */
   function hint() {
     const { people, patients } = session.data;
-    const { patient } = session.situation;
+    const { patient, controller } = session.situation;
+    if (peopleAround(patient, session.data) !== null && peopleIn(session.situation, session.data) === null) return texts.peopleNotUnder(controller);
     const around = peopleAround(patient, session.data);
     if (around !== null) return texts.peopleHere(patient, around.population);
     const { family } = patients[patient];
@@ -39,7 +40,7 @@ export function crowdView(session, many) {
   /** @param {number} count */
   async function tryOn(count) {
     const { situation } = session;
-    if (peopleAround(situation.patient, session.data) === null) return say(texts.refused(hint()), true);
+    if (peopleIn(situation, session.data) === null) return say(texts.refused(hint()), true);
     bar.hidden = false;
     bar.max = count;
     bar.value = 0;

@@ -2,7 +2,7 @@
 /** The controls of the situation and of the units. */
 
 import { button, byId, choices, element, input, say, select, setSlider, slider, tell } from "../dom.mjs";
-import { familyOf, patientId, tuningOf, usual, withPatient } from "../situation.mjs";
+import { familyOf, givesBoluses, patientId, tuningOf, usual, withPatient } from "../situation.mjs";
 import { texts } from "../texts.mjs";
 import { unitOf, UNITS, usualUnits } from "../units.mjs";
 import { faultRows, faultsOffered } from "./faults.mjs";
@@ -13,6 +13,8 @@ import { sensorView } from "./sensor.mjs";
 /** @typedef {import("../situation.mjs").Meal} Meal */
 
 const DURATIONS_MIN = [300, 600, 720, 1440];
+/** Bounds of the time from the announcement of a meal to its beginning, as people announce meals. */
+const TOLD_BEFORE_MIN = { least: -60, most: 60, step: 5 };
 
 /** @param {Session} session */
 export function controlsView(session) {
@@ -50,7 +52,14 @@ export function controlsView(session) {
     session.show({ insulin });
     say(told.join(" "));
   });
-  chosen("controller", (controller) => ({ controller, tuning: {} }));
+  // Who gives boluses needs to know of meals; to others the page tells nothing.
+  chosen("controller", (controller) => {
+    const next = { ...session.situation, controller, tuning: {} };
+    return { ...next, announce: givesBoluses(next, data), told_after_min: givesBoluses(next, data) ? next.told_after_min : 0 };
+  });
+  input("announce").addEventListener("change", () => change({ announce: input("announce").checked }));
+  const before = slider("told-before", texts.toldBefore, TOLD_BEFORE_MIN, 0, (value) => change({ told_after_min: -value || 0 }, "told-before"));
+  byId("told-before-box").replaceChildren(before);
   chosen("seed", (seed) => ({ seed: Number(seed) }));
   chosen("duration", (value) => {
     const duration_min = Number(value);
@@ -100,6 +109,10 @@ export function controlsView(session) {
     tell(byId("controller-hint"), summary);
     select("seed").value = `${now.seed}`;
     input("guard").checked = now.guard;
+    input("announce").checked = now.announce;
+    byId("announce-box").hidden = !givesBoluses(now, data) && !now.announce;
+    byId("told-before-box").hidden = !now.announce;
+    setSlider(before, -now.told_after_min || 0);
     const offered = [...new Set([...DURATIONS_MIN, now.duration_min])].sort((a, b) => a - b);
     if (durations !== `${offered}`) {
       durations = `${offered}`;

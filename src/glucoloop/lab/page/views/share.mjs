@@ -57,7 +57,8 @@ function save(ending, content) {
 
 /** Samples of a run as a table, in mg/dl and mU/min. @param {Trace} trace */
 export function csv(trace) {
-  const names = /** @type {const} */ (["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", "status"]);
+  const boluses = trace.bolus_mU.some((bolus) => bolus > 0) ? /** @type {const} */ (["bolus_mU"]) : [];
+  const names = /** @type {const} */ (["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", ...boluses, "status"]);
   const lines = trace.t_min.map((_, i) => names.map((name) => trace[name][i]).join(","));
   return `${[names.join(","), ...lines].join("\n")}\n`;
 }

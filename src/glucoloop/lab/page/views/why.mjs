@@ -3,7 +3,7 @@
 
 import { byId, tell } from "../dom.mjs";
 import { texts } from "../texts.mjs";
-import { shown } from "../units.mjs";
+import { inUnits, shown } from "../units.mjs";
 
 /** @param {import("../session.mjs").Session} session */
 export function whyView(session) {
@@ -16,6 +16,7 @@ export function whyView(session) {
     const { trace } = session.run;
     const { glucose, insulin } = session.units;
     const reading = trace.reading_mg_dl[k];
+    const bolus_mU = trace.bolus_mU[k];
     const told = texts.at({
       t: `${trace.t_min[k]}`,
       glucose: shown(trace.glucose_mg_dl[k], glucose),
@@ -24,6 +25,7 @@ export function whyView(session) {
       commanded: shown(trace.command_mU_min[k], insulin),
       delivered: shown(trace.insulin_mU_min[k], insulin),
       insulin_unit: insulin.name,
+      bolus: bolus_mU > 0 ? texts.bolus(inUnits(bolus_mU)) : "",
     });
     const reason = expectation(session) || terms(session);
     tell(byId("why"), [told, session.data.statuses[trace.status[k]], reason].filter(Boolean).join(" "));

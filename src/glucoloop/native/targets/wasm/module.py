@@ -1,6 +1,7 @@
-"""A WebAssembly module with one exported function for each lowered function.
+"""A WebAssembly module with one exported function for each lowered function, or each function that keeps its loops.
 
-The target needs LLVM's linker, ``wasm-ld``; who only runs a module needs nothing but the module. `kernels.mjs`, beside
+The target needs LLVM's linker, ``wasm-ld``, and clang for functions with loops (`looped`); who only runs a module needs
+nothing but the module. `kernels.mjs`, beside
 this file, runs one from JavaScript.
 
 What is computed once for a person is apart from what is computed at every sample, so that a caller can go through the
@@ -29,6 +30,7 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import STRICT
+from glucoloop.native.targets.wasm.looped import Looped, looped_object
 from glucoloop.refusal import Refusal
 
 HOST: Final = Path(__file__).with_name("kernels.mjs")
@@ -67,10 +69,10 @@ def _linker() -> str:
     return program
 
 
-def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
-    """Compile and link lowered functions as one module, by the names under which it exports them, identifiers of C.
+def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
+    """Compile and link functions as one module, by the names under which it exports them, identifiers of C.
 
-    The module is the same for the same functions and versions of llvmlite and of the linker.
+    The module is the same for the same functions and versions of llvmlite, of clang and of the linker.
     """
     for name in functions:
         if not name.isidentifier() or not name.isascii() or name in _ARGUMENTS:
@@ -78,9 +80,13 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
     program = _linker()
     with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
         objects = []
-        for name, lowered in functions.items():
+        for name, function in functions.items():
             objects.append(Path(place, f"{name}.o"))
-            objects[-1].write_bytes(object_code(name, lowered))
+            if isinstance(function, Looped):
+                code = looped_object(name, function, lanes(function.precision), Path(place))
+            else:
+                code = object_code(name, function)
+            objects[-1].write_bytes(code)
         linked = Path(place, "module.wasm")
         options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
         exports = [f"--export={name}{ending}" for name in functions for ending in ("", f"_{_HOLD}")]
@@ -91,9 +97,9 @@ def wasm_module(functions: Mapping[str, Lowered]) -> bytes:
         return linked.read_bytes()
 
 
-def held_numbers(lowered: Lowered) -> int:
+def held_numbers(function: Lowered | Looped) -> int:
     """Number of values that a function holds for each person from sample to sample."""
-    return _emitter(lowered).held
+    return 0 if isinstance(function, Looped) else _emitter(function).held
 
 
 def object_code(name: str, lowered: Lowered) -> bytes:
