@@ -4,6 +4,7 @@ import datetime as dt
 
 import numpy as np
 import polars as pl
+
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.records import DeviceRecord
 from glucoloop.records.record import SCHEMA

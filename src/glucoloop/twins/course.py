@@ -108,9 +108,13 @@ class Simulator:
 
     def starts(self, z: Values) -> tuple[dict[str, Values], Values]:
         """Parameters ``(people,)`` by name of people with coordinates, and their states ``(states, people)``."""
-        lanes = jnp.asarray(z.T)
-        values = {name: np.asarray(value) for name, value in self.prior.values(lanes[:-1]).items()}
-        return values, np.asarray(self._start(lanes, jnp.asarray(self.days.first_mg_dl))[1])
+        x = self._start(jnp.asarray(z.T), jnp.asarray(self.days.first_mg_dl))[1]
+        return self.parameters(self.prior, z), np.asarray(x)
+
+    @staticmethod
+    def parameters(prior: Prior, z: Values) -> dict[str, Values]:
+        """Parameters ``(people,)`` by name of people with coordinates ``(people, coordinates)``."""
+        return {name: np.asarray(value) for name, value in prior.values(jnp.asarray(z.T[:-1])).items()}
 
     def _start(self, z: jax.Array, first_mg_dl: jax.Array) -> tuple[Any, jax.Array]:
         """People of coordinates ``(coordinates, people)``, and their states at the start."""

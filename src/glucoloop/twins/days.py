@@ -207,8 +207,10 @@ def _basal_mU(
     if unknown.any():
         known = ~unknown & (length > 0.0)
         if instead_U_h is None:
-            instead_U_h = float(np.average(rate[known], weights=length[known])) if known.any() else float(
-                rates["basal_U_h"].drop_nans()[-1]
+            instead_U_h = (
+                float(np.average(rate[known], weights=length[known]))
+                if known.any()
+                else float(rates["basal_U_h"].drop_nans()[-1])
             )
         rate = np.where(unknown, instead_U_h, rate)
         hours = length[unknown].sum() / MIN_PER_H

@@ -204,6 +204,7 @@ class Twin:
                 "parameters": list(self.prior.parameters),
                 "log_mean": self.log_mean.tolist(),
                 "log_covariance": self.log_covariance.tolist(),
+                "start": float(self.drawn[0, -1]),
             },
             "noise": vars(self.noise),
             "record": {

@@ -53,23 +53,23 @@ class TwinRequest(RecordOfPerson):
 
     patient: Annotated[
         PatientPart,
-        _patient("Family of patients, whose population is what is believed of the person before.", default="hovorka-2004"),
+        _patient(
+            "Family of patients, whose population is what is believed of the person before.", default="hovorka-2004"
+        ),
     ] = PATIENTS.parse("hovorka-2004")
     population: Annotated[
         str | None,
         _patient("Another population of the family, or a file.", metavar="NAME|FILE", default="the usual one"),
     ] = None
-    weight_kg: Annotated[
-        float | None, _patient("Body weight, where it is known.", at_least=5.0, at_most=300.0)
-    ] = None
+    weight_kg: Annotated[float | None, _patient("Body weight, where it is known.", at_least=5.0, at_most=300.0)] = None
     held_out_days: Annotated[
         int,
-        _search("Last days whose readings are not used, and are predicted as a check; 0 for none.", at_least=0, at_most=30),
+        _search(
+            "Last days whose readings are not used, and are predicted as a check; 0 for none.", at_least=0, at_most=30
+        ),
     ] = 2
     starts: Annotated[int, _search("Places from which the search begins.", at_least=1, at_most=32)] = 4
-    seed: Annotated[
-        int, _search("The same seed gives the same twin.", at_least=0, at_most=LARGEST_SEED)
-    ] = 0
+    seed: Annotated[int, _search("The same seed gives the same twin.", at_least=0, at_most=LARGEST_SEED)] = 0
 
     def __post_init__(self) -> None:
         if self.patient.person is not None or self.patient.operating_point is not None:

@@ -149,9 +149,13 @@ def _shown(twin: Twin) -> DaysShown:
     begin = days.length_min - 2.0 * MIN_PER_DAY if held is None else twin.fitted_min[1]
     chosen = days.reading_min >= max(begin, 0.0)
     courses = days.at_readings(twin.courses_mg_dl, chosen)
-    low, high = (np.percentile(courses, share, axis=0) for share in (5.0, 95.0)) if held is None else (
-        held.low_mg_dl,
-        held.high_mg_dl,
+    low, high = (
+        (np.percentile(courses, share, axis=0) for share in (5.0, 95.0))
+        if held is None
+        else (
+            held.low_mg_dl,
+            held.high_mg_dl,
+        )
     )
     return DaysShown(
         first=days.first,
