@@ -1,4 +1,4 @@
-"""Records of simulated people whose parameters are known: days with meals, boluses by a person's own ratio, a sensor."""
+"""Records of simulated people whose parameters are known: days with meals, boluses by a person's ratio, a sensor."""
 
 import datetime as dt
 

@@ -120,7 +120,7 @@ def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float
     last = readings["time"][-1]
     end_min = _minutes(last, first)
     days = max(1, int(np.ceil((end_min + SAMPLE_MIN) / MIN_PER_DAY)))
-    edges = SAMPLE_MIN * np.arange(days * SAMPLES_PER_DAY + 1)
+    edges = SAMPLE_MIN * np.arange(days * SAMPLES_PER_DAY + 1, dtype=np.float64)
     inside = frame.filter((pl.col("time") >= first) & (pl.col("time") <= last))
     meals = inside.filter(pl.col("carbs_g") > 0.0)
     boluses = inside.filter(pl.col("bolus_U") > 0.0)

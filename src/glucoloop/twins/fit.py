@@ -86,10 +86,10 @@ class _Target:
         return self._cost(z, self._readings - self._simulator.days.at_readings(courses, self._chosen), noise)
 
     def _cost(self, z: Values, residual: Values, noise: Noise) -> Values:
-        possible = np.isfinite(residual).all(axis=1)
+        possible = np.asarray(np.isfinite(residual).all(axis=1))
         white = noise.independent(self.t_min, np.where(possible[:, None], residual, 0.0).T)
         cost = (white**2).sum(axis=0) + (z**2).sum(axis=1)
-        return np.where(possible, cost, np.inf)
+        return np.asarray(np.where(possible, cost, np.inf), np.float64)
 
     def search(self, found: _Searched, noise: Noise, steps: int, tell: Callable[[str], None]) -> _Searched:
         """Minimise from where a search is."""
@@ -126,12 +126,14 @@ class _Target:
         information = np.eye(z.size) + jacobian.T @ jacobian
         damped = information + damping * np.diag(np.diag(information))
         step: Values = np.linalg.solve(damped, jacobian.T @ residual - z)
-        return np.clip(z + step, -_FARTHEST, _FARTHEST)
+        moved: Values = np.clip(z + step, -_FARTHEST, _FARTHEST)
+        return moved
 
     def covariance(self, found: _Searched, k: int, noise: Noise) -> Values:
         """Covariance of the coordinates about a minimum."""
         jacobian = noise.independent(self.t_min, found.jacobian[k])
-        return np.linalg.inv(np.eye(found.z.shape[1]) + jacobian.T @ jacobian)
+        covariance: Values = np.linalg.inv(np.eye(found.z.shape[1]) + jacobian.T @ jacobian)
+        return covariance
 
 
 def find_twin(
@@ -176,10 +178,10 @@ def find_twin(
     end_min = days.length_min - held_out_days * MIN_PER_DAY
     used = (days.reading_min >= WARM_UP_MIN) & (days.reading_min < end_min)
     if np.count_nonzero(used) < FEWEST_READINGS:
+        left = how_many(int(np.count_nonzero(used)), "reading")
         raise Refusal(
-            f"{how_many(int(np.count_nonzero(used)), 'reading')} are left without {WARM_UP_MIN / MIN_PER_H:.0f} h at the start and "
-            f"{how_many(held_out_days, 'day')} held out, and a twin needs {FEWEST_READINGS}; give a longer record, or "
-            "hold out fewer days"
+            f"{left} are left without {WARM_UP_MIN / MIN_PER_H:.0f} h at the start and {how_many(held_out_days, 'day')} "
+            f"held out, and a twin needs {FEWEST_READINGS}; give a longer record, or hold out fewer days"
         )
     rng = np.random.default_rng(seed)
     target, noise = _Target(simulator, used), Noise()

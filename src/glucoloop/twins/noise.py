@@ -132,4 +132,5 @@ def _evidence(logarithms: jax.Array, t_min: jax.Array, columns: jax.Array) -> ja
     misfit = residual @ residual - explained @ explained
     of_information = 2.0 * jnp.sum(jnp.log(jnp.diagonal(factor)))
     weak = jnp.sum(((logarithms - jnp.asarray(_USUAL_LOG)) / _WEAK_SD) ** 2)
-    return 0.5 * (misfit + log_variance + of_information + weak)
+    cost: jax.Array = 0.5 * (misfit + log_variance + of_information + weak)
+    return cost

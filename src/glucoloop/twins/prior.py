@@ -49,8 +49,7 @@ class Prior:
     @property
     def sd(self) -> Values:
         """``(parameters,)`` standard deviations of the logarithms."""
-        sd: Values = np.sqrt(np.diag(self.covariance))
-        return sd
+        return np.asarray(np.sqrt(np.diag(self.covariance)), np.float64)
 
     def values(self, z: jax.Array) -> dict[str, Any]:
         """Value ``(people,)`` of each parameter, the known ones too, for coordinates ``(parameters, people)``."""

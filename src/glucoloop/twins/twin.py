@@ -93,6 +93,12 @@ class Twin:
         return (self.fitted_min[1] - self.fitted_min[0]) / MIN_PER_DAY
 
     @property
+    def fitted_meals(self) -> int:
+        """Number of meals in that time."""
+        begin, end = self.fitted_min
+        return int(np.count_nonzero(self.days.carbs_g[(self.days.meal_min >= begin) & (self.days.meal_min < end)]))
+
+    @property
     def values(self) -> dict[str, float]:
         """Most likely value of each parameter, and those that were known."""
         found = dict(zip(self.prior.parameters, map(float, np.exp(self.log_mean)), strict=True))
@@ -158,10 +164,8 @@ class Twin:
 
     def warnings(self) -> Iterator[str]:
         """Sentences on what the record did not tell, and on a twin that should not be trusted."""
-        begin, end = self.fitted_min
-        carbs = self.days.carbs_g[(self.days.meal_min >= begin) & (self.days.meal_min < end)]
-        a_day = np.count_nonzero(carbs) / self.fitted_days
-        active = self.days.active_share(begin, end)
+        a_day = self.fitted_meals / self.fitted_days
+        active = self.days.active_share(*self.fitted_min)
         if self.fitted_days < _FEW_DAYS:
             yield f"The readings used are of {self.fitted_days:.1f} days, which is short: give a week or two."
         if a_day < _FEW_MEALS_A_DAY:
@@ -170,8 +174,8 @@ class Twin:
             yield f"The sensor was active in {100.0 * active:.0f} % of the time; the consensus asks for 70 %."
         if self.not_told:
             yield (
-                f"The record says next to nothing of {', '.join(self.not_told)}: the twin has there what the population "
-                "has, and the interval is as wide."
+                f"The record says next to nothing of {', '.join(self.not_told)}: the twin has there what the "
+                "population has, and the interval is as wide."
             )
         if self.agreeing_starts < 2 <= self.starts:
             yield f"Only one of {how_many(self.starts, 'start')} ended at this twin; there may be another one as good."
@@ -181,8 +185,8 @@ class Twin:
             return
         if held.rmse_mg_dl > held.by_mean_rmse_mg_dl:
             yield (
-                f"On the days held out the twin errs by {held.rmse_mg_dl:.0f} mg/dl and the mean of the earlier readings "
-                f"by {held.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; do not rely on it."
+                f"On the days held out the twin errs by {held.rmse_mg_dl:.0f} mg/dl and the mean of the earlier "
+                f"readings by {held.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; do not rely on it."
             )
         least, most = _WELL_COVERED_PCT
         if not least <= held.covered_pct <= most:
@@ -211,6 +215,7 @@ class Twin:
                 "first": f"{days.first:%Y-%m-%d %H:%M}",
                 "fitted_days": self.fitted_days,
                 "meals": days.meals,
+                "fitted_meals": self.fitted_meals,
                 "readings": int(days.reading_min.size),
                 "total_daily_dose_U": days.total_daily_dose_U,
             },

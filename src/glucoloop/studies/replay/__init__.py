@@ -75,12 +75,11 @@ REPLAY: Final = PlainStudy(
         "were given.\n\n"
         "Meals are those of the record, announced when they were entered. Beside each controller stand the recorded "
         "glucose, and the twin under the recorded doses: the difference from the latter, person by person of the "
-        "posterior, is what the therapy changes. What the twin does not explain of the readings is left out, or carried "
-        "along with --carry; the page says which.\n\n"
+        "posterior, is what the therapy changes. What the twin does not explain of the readings is left out, or "
+        "carried along with --carry; the page says which.\n\n"
         f"{PARTS_TOLD}\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
-        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller 'profile-mpc, guard=usual' "
-        "--carry"
+        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc --carry"
     ),
     module="glucoloop.studies.replay.study",
     request=ReplayRequest,

@@ -141,7 +141,7 @@ def _replayed(asked: ReplayRequest, twin: StoredTwin, days: RecordedDays, progre
     recorded = plasma.glucose_mg_dl(z[possible])[:, : samples + 1]
     progress(f"{how_many(len(seen), 'person', 'people')} under the recorded doses")
     residual = _residual(days, seen) if asked.carry else np.zeros_like(seen)
-    t_min = SAMPLE_MIN * np.arange(samples + 1)
+    t_min = SAMPLE_MIN * np.arange(samples + 1, dtype=np.float64)
     given = np.broadcast_to(days.insulin_mU_min[:samples], (len(seen), samples))
     arms = [Arm(RECORDED_DOSES, t_min, recorded + residual, given)]
     for case in asked.cases:
@@ -186,7 +186,7 @@ def _loop(
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        own = {} if residual is None else {"surroundings": with_residual(residual[place, :-1].T)}
+        own: dict[str, Any] = {} if residual is None else {"surroundings": with_residual(residual[place, :-1].T)}
         return loop.run(some, keys_of_people(situation.seed, some.draw.person), **own)
 
     number = people.feasible.size
@@ -251,7 +251,8 @@ def _notes(asked: ReplayRequest, replayed: Replayed) -> Iterator[str]:
         else "What the twin does not explain of the readings is left out; --carry carries it along."
     )
     if replayed.left_out:
-        yield f"{how_many(replayed.left_out, 'drawn person', 'drawn people')} could not rest at the target and were left out."
+        who = how_many(replayed.left_out, "drawn person", "drawn people")
+        yield f"{who} could not rest at the target and were left out."
 
 
 def _with_interval(key: str) -> Callable[[Any], str]:
@@ -300,8 +301,8 @@ def sentences(asked: ReplayRequest, found: Findings) -> Iterator[str]:
             f"({inside[1]} in 90 % of the people of the posterior), time below 70 mg/dl {below[0]} ({below[1]})."
         )
     yield (
-        "The intervals hold how far the record leaves the twin open. They do not hold that another therapy changes how a "
-        "person eats and lives, nor what the family of patients lacks."
+        "The intervals hold how far the record leaves the twin open. They do not hold that another therapy changes how "
+        "a person eats and lives, nor what the family of patients lacks."
     )
 
 

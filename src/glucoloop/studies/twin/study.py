@@ -101,8 +101,9 @@ def sentences(asked: TwinRequest, found: Findings) -> Iterator[str]:
     plain = found.plain
     record, held = plain["record"], plain["held_out"]
     yield (
-        f"A twin of {plain['patient']} was found from {record['fitted_days']:.1f} days with {record['meals']} meals and "
-        f"{record['total_daily_dose_U']:.0f} U a day; readings lie {plain['fit_rmse_mg_dl']:.1f} mg/dl about it."
+        f"A twin of {plain['patient']} was found from {record['fitted_days']:.1f} days with "
+        f"{record['fitted_meals']} meals and {record['total_daily_dose_U']:.0f} U a day; readings lie "
+        f"{plain['fit_rmse_mg_dl']:.1f} mg/dl about it."
     )
     if held is not None:
         yield (
