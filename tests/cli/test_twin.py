@@ -9,7 +9,7 @@ from lived_records import lived
 
 
 def test_a_twin_needs_a_record(refused):
-    assert "no record is given" in refused("twin")
+    assert "FILE... is missing" in refused("twin")
     assert "absent.parquet" in refused("twin", "absent.parquet")
 
 
@@ -39,10 +39,10 @@ def test_from_a_record_to_another_therapy(glucoloop, tmp_path, monkeypatch):
     assert all("Doe" not in file.read_text(errors="ignore") for file in (tmp_path / "twin").iterdir())
 
     person = "hovorka-2004, person=twin/person.toml:twin"
-    ran = glucoloop("run", "--patient", person, "--controller", "open-loop", "--duration", "60", "--json")
+    ran = glucoloop("run", "--patient", person, "--controller", "basal", "--duration", "60", "--json")
     assert ran.code == 0
     population = ("--patient", "hovorka-2004", "--population", "twin/posterior.toml")
-    tried = glucoloop("trial", *population, "--controller", "open-loop", "--people", "20", "--out", "people")
+    tried = glucoloop("trial", *population, "--controller", "basal", "--people", "20", "--out", "people")
     assert tried.code == 0
 
     asked = ("replay", "Doe_Jane.parquet", "--twin", "twin", "--controller", "basal-bolus", "--draws", "10")

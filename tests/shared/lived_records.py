@@ -15,7 +15,17 @@ from glucoloop.studies.closed_loop import close_the_loop
 FIRST = dt.datetime(2026, 3, 2)
 
 
-def lived(patient, people, person, *, days=7, sensor=("dexcom-g6",), controller="basal-bolus", carb_error_pct=0.0):
+def lived(
+    patient,
+    people,
+    person,
+    *,
+    days=7,
+    sensor=("dexcom-g6",),
+    controller="basal-bolus",
+    time_spread_min=30.0,
+    carb_error_pct=0.0,
+):
     """Record of a person of a population, and the true parameters by name."""
     run = asked_for(
         Run,
@@ -26,7 +36,7 @@ def lived(patient, people, person, *, days=7, sensor=("dexcom-g6",), controller=
             "days": days,
             "meals": ["45g@7h", "75g@12h", "85g@18.5h", "15g@21h"],
             "meal_size_spread_pct": 25.0,
-            "meal_time_spread_min": 30.0,
+            "meal_time_spread_min": time_spread_min,
             "carb_error_pct": carb_error_pct,
             "sensor": [{"name": "ideal", "site": "interstitial"}, *({"name": name} for name in sensor)],
             "seed": person,

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.long
 def person():
     """A person with the true coordinates, and the simulator of a record that was read without error."""
     people = population("boiroux2017", patient="hovorka-2004")
-    record, truth = lived("hovorka-2004", "boiroux2017", 3, days=2, sensor=())
+    record, truth = lived("hovorka-2004", "boiroux2017", 3, days=2, sensor=(), time_spread_min=0.0)
     prior = prior_of(people)
     simulator = Simulator.of(people, prior, recorded_days(record))
     return simulator, np.append(prior.coordinates(truth), 0.0)

@@ -180,8 +180,9 @@ def find_twin(
     if np.count_nonzero(used) < FEWEST_READINGS:
         left = how_many(int(np.count_nonzero(used)), "reading")
         raise Refusal(
-            f"{left} are left without {WARM_UP_MIN / MIN_PER_H:.0f} h at the start and {how_many(held_out_days, 'day')} "
-            f"held out, and a twin needs {FEWEST_READINGS}; give a longer record, or hold out fewer days"
+            f"{left} are left without {WARM_UP_MIN / MIN_PER_H:.0f} h at the start and "
+            f"{how_many(held_out_days, 'day')} held out, and a twin needs {FEWEST_READINGS}; give a longer record, or "
+            "hold out fewer days"
         )
     rng = np.random.default_rng(seed)
     target, noise = _Target(simulator, used), Noise()

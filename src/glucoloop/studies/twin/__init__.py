@@ -61,7 +61,10 @@ class TwinRequest(RecordOfPerson):
         str | None,
         _patient("Another population of the family, or a file.", metavar="NAME|FILE", default="the usual one"),
     ] = None
-    weight_kg: Annotated[float | None, _patient("Body weight, where it is known.", at_least=5.0, at_most=300.0)] = None
+    weight_kg: Annotated[
+        float | None,
+        _patient("Body weight, where it is known.", flag="--weight", metavar="KG", at_least=5.0, at_most=300.0),
+    ] = None
     held_out_days: Annotated[
         int,
         _search(
