@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from glucoloop.patients.population import alone, draw
+from glucoloop.situations.population import named_population, person_of
 from lived_records import lived
 
 
@@ -38,12 +40,11 @@ def test_from_a_record_to_another_therapy(glucoloop, tmp_path, monkeypatch):
     assert "weight_kg" not in [row["parameter"] for row in twin["parameters"]]
     assert all("Doe" not in file.read_text(errors="ignore") for file in (tmp_path / "twin").iterdir())
 
-    person = "hovorka-2004, person=twin/person.toml:twin"
-    ran = glucoloop("run", "--patient", person, "--controller", "basal", "--duration", "60", "--json")
-    assert ran.code == 0
-    population = ("--patient", "hovorka-2004", "--population", "twin/posterior.toml")
-    tried = glucoloop("trial", *population, "--controller", "basal", "--people", "20", "--out", "people")
-    assert tried.code == 0
+    assert alone(person_of("twin/person.toml:twin", "hovorka-2004", 0), 120.0)[1].total_daily_dose_U > 0.0
+    drawn = draw(named_population("twin/posterior.toml", "hovorka-2004"), 0, np.arange(500)).values
+    assert drawn["weight_kg"] == pytest.approx(truth["weight_kg"], rel=1e-6)
+    for row in twin["parameters"]:
+        assert np.median(drawn[row["parameter"]]) == pytest.approx(row["value"], rel=0.1)
 
     asked = ("replay", "Doe_Jane.parquet", "--twin", "twin", "--controller", "basal-bolus", "--draws", "10")
     left_out = glucoloop(*asked, "--out", "replay", "--json").json

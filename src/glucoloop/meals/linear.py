@@ -191,9 +191,14 @@ def carried_moments(absorption: LinearAbsorption, samples: int, substeps: int, s
     table = jnp.zeros((samples * substeps, entries, people))
     table = table.at[number, :, jnp.arange(people)].add(jnp.moveaxis(added, 0, -1), mode="drop")
 
+    # where people have the same gut, its matrices have no axis of people
+    of_moments, transition = (
+        matrix.reshape(*matrix.shape[:2], -1) for matrix in (digestion.of_moments, digestion.transition)
+    )
+
     def step(state: jax.Array, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
-        moments = jnp.sum(digestion.of_moments * state, axis=1) + inside[:MOMENTS]
-        return jnp.sum(digestion.transition * state, axis=1) + inside[MOMENTS:], moments
+        moments = jnp.sum(of_moments * state, axis=1) + inside[:MOMENTS]
+        return jnp.sum(transition * state, axis=1) + inside[MOMENTS:], moments
 
     start = jnp.zeros((entries - MOMENTS, people))
     _, moments = jax.lax.scan(step, start, table)

@@ -83,7 +83,8 @@ class RecordedDays:
         """Values ``(..., readings)`` at the times of chosen readings, of a course ``(..., samples + 1)``."""
         place, share = np.divmod(self.reading_min[chosen] / SAMPLE_MIN, 1.0)
         at = place.astype(int)
-        found: Values = (1.0 - share) * course[..., at] + share * course[..., at + 1]
+        with np.errstate(invalid="ignore"):  # a person who cannot be has no finite glucose
+            found: Values = (1.0 - share) * course[..., at] + share * course[..., at + 1]
         return found
 
 
