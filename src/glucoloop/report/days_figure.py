@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.report._style import GREY, SETPOINT, add_axis, dress, line_style, mark_meals, new_figure, time_axis
+from glucoloop.report._style import (
+    GREY,
+    SETPOINT,
+    add_axis,
+    dress,
+    every,
+    line_style,
+    mark_meals,
+    new_figure,
+    time_axis,
+)
 from glucoloop.shown_units import other_value
 
 if TYPE_CHECKING:
@@ -60,7 +70,7 @@ class DaysShown:
 def plot_days(shown: DaysShown) -> Figure:
     """Draw readings as dots, and each course as a line with its band."""
     t_min = shown.t_min - shown.t_min[0]
-    divisor, unit, _ = time_axis(float(t_min[-1]), "double")
+    divisor, unit, tick = time_axis(float(t_min[-1]), "double")
     figure = new_figure("double", _HEIGHT_MM, None)
     axes = figure.subplots()
     for bound in (70.0, 180.0):
@@ -74,7 +84,8 @@ def plot_days(shown: DaysShown) -> Figure:
         axes.plot(t_min / divisor, course, label=name, **style)
     axes.set(xlim=(0.0, t_min[-1] / divisor), ylim=shown.range_mg_dl, ylabel="Glucose (mg/dl)")
     axes.set_xlabel(f"Time from {shown.begins} ({unit})")
-    meals = [(t - shown.t_min[0], carbs_g) for t, carbs_g in shown.meals if t >= shown.t_min[0]]
+    axes.xaxis.set_major_locator(every(tick))
+    meals = [(t - shown.t_min[0], round(carbs_g)) for t, carbs_g in shown.meals if t >= shown.t_min[0]]
     mark_meals(axes, meals, float(t_min[-1]), "double")
     axes.legend(loc="upper right", fontsize="small", frameon=False, ncols=3)
     dress(axes)

@@ -272,8 +272,8 @@ def _columns() -> Iterator[Column]:
     for key, (head, short) in names.items():
         text = _with_interval(key)
         yield Column(name=key, group=head, head="twin", short=short, text=text)
-        yield Column(name=f"{key}_low", group=head, head="5 %", text=text)
-        yield Column(name=f"{key}_high", group=head, head="95 %", text=text)
+        yield Column(name=f"{key}_low", group=head, head="5 %", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_high", group=head, head="95 %", text=text, missing=lambda row: "")
 
 
 _COLUMNS: Final = tuple(_columns())
