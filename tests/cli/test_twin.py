@@ -16,7 +16,7 @@ def test_a_twin_needs_a_record(refused):
 
 
 def test_a_twin_is_of_a_family(refused):
-    assert "is a family" in refused("twin", "a.csv", "--patient", "hovorka-2004, person=3")
+    assert "unknown patient" in refused("twin", "a.csv", "--patient", "hovorka")
     assert "nothing is left" in refused("twin", "a.csv", "--days", "2", "--held-out-days", "2")
 
 

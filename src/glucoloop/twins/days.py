@@ -37,7 +37,7 @@ class RecordedDays:
     days: int
     """Number of days simulated, the last of which may be incomplete."""
     first_mg_dl: float
-    """First reading."""
+    """First reading of the stretch."""
     insulin_mU_min: Values
     """``(samples,)`` basal rate and boluses of each sample."""
     meal_min: Values
@@ -45,9 +45,9 @@ class RecordedDays:
     """``(meals,)`` times and carbohydrate of meals; those of 0 g are none."""
     reading_min: Values
     reading_mg_dl: Values
-    """``(readings,)``, at increasing times."""
+    """Readings ``(readings,)`` at increasing times."""
     bolus_U: float
-    """All boluses."""
+    """Insulin of all boluses."""
     basal_U: float
     """All basal insulin."""
     length_min: float

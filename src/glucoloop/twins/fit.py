@@ -55,7 +55,7 @@ _INTERVAL_PCT: Final = (5.0, 50.0, 95.0)
 
 @dataclass(frozen=True)
 class _Searched:
-    """Where a search is: one row for each start."""
+    """State of a search: one row for each start."""
 
     z: Values
     cost: Values
@@ -64,7 +64,7 @@ class _Searched:
 
 
 class _Target:
-    """What is minimised, on the readings of some time."""
+    """Cost that is minimised, on the readings of some time."""
 
     def __init__(self, simulator: Simulator, chosen: npt.NDArray[np.bool_]) -> None:
         self._simulator, self._chosen, days = simulator, chosen, simulator.days
@@ -120,7 +120,7 @@ class _Target:
     def _step(self, found: _Searched, k: int, noise: Noise, damping: float) -> Values:
         z = found.z[k]
         if not np.isfinite(found.cost[k]):
-            return 0.5 * z  # nearer to the median, who can exist
+            return np.asarray(0.5 * z)  # nearer to the median, who can exist
         white = noise.independent(self.t_min, np.column_stack([found.residual[k], found.jacobian[k]]))
         residual, jacobian = white[:, 0], white[:, 1:]
         information = np.eye(z.size) + jacobian.T @ jacobian
@@ -132,8 +132,8 @@ class _Target:
     def covariance(self, found: _Searched, k: int, noise: Noise) -> Values:
         """Covariance of the coordinates about a minimum."""
         jacobian = noise.independent(self.t_min, found.jacobian[k])
-        covariance: Values = np.linalg.inv(np.eye(found.z.shape[1]) + jacobian.T @ jacobian)
-        return covariance
+        information = np.eye(found.z.shape[1]) + jacobian.T @ jacobian
+        return np.asarray(np.linalg.inv(information), np.float64)
 
 
 def find_twin(

@@ -60,8 +60,7 @@ class Prior:
     def coordinates(self, values: Mapping[str, Any]) -> Values:
         """Coordinates z ``(parameters,)`` of a person with given values."""
         logarithms = np.log([float(values[name]) for name in self.parameters])
-        z: Values = np.linalg.solve(self.factor, logarithms - self.mean)
-        return z
+        return np.asarray(np.linalg.solve(self.factor, logarithms - self.mean), np.float64)
 
 
 def prior_of(population: Population, known: Mapping[str, float] | None = None) -> Prior:

@@ -79,7 +79,7 @@ class Twin:
     drawn: Values
     """``(people, coordinates)`` the twin, and people drawn from its posterior, see `twins.course.Simulator`."""
     courses_mg_dl: Values
-    """``(people, samples + 1)`` their glucose at the sensor under the recorded doses."""
+    """Glucose of these people at the sensor ``(people, samples + 1)`` under the recorded doses."""
     held_out: HeldOut | None = None
 
     @property
@@ -106,7 +106,7 @@ class Twin:
 
     @property
     def profile(self) -> dict[str, float]:
-        """What the record says of the therapy: dose of a day, and carbohydrate for a unit of all boluses."""
+        """Therapy by the record: dose of a day, and carbohydrate for a unit of all boluses."""
         ratio = self.days.carb_ratio_g_U
         dose = {"total_daily_dose_U": self.days.total_daily_dose_U}
         return dose if ratio is None else {**dose, "carb_ratio_g_U": ratio}

@@ -290,7 +290,7 @@ def tables(asked: ReplayRequest, found: Findings) -> Iterator[FittingTable]:
 
 
 def sentences(asked: ReplayRequest, found: Findings) -> Iterator[str]:
-    """What each controller changes, with its interval."""
+    """Sentences on what each controller changes, with its interval."""
     for row in found.rows[2:]:
         inside, below = (
             (f"{row[f'change_{key}']:+.1f}", f"{row[f'change_{key}_low']:+.1f} to {row[f'change_{key}_high']:+.1f}")

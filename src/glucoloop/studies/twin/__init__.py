@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.limits import LARGEST_SEED
 from glucoloop.parts.grammar import Tree
 from glucoloop.parts.part import Part
-from glucoloop.patients.settings import PATIENTS, PatientPart
+from glucoloop.patients.settings import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
@@ -52,11 +52,12 @@ class TwinRequest(RecordOfPerson):
     kind: ClassVar = "twin"
 
     patient: Annotated[
-        PatientPart,
+        str,
         _patient(
-            "Family of patients, whose population is what is believed of the person before.", default="hovorka-2004"
+            "Family of patients, whose population is what is believed of the person before: `glucoloop list patients`.",
+            metavar="NAME",
         ),
-    ] = PATIENTS.parse("hovorka-2004")
+    ] = "hovorka-2004"
     population: Annotated[
         str | None,
         _patient("Another population of the family, or a file.", metavar="NAME|FILE", default="the usual one"),
@@ -75,8 +76,7 @@ class TwinRequest(RecordOfPerson):
     seed: Annotated[int, _search("The same seed gives the same twin.", at_least=0, at_most=LARGEST_SEED)] = 0
 
     def __post_init__(self) -> None:
-        if self.patient.person is not None or self.patient.operating_point is not None:
-            raise Refusal("the patient of a twin is a family; leave person and operating_point out")
+        patient_entry(self.patient)  # refuses an unknown one
         if self.held_out_days >= self.most_days:
             raise Refusal(
                 f"--held-out-days is {self.held_out_days} of {self.most_days} days, so nothing is left; hold out fewer"

@@ -49,7 +49,7 @@ def found(asked: TwinRequest, progress: Callable[[str], None]) -> Findings:
     progress(f"{days.days} days")
     twin = find_twin(
         days,
-        population_of(asked.population, asked.patient.called),
+        population_of(asked.population, asked.patient),
         known={} if asked.weight_kg is None else {_WEIGHT: asked.weight_kg},
         held_out_days=asked.held_out_days,
         starts=asked.starts,
@@ -97,7 +97,7 @@ def tables(asked: TwinRequest, found: Findings) -> Iterator[FittingTable]:
 
 
 def sentences(asked: TwinRequest, found: Findings) -> Iterator[str]:
-    """What was found, and how well it predicts."""
+    """Sentences on what was found, and how well it predicts."""
     plain = found.plain
     record, held = plain["record"], plain["held_out"]
     yield (
