@@ -143,8 +143,14 @@ class Simulator:
             clock, insulin, moments = entry
             seen = seen_mg_dl(people, x, self.site)
             insulin = jnp.broadcast_to(insulin, z.shape[1:])
-            for number in range(self.steps):
-                x = plant.step(x, clock + number * step_min, insulin, moments[number])
+
+            def step(
+                state: tuple[jax.Array, jax.Array], of_step: jax.Array
+            ) -> tuple[tuple[jax.Array, jax.Array], None]:
+                x, clock = state
+                return (plant.step(x, clock, insulin, of_step), clock + step_min), None
+
+            (x, _), _ = jax.lax.scan(step, (x, clock), moments, unroll=2)
             return x, seen
 
         clock = given["clock_min"] + SAMPLE_MIN * jnp.arange(samples)
