@@ -8,7 +8,6 @@ forgets its start, are not compared with readings.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from dataclasses import dataclass
@@ -76,10 +75,6 @@ class Simulator:
             steps=max(2, math.ceil(rate * SAMPLE_MIN / _MOST_STEP)),
             site=_INTERSTITIAL if _INTERSTITIAL in where else where[0],
         )
-
-    def with_days(self, days: RecordedDays) -> Simulator:
-        """The same for other days."""
-        return dataclasses.replace(self, days=days)
 
     @property
     def coordinates(self) -> int:

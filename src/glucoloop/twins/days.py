@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime as dt
 from dataclasses import dataclass
 from typing import Final
@@ -155,11 +154,6 @@ def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float
         length_min=end_min,
         notes=tuple(notes),
     )
-
-
-def with_doses(days: RecordedDays, insulin_mU_min: Values) -> RecordedDays:
-    """The same days with other doses ``(samples,)``."""
-    return dataclasses.replace(days, insulin_mU_min=insulin_mU_min)
 
 
 def _last_stretch(readings: pl.DataFrame, most_days: int, notes: list[str]) -> tuple[pl.DataFrame, dt.datetime]:
