@@ -41,6 +41,7 @@ from . import storage as storage
 from . import studies as studies
 from . import threefry as threefry
 from . import tuning as tuning
+from . import twins as twins
 from . import units as units
 from .bounds import optimal_doses as optimal_doses
 from .cohorts.people_run import simulate_people as simulate_people

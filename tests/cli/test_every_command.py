@@ -13,12 +13,24 @@ from glucoloop.parts.setting import Setting
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.situations.run import Run
+from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
 from glucoloop.studies.catalogue import STUDIES
 from requests_read import asked, root_of
 
 MOST_LINES, MOST_OPTIONS, WIDTH = 80, 30, 100
 ASKING = tuple(STUDIES)
+
+
+def files_of(command):
+    """What has to be typed without an option, such as the files of a record."""
+    return ["a.csv" for option in command_of(command).options if not option.flag.startswith("--")]
+
+
+def of_a_patient(command):
+    """Whether a command takes settings by their path, and a patient among them."""
+    root = root_of(command)
+    return SET in command_of(command).options and issubclass(root, Situation) and "patient" not in root.refused
 
 
 @pytest.mark.parametrize("command", names())
@@ -43,7 +55,7 @@ def test_every_option_is_a_sentence(command):
         assert option.help.endswith("."), option.flag
 
 
-@pytest.mark.parametrize("command", [name for name in ASKING if SET in command_of(name).options])
+@pytest.mark.parametrize("command", [name for name in ASKING if of_a_patient(name)])
 def test_the_example_of_a_setting_by_its_path_is_one_that_the_command_takes(command):
     [example] = re.findall(r"like (\S+);", SET.help)
     given = command_of(command).given([SET.flag, example])
@@ -73,7 +85,7 @@ def test_a_number_is_refused_by_the_name_of_its_option(command, option):
         if abs(number) < 5e5 and not setting.about.allows(number)
     ]
     for value in ("wobble", *(str(round(number)) for number in beyond)):
-        typed = command_of(command).given([option.flag, value])
+        typed = command_of(command).given([option.flag, value, *files_of(command)])
         with pytest.raises(Refusal) as refused:
             read_root(root_of(command), request_of(typed, command_of(command).options).tree)
         assert re.match(rf"{option.flag} is '?{re.escape(value[:6])}", str(refused.value)), str(refused.value)

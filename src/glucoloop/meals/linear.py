@@ -2,7 +2,7 @@
 
 `appearance_moments` sums over all jumps at every step. For many people with individual meals and guts,
 `LinearDigestion` takes each jump once, at the step in which it lies, and carries the state of the meal model from step
-to step.
+to step; `carried_moments` does the same for a whole run of people who eat the same.
 """
 
 from __future__ import annotations
@@ -178,6 +178,31 @@ def jump_table(absorption: LinearAbsorption, *, steps: int, step_min: float, fir
         person=np.tile(person, entries),
         number=added[:, jump, person].ravel(),
     )
+
+
+def carried_moments(absorption: LinearAbsorption, samples: int, substeps: int, step_min: float) -> jax.Array:
+    """Moments ``(samples, substeps, 3, people)`` as `LinearAbsorption.moments`, with each jump taken once.
+
+    The absorption is of people and has jumps ``(jumps, people)`` from the time 0 on. JAX traces and differentiates it.
+    """
+    digestion = linear_digestion(absorption.model, substeps, step_min)
+    number, added = _of_jumps(absorption, step_min)
+    entries, _, people = added.shape
+    table = jnp.zeros((samples * substeps, entries, people))
+    table = table.at[number, :, jnp.arange(people)].add(jnp.moveaxis(added, 0, -1), mode="drop")
+
+    # where people have the same gut, its matrices have no axis of people
+    of_moments, transition = (
+        matrix.reshape(*matrix.shape[:2], -1) for matrix in (digestion.of_moments, digestion.transition)
+    )
+
+    def step(state: jax.Array, inside: jax.Array) -> tuple[jax.Array, jax.Array]:
+        moments = jnp.sum(of_moments * state, axis=1) + inside[:MOMENTS]
+        return jnp.sum(transition * state, axis=1) + inside[MOMENTS:], moments
+
+    start = jnp.zeros((entries - MOMENTS, people))
+    _, moments = jax.lax.scan(step, start, table)
+    return moments.reshape(samples, substeps, MOMENTS, people)
 
 
 @functools.partial(jax.jit, static_argnames="step_min")

@@ -27,6 +27,8 @@ _ENTRIES: Final = (
     ("studies.trial:TRIAL", SIMULATE, "Try controllers on a population of virtual people."),
     ("studies.league:LEAGUE", SIMULATE, "Say which controller is best for whom, and where each does harm."),
     ("studies.tuning:TUNE", SIMULATE, "Try every tuning of a grid, and say which are any good."),
+    ("studies.twin:TWIN", MODELS, "Find a person's own model from a record of ordinary life."),
+    ("studies.replay:REPLAY", MODELS, "Live the days of a record again under another therapy."),
     ("studies.identification:IDENTIFY", MODELS, "Identify a model, also from your own CSV."),
     ("studies.stress:STRESS", SAFETY, "Try controllers under faults of sensor and pump, guarded or not."),
     ("studies.verification:VERIFY", SAFETY, "Close random loops, and check every promise at every sample."),

@@ -1,0 +1,93 @@
+"""Figure for print of days of a record: readings, and glucose of a twin with its band."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from glucoloop.report._style import (
+    GREY,
+    SETPOINT,
+    add_axis,
+    dress,
+    every,
+    line_style,
+    mark_meals,
+    new_figure,
+    time_axis,
+)
+from glucoloop.shown_units import other_value
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = npt.NDArray[np.float64]
+
+_LOWEST_MG_DL: Final = 40.0
+_LEAST_TOP_MG_DL: Final = 250.0
+_LARGEST_MG_DL: Final = 400.0
+_HEIGHT_MM: Final = 70.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaysShown:
+    """Readings of some days with courses beside them, at the same times."""
+
+    first: dt.datetime
+    """Local time of the minute 0."""
+    t_min: Floats
+    reading_mg_dl: Floats
+    course_mg_dl: Mapping[str, Floats]
+    """Courses by name."""
+    band_mg_dl: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    """Bands of courses by the same names."""
+    meals: Sequence[tuple[float, float]] = ()
+    """Time and carbohydrate of meals."""
+
+    @property
+    def begins(self) -> str:
+        """Date and time of the first reading."""
+        return f"{self.first + dt.timedelta(minutes=float(self.t_min[0])):%Y-%m-%d %H:%M}"
+
+    @property
+    def marks(self) -> list[tuple[float, str]]:
+        """Meals from the first reading on, as marks of a picture."""
+        return [(float(t - self.t_min[0]), f"{carbs_g:.0f} g") for t, carbs_g in self.meals if t >= self.t_min[0]]
+
+    @property
+    def range_mg_dl(self) -> tuple[float, float]:
+        """Ends of the axis of glucose."""
+        tops = [self.reading_mg_dl, *self.course_mg_dl.values(), *(high for _, high in self.band_mg_dl.values())]
+        highest = max(float(np.nanmax(top)) for top in tops)
+        return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_LEAST_TOP_MG_DL, 1.05 * highest))
+
+
+def plot_days(shown: DaysShown) -> Figure:
+    """Draw readings as dots, and each course as a line with its band."""
+    t_min = shown.t_min - shown.t_min[0]
+    divisor, unit, tick = time_axis(float(t_min[-1]), "double")
+    figure = new_figure("double", _HEIGHT_MM, None)
+    axes = figure.subplots()
+    for bound in (70.0, 180.0):
+        axes.axhline(bound, **SETPOINT)
+    axes.plot(t_min / divisor, shown.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
+    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
+        style = line_style(place)
+        if name in shown.band_mg_dl:
+            low, high = shown.band_mg_dl[name]
+            axes.fill_between(t_min / divisor, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
+        axes.plot(t_min / divisor, course, label=name, **style)
+    axes.set(xlim=(0.0, t_min[-1] / divisor), ylim=shown.range_mg_dl, ylabel="Glucose (mg/dl)")
+    axes.set_xlabel(f"Time from {shown.begins} ({unit})")
+    axes.xaxis.set_major_locator(every(tick))
+    meals = [(t - shown.t_min[0], round(carbs_g)) for t, carbs_g in shown.meals if t >= shown.t_min[0]]
+    mark_meals(axes, meals, float(t_min[-1]), "double")
+    axes.legend(loc="upper right", fontsize="small", frameon=False, ncols=3)
+    dress(axes)
+    add_axis(axes, other_value(1.0, "mg/dl"), "(mmol/l)")
+    return figure

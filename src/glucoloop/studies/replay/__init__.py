@@ -1,0 +1,87 @@
+"""Replay: the days of a record again, with the doses of a controller in place of those that were given."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final
+
+from glucoloop.patients.settings import PatientPart, patient_entry
+from glucoloop.refusal import Refusal
+from glucoloop.situations.option import Option
+from glucoloop.situations.run import ControlledSituation
+from glucoloop.studies.study import PARTS_TOLD, PlainStudy
+from glucoloop.studies.twin import RecordOfPerson
+
+SUMMARY: Final = "twin.json"
+PERSON: Final = "person.toml:twin"
+_replay = functools.partial(Option, panel="Replay")
+
+
+class ReplayRequest(RecordOfPerson, ControlledSituation):
+    """Record, twin, and the controllers that dose in place of the person."""
+
+    kind: ClassVar = "replay"
+    # the person, the meals and the clock are those of the record
+    refused: ClassVar = (
+        *("patient", "profile_by", "announce_meals", "carb_error_pct", "carb_bias_pct", "start", "rhythm", "rescue"),
+        *("warm_up_min", "metrics"),
+    )
+
+    twin: Annotated[
+        str | None, _replay("Folder of `glucoloop twin`, with the twin of the person of the record.", metavar="FOLDER")
+    ] = None
+    draws: Annotated[
+        int, _replay("People drawn from the posterior of the twin, for the intervals.", at_least=10, at_most=1000)
+    ] = 50
+    carry: Annotated[
+        bool,
+        _replay(
+            "Carry along what the twin does not explain: add the residual of each reading to the glucose of the replay."
+        ),
+    ] = False
+    unannounced: Annotated[bool, _replay("Do not tell the controller of the meals of the record.")] = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "announce_meals", not self.unannounced)
+        if self.twin is not None:
+            object.__setattr__(self, "patient", self._person())
+        super().__post_init__()
+
+    def _person(self) -> PatientPart:
+        """The twin as the one person of its family."""
+        family = self.kept().get("patient")
+        if not isinstance(family, str):
+            raise Refusal(f"{self.twin} holds no twin; give the folder of `glucoloop twin`")
+        return patient_entry(family).partial({"person": f"{self.twin}/{PERSON}"}, asked=family)
+
+    def kept(self) -> dict[str, Any]:
+        """Plain values of the twin; Refusal where there are none."""
+        if self.twin is None:
+            raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
+        try:
+            found = json.loads((Path(self.twin) / SUMMARY).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise Refusal(f"{self.twin} holds no {SUMMARY}; give the folder of `glucoloop twin`") from None
+        return found if isinstance(found, dict) else {}
+
+
+REPLAY: Final = PlainStudy(
+    name="replay",
+    what="a replay",
+    help=(
+        "Live the days of a record again on the person's twin, with the doses of a controller in place of those that "
+        "were given.\n\n"
+        "Meals are those of the record, announced when they were entered. Beside each controller stand the recorded "
+        "glucose, and the twin under the recorded doses: the difference from the latter, person by person of the "
+        "posterior, is what the therapy changes. What the twin does not explain of the readings is left out, or "
+        "carried along with --carry; the page says which.\n\n"
+        f"{PARTS_TOLD}\n\n"
+        "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
+        "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc --carry"
+    ),
+    module="glucoloop.studies.replay.study",
+    request=ReplayRequest,
+    summary="replay.json",
+)

@@ -1,0 +1,203 @@
+"""Work of finding a twin: record, search, check, page, and the files from which other commands take the person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import polars as pl
+import tomli_w
+
+from glucoloop.cohorts.trial import population_of
+from glucoloop.records import read_record
+from glucoloop.refusal import Refusal
+from glucoloop.report.charts import GLUCOSE, Panel, Plot
+from glucoloop.report.columns import Column, FittingTable, terminal_table
+from glucoloop.report.days_figure import DaysShown, plot_days
+from glucoloop.report.print_figure import figure_files
+from glucoloop.report.template import render
+from glucoloop.situations.population import population_keys
+from glucoloop.storage.findings import Findings
+from glucoloop.studies.twin import RecordOfPerson, TwinRequest
+from glucoloop.twins import RecordedDays, Twin, find_twin, recorded_days
+from glucoloop.units import MIN_PER_DAY
+
+if TYPE_CHECKING:
+    from glucoloop.patients.population import Population
+
+PERSON: Final = "person.toml"
+POSTERIOR: Final = "posterior.toml"
+_WEIGHT: Final = "weight_kg"
+
+
+def days_of(asked: RecordOfPerson) -> RecordedDays:
+    """Days of the record that is asked for; Refusal with its files for one that is not enough."""
+    if not asked.files:
+        raise Refusal("no record is given; give the path of one, like record.parquet")
+    record = read_record(*asked.files)
+    try:
+        return recorded_days(record, most_days=asked.most_days, basal_U_h=asked.basal_U_h)
+    except Refusal as error:
+        raise Refusal(f"{', '.join(asked.files)}: {error}") from None
+
+
+def found(asked: TwinRequest, progress: Callable[[str], None]) -> Findings:
+    """Find the twin; Refusal for a record that is not enough, or a family whose people do not differ."""
+    days = days_of(asked)
+    progress(f"{days.days} days")
+    twin = find_twin(
+        days,
+        population_of(asked.population, asked.patient),
+        known={} if asked.weight_kg is None else {_WEIGHT: asked.weight_kg},
+        held_out_days=asked.held_out_days,
+        starts=asked.starts,
+        seed=asked.seed,
+        tell=progress,
+    )
+    notes = [*days.notes, *twin.warnings()]
+    return Findings({**twin.plain(), "notes": notes}, _tables(twin), twin)
+
+
+def _tables(twin: Twin) -> dict[str, pl.DataFrame]:
+    held = twin.held_out
+    parameters = pl.DataFrame(twin.rows())
+    if held is None:
+        return {"parameters.csv": parameters}
+    columns = {name: value for name, value in vars(held).items() if isinstance(value, np.ndarray)}
+    return {"parameters.csv": parameters, "held_out.csv": pl.DataFrame(columns)}
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}"
+
+
+_COLUMNS: Final = (
+    Column(name="value", head="Twin", short="Twin", text=_number),
+    Column(name="low", group="90 % interval", head="from", short="from", text=_number),
+    Column(name="high", group="90 % interval", head="to", short="to", text=_number),
+    Column(name="population_median", group="Population", head="median", short="popu-\nlation", text=_number),
+    Column(name="population_low", group="Population", head="from", text=_number),
+    Column(name="population_high", group="Population", head="to", text=_number),
+    Column(name="width_of_prior_pct", head="Width", short="Width\n(%)", text=lambda value: f"{value:.0f}"),
+    Column(name="meaning", head="Meaning", short="Meaning", text=str, left=True),
+)
+
+
+def tables(asked: TwinRequest, found: Findings) -> Iterator[FittingTable]:
+    """The parameters, with their intervals and those of the population."""
+    rows = found.plain["parameters"]
+    yield terminal_table(
+        "Parameter",
+        [("", [(row["parameter"], [row]) for row in rows])],
+        _COLUMNS,
+        caption="Width: of the interval, in percent of that of the population.",
+    )
+
+
+def sentences(asked: TwinRequest, found: Findings) -> Iterator[str]:
+    """Sentences on what was found, and how well it predicts."""
+    plain = found.plain
+    record, held = plain["record"], plain["held_out"]
+    yield (
+        f"A twin of {plain['patient']} was found from {record['fitted_days']:.1f} days with "
+        f"{record['fitted_meals']} meals and {record['total_daily_dose_U']:.0f} U a day; readings lie "
+        f"{plain['fit_rmse_mg_dl']:.1f} mg/dl about it."
+    )
+    if held is not None:
+        yield (
+            f"On the days held out it errs by {held['rmse_mg_dl']:.1f} mg/dl, the median of the population by "
+            f"{held['by_population_rmse_mg_dl']:.1f} mg/dl, and the mean of the earlier readings by "
+            f"{held['by_mean_rmse_mg_dl']:.1f} mg/dl; {held['covered_pct']:.0f} % of the readings lie within the "
+            "intervals of 90 %."
+        )
+    yield "It is a model of the past days, for research; it says nothing on what this person should do."
+
+
+def drawn(asked: TwinRequest, found: Findings) -> dict[str, bytes]:
+    """The person and the posterior as files of people, the figure, and the page."""
+    twin: Twin = found.extra
+    shown = _shown(twin)
+    page = render(
+        Path(__file__).with_name("page.html"),
+        f"Twin of {twin.patient}",
+        sentences=[*sentences(asked, found), *found.plain["notes"]],
+        facts=_facts(twin),
+        script=True,
+        plot=_plot(shown),
+        rows=[(row["parameter"], [("", row)]) for row in found.plain["parameters"]],
+        columns=_COLUMNS,
+        person=f"{twin.patient}, person=twin/{PERSON}:twin",
+        posterior=f"twin/{POSTERIOR}",
+        patient=twin.patient,
+    )
+    return {
+        PERSON: _text(twin.person()),
+        POSTERIOR: _text(twin.posterior()),
+        "page.html": page.encode(),
+        **figure_files("figure", plot_days(shown)),
+    }
+
+
+def _text(population: Population) -> bytes:
+    return tomli_w.dumps(population_keys(population)).encode()
+
+
+def _shown(twin: Twin) -> DaysShown:
+    """Readings, the twin and its band: of the days held out, or of the last two that were used."""
+    days, held = twin.days, twin.held_out
+    begin = days.length_min - 2.0 * MIN_PER_DAY if held is None else twin.fitted_min[1]
+    chosen = days.reading_min >= max(begin, 0.0)
+    courses = days.at_readings(twin.courses_mg_dl, chosen)
+    low, high = (
+        (np.percentile(courses, share, axis=0) for share in (5.0, 95.0))
+        if held is None
+        else (
+            held.low_mg_dl,
+            held.high_mg_dl,
+        )
+    )
+    return DaysShown(
+        first=days.first,
+        t_min=days.reading_min[chosen],
+        reading_mg_dl=days.reading_mg_dl[chosen],
+        course_mg_dl={"twin": courses[0]},
+        band_mg_dl={"twin": (low, high)},
+        meals=[(t, g) for t, g in zip(days.meal_min, days.carbs_g, strict=True) if g > 0.0 and t >= begin],
+    )
+
+
+def _plot(shown: DaysShown) -> Plot:
+    """The same as a picture that answers."""
+    start, end = shown.t_min[0], shown.t_min[-1]
+    panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=(70.0, 180.0), marks=shown.marks)
+    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
+        if name in shown.band_mg_dl:
+            panel.area(shown.t_min - start, *shown.band_mg_dl[name], place, f"90 % interval, {name}")
+        panel.line(shown.t_min - start, course, place, name=name)
+    panel.line(shown.t_min - start, shown.reading_mg_dl, len(shown.course_mg_dl), name="readings", dash=1)
+    return Plot(f"Glucose from {shown.begins}", float(end - start), [panel])
+
+
+def _facts(twin: Twin) -> Mapping[str, str]:
+    noise, record = twin.noise, twin.plain()["record"]
+    known: Any = ", ".join(f"{name} {value:g}" for name, value in twin.prior.known.items())
+    return {
+        "Family": f"{twin.patient}, population {twin.prior.population}",
+        **({"Known": known} if known else {}),
+        "Record": f"{record['readings']} readings and {record['meals']} meals from {record['first']} on",
+        "Error of readings": (
+            f"slow part {noise.slow_sd_mg_dl:.1f} mg/dl with a time constant of {noise.time_constant_min:.0f} min, own "
+            f"part {noise.own_sd_mg_dl:.1f} mg/dl"
+        ),
+        "Search": f"{twin.agreeing_starts} of {twin.starts} starts ended at this twin",
+    }
+
+
+def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
+    """Sentences on the files."""
+    if PERSON in files:
+        patient = found.plain["patient"]
+        yield f"The person, in run: --patient '{patient}, person={files[PERSON]}:twin'"
+        yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[POSTERIOR]}"
