@@ -98,6 +98,22 @@ def test_a_profile_in_which_insulin_does_next_to_nothing_is_not_believed(daily_d
     assert float(sensitive.insulin_gain) == pytest.approx(500.0 / float(model.own_correction_mg_dl_U))
 
 
+def test_the_nominal_person_is_believed_however_little_insulin_does():
+    weak = dataclasses.replace(MODEL, own_correction_mg_dl_U=8.0, own_carb_ratio_g_U=4.0)
+    for basal in (BASAL, 2.0 * BASAL):  # who needs twice as much answers half as much
+        own = Profile(
+            basal_mU_min=basal,
+            setpoint_mg_dl=120.0,
+            carb_ratio_g_U=4.0 * BASAL / basal,
+            correction_mg_dl_U=8.0 * BASAL / basal,
+        )
+        told = weak.with_profile(own)
+        assert float(told.insulin_gain) == pytest.approx(BASAL / basal)
+        assert float(told.meal_gain) == pytest.approx(1.0)
+        less = weak.with_profile(dataclasses.replace(own, correction_mg_dl_U=own.correction_mg_dl_U / 3.0))
+        assert float(less.insulin_gain) == pytest.approx(BASAL / basal)
+
+
 def test_a_reaction_is_the_factor_times_the_basal_rate_apart():
     """Small doses of two people whose factors differ by a factor of two move glucose by amounts that do so, too."""
     models = [
@@ -122,8 +138,9 @@ def test_people_whose_profiles_hold_more_or_less_have_the_models_of_each_alone()
     many = MODEL.with_profile(Profile(setpoint_mg_dl=120.0, **{name: jnp.array(of) for name, of in values.items()}))
     for i in range(3):
         one = MODEL.with_profile(Profile(setpoint_mg_dl=120.0, **{name: of[i] for name, of in values.items()}))
-        assert float(one.insulin_gain) == float(many.insulin_gain[i])
-        assert float(one.meal_gain) == float(many.meal_gain[i])
+        # XLA divides an array by a number as it multiplies by the reciprocal, which rounds otherwise
+        assert float(one.insulin_gain) == pytest.approx(float(many.insulin_gain[i]), rel=1e-15)
+        assert float(one.meal_gain) == pytest.approx(float(many.meal_gain[i]), rel=1e-15)
 
 
 def test_meals_reach_glucose_and_not_insulin():

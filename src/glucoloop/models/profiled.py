@@ -15,8 +15,11 @@ Insulin is not believed to do next to nothing, since a model in which it does gi
 daily dose D, by default twice the daily basal dose, the numbers of the profile are taken to be at least shares of those
 by the rules of Walsh et al. (2011)::
 
-    CF = max(CF_profile, 0.43 * 1800 / D),    CR = max(CR_profile, 0.29 * 500 / D)
+    CF = max(CF_profile, min(0.43 * 1800 / D, CF_n u_n / u_b))
+    CR = max(CR_profile, min(0.29 * 500 / D, CR_n u_n / u_b))
 
+or as little as the nominal model has, scaled to the person's basal rate: in that of the UVA/Padova simulator a unit
+does 0.16 of what the rule of 1800 says.
 The shares are the least of a first titration of virtual people. Of 150 others of boiroux2017 and of wilinska2010 each,
 with profiles 15 % wrong, 5 to 25 % have lower factors, down to 0.02, and fewer than 5 % lower ratios. From above
 nothing is bounded: who is taken to be too sensitive is given too little insulin, and not too much.
@@ -136,9 +139,11 @@ class ProfiledModel:
             for value in (profile.carb_ratio_g_U, profile.correction_mg_dl_U, profile.weight_kg)
         )
         # a number that is not known stays NaN
-        ratio = jnp.maximum(ratio, LEAST_CARB_SHARE * CARB_RULE / profile.daily_dose_U())
-        factor = jnp.maximum(factor, LEAST_CORRECTION_SHARE * CORRECTION_RULE / profile.daily_dose_U())
-        by_factor, by_basal = factor / self.own_correction_mg_dl_U, self.nominal.insulin_mU_min / basal
+        daily_U, by_basal = profile.daily_dose_U(), self.nominal.insulin_mU_min / basal
+        own_ratio, own_factor = self.own_carb_ratio_g_U * by_basal, self.own_correction_mg_dl_U * by_basal
+        ratio = jnp.maximum(ratio, jnp.fmin(LEAST_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
+        factor = jnp.maximum(factor, jnp.fmin(LEAST_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
+        by_factor = factor / self.own_correction_mg_dl_U
         insulin_gain = _first_known(by_factor, by_basal, 1.0)
         by_ratio, by_weight = insulin_gain * self.own_carb_ratio_g_U / ratio, self.own_weight_kg / weight
         return dataclasses.replace(
