@@ -24,7 +24,7 @@ ASKING = tuple(STUDIES)
 
 def files_of(command):
     """What has to be typed without an option, such as the files of a record."""
-    return ["a.csv" for option in command_of(command).options if not option.flag.startswith("--")]
+    return ["a.csv" for option in command_of(command).options if option.is_argument and option.required]
 
 
 def of_a_patient(command):

@@ -97,4 +97,5 @@ def test_people_under_pump_therapy_have_their_own_profile(in_node):
     trace = simulate(of_people(people.patient, 0), controller, scenario=run.as_scenario())
     found = answer["trace"]
     np.testing.assert_allclose(found["fine_glucose_mg_dl"], trace.fine_glucose_mg_dl, rtol=0.0, atol=CLOSE_MG_DL)
-    assert max(found["bolus_mU"]) > 1.2 * max(nominal["trace"]["bolus_mU"])
+    for whose, profile in ((found, of_people(people.profile, 0)), (nominal["trace"], run.profile)):
+        assert max(whose["bolus_mU"]) == pytest.approx(60_000.0 / float(profile.carb_ratio()), abs=50.1)

@@ -109,10 +109,12 @@ class Guard:
         return dataclasses.replace(self, inner=inner, basal_mU_min=insulin_mU_min)
 
     def with_profile(self, profile: Profile) -> Guard:
-        """The same guard for a person with the given profile, which the inner controller gets too if it takes it.
+        """The same guard for a person with the given profile, which the inner controller gets too if it takes it."""
+        inner, basal = given_profile(self.inner, profile), jnp.asarray(profile.basal_mU_min)
+        return dataclasses.replace(self.limited_by(profile), inner=inner, basal_mU_min=basal)
 
-        The limits of insulin follow the person's own ratio and factor where these are known.
-        """
+    def limited_by(self, profile: Profile) -> Guard:
+        """The same guard, whose limits of insulin follow a person's own ratio and factor where these are known."""
         rule, span = Profile(basal_mU_min=profile.basal_mU_min, setpoint_mg_dl=jnp.nan), self.settings.profile_span
 
         def share(known: Any, of_rule: Callable[[Any], jax.Array]) -> jax.Array | float:
@@ -122,8 +124,6 @@ class Guard:
 
         return dataclasses.replace(
             self,
-            inner=given_profile(self.inner, profile),
-            basal_mU_min=jnp.asarray(profile.basal_mU_min),
             carb_share=share(profile.carb_ratio_g_U, lambda ratio: rule.carb_ratio() / ratio),
             fall_share=share(profile.correction_mg_dl_U, lambda factor: _MARGIN * factor / rule.correction_factor()),
         )

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control import Controller, GuardSettings, guarded, paced
+from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerPart
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
@@ -174,7 +174,10 @@ def design_of(
         refuse_without_clock(settings)  # before a design that takes long
         controller: Controller = settings.designed(design)
         refuse_without_clock(controller)
-        return paced(with_guard(controller, case.guard, situation.limits), loop_min)
+        guarded_one = with_guard(controller, case.guard, situation.limits)
+        if isinstance(guarded_one, Guard) and profile is not None:
+            guarded_one = guarded_one.limited_by(profile)
+        return paced(guarded_one, loop_min)
 
     return designed
 

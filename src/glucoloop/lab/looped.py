@@ -71,7 +71,7 @@ class Elsewhere:
     sample_time_min: float = static()
     gives_boluses: ClassVar[bool] = True
     heals: ClassVar[bool] = True
-    """Whatever it keeps is replaced at each step; the page gives those alone for which this is true."""
+    """True, since the page takes no others, and what this one keeps is replaced at each step."""
 
     def init(self, observation: Observation) -> Observation:
         """State: the observation."""

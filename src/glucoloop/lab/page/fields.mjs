@@ -33,6 +33,8 @@ export function ofController(designed, situation, data) {
   for (const [name, value] of Object.entries(bolusLimitsOf(situation, data))) numbers[`${own}bolus.${name}`] = value;
   if (!situation.guard) return numbers;
   numbers["controller.basal_mU_min"] = NaN; // a guard that is told no basal rate takes the one at the start
+  numbers["controller.carb_share"] = 1; // by the rules, since no person of the page has a ratio or a factor of the own
+  numbers["controller.fall_share"] = 1;
   for (const [name, { usual }] of Object.entries(familyOf(situation, data).guard_limits)) {
     numbers[`guard.${name}`] = situation.guard_limits[name] ?? usual;
   }
