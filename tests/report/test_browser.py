@@ -144,7 +144,7 @@ def test_pictures_are_told_in_words(seen, quiet, noisy):
 
 def test_who_has_no_script_is_told_where_the_numbers_are(seen):
     for (kind, _, _), of in seen.items():
-        assert len(of["plain"]) == {"runs": 1, "trial": 2, "record": 2}.get(kind, 0)
+        assert len(of["plain"]) == {"runs": 1, "trial": 2, "record": 2, "groups": 3}.get(kind, 0)
         assert of["plainLooks"] == 0
 
 
