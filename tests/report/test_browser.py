@@ -107,7 +107,8 @@ def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
 def test_a_time_of_day_is_told_with_its_percentiles(seen):
     told = seen["record", 390, "light"]["moment"]
     assert told.startswith("0.08 h")
-    assert re.search(r"median [\d.]+ mg/dl \([\d.]+ mmol/l\), 25 to 75 % [\d.]+ – [\d.]+ mg/dl", told)
+    assert re.search(r"before, median [\d.]+ mg/dl \([\d.]+ mmol/l\), after, median", told)
+    assert re.search(r"before, 25 to 75 % [\d.]+ – [\d.]+ mg/dl", told)
     assert "Mean (mmol/l)" in seen["record", 1280, "dark"]["units"]
 
 
@@ -144,7 +145,7 @@ def test_pictures_are_told_in_words(seen, quiet, noisy):
 
 def test_who_has_no_script_is_told_where_the_numbers_are(seen):
     for (kind, _, _), of in seen.items():
-        assert len(of["plain"]) == {"runs": 1, "trial": 2, "record": 2, "groups": 3}.get(kind, 0)
+        assert len(of["plain"]) == {"runs": 1, "trial": 2, "record": 3, "groups": 3}.get(kind, 0)
         assert of["plainLooks"] == 0
 
 
