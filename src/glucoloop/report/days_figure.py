@@ -1,4 +1,4 @@
-"""Figure for print of days of a record: readings, and glucose of a twin with its band."""
+"""Pictures of days of a record, for print and for pages: readings, and glucose of a twin with its band."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from glucoloop.report._style import (
     GREY,
     SETPOINT,
     add_axis,
+    add_legend,
     dress,
     every,
     line_style,
@@ -21,6 +22,7 @@ from glucoloop.report._style import (
     new_figure,
     time_axis,
 )
+from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.shown_units import other_value
 
 if TYPE_CHECKING:
@@ -28,10 +30,11 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
+_TARGET_MG_DL: Final = (70.0, 180.0)
 _LOWEST_MG_DL: Final = 40.0
 _LEAST_TOP_MG_DL: Final = 250.0
 _LARGEST_MG_DL: Final = 400.0
-_HEIGHT_MM: Final = 70.0
+_HEIGHT_MM: Final = 75.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,13 +70,27 @@ class DaysShown:
         return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_LEAST_TOP_MG_DL, 1.05 * highest))
 
 
+def days_plot(shown: DaysShown, band: str) -> Plot:
+    """Picture of a page with the same days; `band` says what the bands hold."""
+    start = shown.t_min[0]
+    t_min = shown.t_min - start
+    panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=shown.marks)
+    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
+        if name in shown.band_mg_dl:
+            panel.area(t_min, *shown.band_mg_dl[name], place, f"{band}, {name}")
+        panel.line(t_min, course, place, name=name, dash=place)
+    readings = len(shown.course_mg_dl)
+    panel.line(t_min, shown.reading_mg_dl, readings, name="readings", dash=readings)
+    return Plot(f"Glucose from {shown.begins}", float(t_min[-1]), [panel])
+
+
 def plot_days(shown: DaysShown) -> Figure:
     """Draw readings as dots, and each course as a line with its band."""
     t_min = shown.t_min - shown.t_min[0]
     divisor, unit, tick = time_axis(float(t_min[-1]), "double")
     figure = new_figure("double", _HEIGHT_MM, None)
     axes = figure.subplots()
-    for bound in (70.0, 180.0):
+    for bound in _TARGET_MG_DL:
         axes.axhline(bound, **SETPOINT)
     axes.plot(t_min / divisor, shown.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
     for place, (name, course) in enumerate(shown.course_mg_dl.items()):
@@ -87,7 +104,8 @@ def plot_days(shown: DaysShown) -> Figure:
     axes.xaxis.set_major_locator(every(tick))
     meals = [(t - shown.t_min[0], round(carbs_g)) for t, carbs_g in shown.meals if t >= shown.t_min[0]]
     mark_meals(axes, meals, float(t_min[-1]), "double")
-    axes.legend(loc="upper right", fontsize="small", frameon=False, ncols=3)
     dress(axes)
     add_axis(axes, other_value(1.0, "mg/dl"), "(mmol/l)")
+    drawn, names = axes.get_legend_handles_labels()
+    add_legend(figure, dict(zip(names, drawn, strict=True)), "double")
     return figure

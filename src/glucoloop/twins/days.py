@@ -73,6 +73,11 @@ class RecordedDays:
         """Carbohydrate for each unit of all boluses, which holds corrections too; None without boluses."""
         return float(self.carbs_g.sum()) / self.bolus_U if self.bolus_U > 0.0 else None
 
+    def meals_from(self, begin_min: float) -> list[tuple[float, float]]:
+        """Time and carbohydrate of each meal from a time on."""
+        eaten = (self.carbs_g > 0.0) & (self.meal_min >= begin_min)
+        return list(zip(self.meal_min[eaten].tolist(), self.carbs_g[eaten].tolist(), strict=True))
+
     def active_share(self, begin_min: float, end_min: float) -> float:
         """Share of the samples of a time in which there is a reading."""
         inside = self.reading_min[(self.reading_min >= begin_min) & (self.reading_min < end_min)]

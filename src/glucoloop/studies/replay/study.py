@@ -25,9 +25,8 @@ from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
 from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DaysShown, plot_days
+from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.simulation.closed_loop import sample_grid
@@ -54,17 +53,18 @@ _SHOWN_DAYS: Final = 2.0
 
 @dataclass(frozen=True)
 class Arm:
-    """One therapy: glucose ``(people, samples + 1)`` and insulin ``(people, samples)``, the twin first."""
+    """One therapy: glucose ``(people, times)`` and insulin ``(people, samples)``, the twin first."""
 
     name: str
     t_min: Values
+    """Times of glucose: of the samples and their end, or of the readings of a record."""
     glucose_mg_dl: Values
     insulin_mU_min: Values
 
     def numbers(self) -> dict[str, Values]:
         """Numbers of each person ``(people,)``, after the first hours."""
         glucose = self.glucose_mg_dl[:, self.t_min >= WARM_UP_MIN]
-        insulin = self.insulin_mU_min[:, self.t_min[: self.insulin_mU_min.shape[1]] >= WARM_UP_MIN]
+        insulin = self.insulin_mU_min[:, round(WARM_UP_MIN / SAMPLE_MIN) :]
         there = np.isfinite(glucose)
         count = there.sum(axis=1)
 
@@ -209,7 +209,8 @@ def _residual(days: RecordedDays, seen: Values) -> Values:
 
 def _record(days: RecordedDays) -> Arm:
     """The record itself, at its readings."""
-    return Arm(RECORD, days.reading_min, days.reading_mg_dl[None], days.insulin_mU_min[None, : days.reading_min.size])
+    samples = math.floor(days.length_min / SAMPLE_MIN)
+    return Arm(RECORD, days.reading_min, days.reading_mg_dl[None], days.insulin_mU_min[None, :samples])
 
 
 def _row(name: str, numbers: Mapping[str, Values], recorded: Mapping[str, Values] | None) -> dict[str, Any]:
@@ -255,11 +256,6 @@ def _notes(asked: ReplayRequest, replayed: Replayed) -> Iterator[str]:
         yield f"{who} could not rest at the target and were left out."
 
 
-def _with_interval(key: str) -> Callable[[Any], str]:
-    digits = 0 if key == "mean_mg_dl" else 1
-    return lambda value: f"{value:.{digits}f}"
-
-
 def _columns() -> Iterator[Column]:
     names = {
         "mean_mg_dl": ("Mean (mg/dl)", "mean\n(mg/dl)"),
@@ -270,7 +266,7 @@ def _columns() -> Iterator[Column]:
         "daily_dose_U": ("Insulin (U a day)", "U\na day"),
     }
     for key, (head, short) in names.items():
-        text = _with_interval(key)
+        text = "{:.0f}".format if key == "mean_mg_dl" else "{:.1f}".format
         yield Column(name=key, group=head, head="twin", short=short, text=text)
         yield Column(name=f"{key}_low", group=head, head="5 %", text=text, missing=lambda row: "")
         yield Column(name=f"{key}_high", group=head, head="95 %", text=text, missing=lambda row: "")
@@ -297,7 +293,7 @@ def sentences(asked: ReplayRequest, found: Findings) -> Iterator[str]:
             for key in ("time_70_180_pct", "time_below_70_pct")
         )
         yield (
-            f"{row['therapy']} instead of the recorded doses: time from 70 to 180 mg/dl {inside[0]} points of percent "
+            f"{row['therapy']} instead of the recorded doses: time from 70 to 180 mg/dl {inside[0]} percentage points "
             f"({inside[1]} in 90 % of the people of the posterior), time below 70 mg/dl {below[0]} ({below[1]})."
         )
     yield (
@@ -310,12 +306,6 @@ def drawn(asked: ReplayRequest, found: Findings) -> dict[str, bytes]:
     """The page and the figure."""
     replayed: Replayed = found.extra
     shown = _shown(replayed)
-    start, end = shown.t_min[0], shown.t_min[-1]
-    panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=(70.0, 180.0), marks=shown.marks)
-    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
-        panel.area(shown.t_min - start, *shown.band_mg_dl[name], place, f"90 % of people, {name}")
-        panel.line(shown.t_min - start, course, place, name=name)
-    panel.line(shown.t_min - start, shown.reading_mg_dl, len(shown.course_mg_dl), name="readings", dash=1)
     page = render(
         Path(__file__).with_name("page.html"),
         "Replay of a record",
@@ -328,7 +318,7 @@ def drawn(asked: ReplayRequest, found: Findings) -> dict[str, bytes]:
             "People": f"the twin and {found.plain['people'] - 1} drawn from its posterior",
         },
         script=True,
-        plot=Plot(f"Glucose from {shown.begins}", float(end - start), [panel]),
+        plot=days_plot(shown, "90 % of people"),
         rows=[(name, [("", row) for row in rows]) for name, rows in _lines(found)],
         columns=_COLUMNS,
     )
@@ -348,5 +338,5 @@ def _shown(replayed: Replayed) -> DaysShown:
         reading_mg_dl=np.interp(t_min[chosen], days.reading_min, days.reading_mg_dl),
         course_mg_dl={arm.name: arm.glucose_mg_dl[0, chosen] for arm in replayed.arms},
         band_mg_dl={name: (low, high) for name, (low, high) in bands.items()},
-        meals=[(t, g) for t, g in zip(days.meal_min, days.carbs_g, strict=True) if g > 0.0 and t >= begin],
+        meals=days.meals_from(begin),
     )

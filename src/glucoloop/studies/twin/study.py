@@ -13,9 +13,8 @@ import tomli_w
 from glucoloop.cohorts.trial import population_of
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
-from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.columns import Column, FittingTable, terminal_table
-from glucoloop.report.days_figure import DaysShown, plot_days
+from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.population import population_keys
@@ -125,11 +124,11 @@ def drawn(asked: TwinRequest, found: Findings) -> dict[str, bytes]:
         sentences=[*sentences(asked, found), *found.plain["notes"]],
         facts=_facts(twin),
         script=True,
-        plot=_plot(shown),
+        plot=days_plot(shown, "90 % interval"),
         rows=[(row["parameter"], [("", row)]) for row in found.plain["parameters"]],
         columns=_COLUMNS,
-        person=f"{twin.patient}, person=twin/{PERSON}:twin",
-        posterior=f"twin/{POSTERIOR}",
+        person=f"{twin.patient}, person={PERSON}:twin",
+        posterior=POSTERIOR,
         patient=twin.patient,
     )
     return {
@@ -150,34 +149,15 @@ def _shown(twin: Twin) -> DaysShown:
     begin = days.length_min - 2.0 * MIN_PER_DAY if held is None else twin.fitted_min[1]
     chosen = days.reading_min >= max(begin, 0.0)
     courses = days.at_readings(twin.courses_mg_dl, chosen)
-    low, high = (
-        (np.percentile(courses, share, axis=0) for share in (5.0, 95.0))
-        if held is None
-        else (
-            held.low_mg_dl,
-            held.high_mg_dl,
-        )
-    )
+    band = np.percentile(courses, (5.0, 95.0), axis=0) if held is None else (held.low_mg_dl, held.high_mg_dl)
     return DaysShown(
         first=days.first,
         t_min=days.reading_min[chosen],
         reading_mg_dl=days.reading_mg_dl[chosen],
         course_mg_dl={"twin": courses[0]},
-        band_mg_dl={"twin": (low, high)},
-        meals=[(t, g) for t, g in zip(days.meal_min, days.carbs_g, strict=True) if g > 0.0 and t >= begin],
+        band_mg_dl={"twin": (band[0], band[1])},
+        meals=days.meals_from(begin),
     )
-
-
-def _plot(shown: DaysShown) -> Plot:
-    """The same as a picture that answers."""
-    start, end = shown.t_min[0], shown.t_min[-1]
-    panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=(70.0, 180.0), marks=shown.marks)
-    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
-        if name in shown.band_mg_dl:
-            panel.area(shown.t_min - start, *shown.band_mg_dl[name], place, f"90 % interval, {name}")
-        panel.line(shown.t_min - start, course, place, name=name)
-    panel.line(shown.t_min - start, shown.reading_mg_dl, len(shown.course_mg_dl), name="readings", dash=1)
-    return Plot(f"Glucose from {shown.begins}", float(end - start), [panel])
 
 
 def _facts(twin: Twin) -> Mapping[str, str]:
