@@ -72,8 +72,8 @@ def test_no_site_at_all_is_a_sentence(site):
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("my-site", "the address of the site is none"),
-        ("file:///etc/passwd", "the address of the site is none"),
+        ("my-site", "what is given is no address of a site"),
+        ("file:///etc/passwd", "what is given is no address of a site"),
         (f"https://site.example/?token={TOKEN}", "put the token into the environment variable"),
         (f"https://{TOKEN}@site.example", "put the token into the environment variable"),
         ("http://site.example", "would get the token unencrypted"),

@@ -51,28 +51,39 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
         float, About("Distance above the target beyond which the cost grows no faster, in mg/dl.", above=0.0)
     ] = 5.0
     low_weight: Annotated[
-        float, About("How many times as dear expected glucose below the target is as above it.", above=0.0)
+        float, About("Cost of expected glucose below the target, as a multiple of that above it.", above=0.0)
     ] = 50.0
     glucose_floor_mg_dl: Annotated[
         float,
         About("Floor under the cautious forecast, in mg/dl, at most the target.", above=0.0, quantity=GLUCOSE_BOUND),
     ] = 90.0
     floor_weight: Annotated[
-        float, About("How many times as dear the cautious forecast below the floor is.", at_least=0.0)
+        float,
+        About("Cost of the cautious forecast below the floor, as a multiple of that above the target.", at_least=0.0),
     ] = 20.0
     doubt: Annotated[
         float,
-        About("Standard deviations of the content of the gut that the cautious forecast lacks.", at_least=0.0),
+        About(
+            "Standard deviations by which the cautious forecast takes the content of the gut to be less.", at_least=0.0
+        ),
     ] = 1.5
     disturbance_doubt: Annotated[
         float,
-        About("Share of the unexplained appearance that the cautious forecast lacks.", at_least=0.0, at_most=1.0),
+        About(
+            "Share of the appearance of glucose that no meal explains which the cautious forecast leaves out.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
     ] = 0.5
     move_weight: Annotated[
         float, About("Weight on planned rates away from the basal rate, as multiples of it.", at_least=0.0)
     ] = 45.0
     bolus_weight: Annotated[
-        float, About("The same for the coming sample, unless a meal was announced for it.", at_least=0.0)
+        float,
+        About(
+            "Weight on the rate of the coming sample away from the basal rate, unless a meal is announced.",
+            at_least=0.0,
+        ),
     ] = 7.0
     automatic_boluses: Annotated[
         bool,
@@ -87,17 +98,17 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
     counting_error_pct: Annotated[
         float, About("Standard deviation of the error of announced carbohydrate, in percent.", at_least=0.0)
     ] = 30.0
-    meal_noise_g: Annotated[float, About("Standard deviation of what is eaten unannounced in 5 min.", at_least=0.0)] = (
-        6.0
-    )
+    meal_noise_g: Annotated[
+        float, About("Standard deviation of the carbohydrate that is eaten unannounced in 5 min.", at_least=0.0)
+    ] = 6.0
     disturbance_noise_mg_min: Annotated[
-        float, About("Standard deviation of the change of the unexplained appearance in 5 min.", at_least=0.0)
+        float, About("Standard deviation of the change in 5 min of the appearance that no meal explains.", at_least=0.0)
     ] = 10.0
     disturbance_min: Annotated[
-        float, About("Time constant with which the unexplained appearance fades.", above=0.0)
+        float, About("Time constant with which the appearance that no meal explains fades.", above=0.0)
     ] = 60.0
     glucose_noise_mg_min: Annotated[
-        float, About("Standard deviation of further appearance, new at each sample.", at_least=0.0)
+        float, About("Standard deviation of a part of that appearance which is new at each sample.", at_least=0.0)
     ] = 10.0
     measurement_variance: Annotated[
         float,

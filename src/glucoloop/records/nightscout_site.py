@@ -100,7 +100,7 @@ class _Site:
     def __init__(self, url: str, token: str | None) -> None:
         parts = urllib.parse.urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise Refusal("the address of the site is none; give it like https://my-site.example")
+            raise Refusal("what is given is no address of a site; give one like https://my-site.example")
         if parts.query or parts.username or parts.password or parts.fragment:
             raise Refusal(
                 "the address of the site holds more than the address, maybe a token; leave that out, and put the token "
