@@ -5,7 +5,7 @@ from __future__ import annotations
 import zoneinfo
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from glucoloop.parts.setting import choices_text, known_names
 from glucoloop.refusal import Refusal
@@ -28,6 +28,8 @@ class Answers:
     """Time zone of the clock on the wall, as ``Europe/Berlin``."""
     columns: Mapping[str, str] = field(default_factory=dict)
     """Name in the file of each column of the record."""
+    basal_profiles: tuple[Mapping[str, Any], ...] = ()
+    """Profiles of Nightscout, with the usual basal rates of a person."""
     scans: bool = False
     """Whether scans are kept beside the readings of a sensor that stores its own."""
 

@@ -1,4 +1,4 @@
-"""JSON of Nightscout: entries, with the readings, and treatments, with carbohydrate, boluses and temporary rates.
+"""JSON of Nightscout: entries, with the readings, treatments, with carbohydrate, boluses and rates, and profiles.
 
 Times are instants in UTC, with the offset of the uploader's clock where it told one. Readings are in mg/dl whatever the
 site shows; 39 stands for low and 401 for high.
@@ -7,6 +7,9 @@ site shows; 39 stands for low and 401 for high.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from dataclasses import replace
+from datetime import UTC
 from typing import Any, Final
 
 import polars as pl
@@ -16,6 +19,7 @@ from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import device_kinds
 from glucoloop.records.extract import Extract, cells, extract_frame, finite, with_basal
 from glucoloop.records.file_text import FileText
+from glucoloop.records.nightscout_profile import SWITCH, profiles_of, usual_rates
 from glucoloop.records.times import TIME, from_utc, times_of
 
 _LOW_CODE, _HIGH_CODE = 39, 401
@@ -24,12 +28,20 @@ _TEMPORARY: Final = "Temp Basal"
 
 
 def recognised(content: FileText) -> bool:
-    """Whether a file is a list of entries or treatments."""
+    """Whether a file is a list of entries, treatments or profiles."""
     items = content.json
     if not isinstance(items, list):
         return False
+    if profiles_of(content):
+        return True
     first = [item for item in items[:50] if isinstance(item, dict)]
     return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
+
+
+def told(content: FileText, answers: Answers) -> Answers | None:
+    """Answers with the profiles that a file holds; None for a file of entries or treatments."""
+    profiles = profiles_of(content)
+    return replace(answers, basal_profiles=(*answers.basal_profiles, *profiles)) if profiles else None
 
 
 def rows(content: FileText, answers: Answers) -> Extract:
@@ -73,13 +85,17 @@ def rows(content: FileText, answers: Answers) -> Extract:
     spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
     if spread:
         more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
-    rates = basal_rates(_basal_events(items, found["time"].to_list()))
+    places = found["time"].to_list()
+    usual = _usual_events(items, instants.to_list(), places, answers)
+    rates = basal_rates([*usual, *_basal_events(items, places)])
     unknown = sum(math.isnan(rate) for _, _, rate in rates)
     if unknown:
         more.append(
             f"The basal rate is not known from {unknown} times on: a temporary one ends or is a percentage, and the "
-            "usual one is not in the file."
+            "usual one is not in the file; a file of profiles of Nightscout beside it tells that."
         )
+    if usual:
+        more.append(f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times.")
     return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=(*notes, *more))
 
 
@@ -105,6 +121,28 @@ def _whole(value: object) -> int | None:
     """A number of JSON as a whole one, in the range of times; None for anything else."""
     number = finite(value)
     return int(number) if number is not None and abs(number) < 1e14 else None
+
+
+def _usual_events(
+    items: list[dict[str, Any]], instants: list[Any], times: list[Any], answers: Answers
+) -> list[BasalEvent]:
+    """Changes of the usual basal rate in the span of the treatments; each belongs to the row before it."""
+    told = (item.get("eventType") in (_TEMPORARY, SWITCH) or item.get("insulin") or item.get("carbs") for item in items)
+    rows = sorted(
+        (at, row) for row, (at, time, use) in enumerate(zip(instants, times, told, strict=True)) if at and time and use
+    )
+    if not answers.basal_profiles or not rows:
+        return []
+    switches = [(at.replace(tzinfo=UTC), items[row]) for at, row in rows if items[row].get("eventType") == SWITCH]
+    first, last = (at.replace(tzinfo=UTC) for at in (rows[0][0], rows[-1][0]))
+    events: list[BasalEvent] = []
+    for moment, rate in usual_rates(answers.basal_profiles, switches, first, last, answers.time_zone):
+        if math.isnan(rate) and not events:
+            continue
+        at = moment.replace(tzinfo=None)
+        before, row = rows[bisect_right(rows, at, key=lambda pair: pair[0]) - 1]
+        events.append(BasalEvent(row=row, time=times[row] + (at - before), what="usual", value=rate))
+    return events
 
 
 def _basal_events(items: list[dict[str, Any]], times: list[Any]) -> list[BasalEvent]:

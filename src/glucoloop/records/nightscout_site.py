@@ -11,7 +11,6 @@ import json
 import urllib.error
 import urllib.parse
 import urllib.request
-import zoneinfo
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NoReturn
@@ -19,6 +18,7 @@ from typing import Any, Final, NoReturn
 from glucoloop.records import nightscout
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText
+from glucoloop.records.nightscout_profile import profiles_of, zone_of
 from glucoloop.records.record import DeviceRecord
 from glucoloop.records.tidy import Account, record_of, settled
 from glucoloop.refusal import Refusal
@@ -74,8 +74,9 @@ def read_nightscout(
     span = (end - timedelta(days=days), end)
     entries = list(site.all_of("entries", "date", lambda at: str(round(1000.0 * at.timestamp())), span))
     treatments = list(site.all_of("treatments", "created_at", _utc_text, span))
-    zone = time_zone or _zone_of(site.page("profile", {}))
-    answers, account, frames = Answers(time_zone=zone), Account(), []
+    profiles = profiles_of(FileText(json.dumps(site.page("profile", {}))))
+    zone = time_zone or _zone_of(profiles)
+    answers, account, frames = Answers(time_zone=zone, basal_profiles=tuple(profiles)), Account(), []
     for items in (entries, treatments):
         if items:
             content = FileText(json.dumps(items))
@@ -177,14 +178,11 @@ def _utc_text(at: datetime) -> str:
     return f"{at.astimezone(UTC):%Y-%m-%dT%H:%M:%S.000Z}"
 
 
-def _zone_of(profiles: list[Any]) -> str | None:
+def _zone_of(profiles: list[dict[str, Any]]) -> str | None:
     """Time zone of the newest profile; None where it names none that is known."""
-    store = profiles[0].get("store") if profiles and isinstance(profiles[0], dict) else None
-    if not isinstance(store, dict):
+    if not profiles:
         return None
+    store = profiles[0]["store"]
     chosen = store.get(profiles[0].get("defaultProfile")) or next(iter(store.values()), None)
-    zone = chosen.get("timezone") if isinstance(chosen, dict) else None
-    try:
-        return zoneinfo.ZoneInfo(zone).key if isinstance(zone, str) and zone else None
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        return None
+    zone = zone_of(chosen.get("timezone")) if isinstance(chosen, dict) else None
+    return None if zone is None else zone.key

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -20,26 +21,45 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
     """Record of a person from all files; FileRefusal where there is none."""
     chosen = None if reader is None else READERS.choose(reader)
     account, frames = Account(), list[pl.DataFrame]()
+    found: list[tuple[int, Path, FileText, ReaderPart]] = []
     for number, path in enumerate(paths, 1):
-        told = len(account.notes)
-        try:
+        with _refusing(path):
             data = read_bytes(path)
             if data.startswith(PARQUET):
                 if len(paths) > 1:
                     raise Refusal("it is a record that was read before; read it alone, or the first files together")
                 return record_from_parquet(data)
             content = content_of(data)
+            part = chosen or _reader_of(content, answers)
+            told = part.told(content, answers)
+            if told is None:
+                found.append((number, path, content, part))
+            elif len(paths) == 1:
+                raise Refusal(
+                    "it has no readings, meals or insulin, only what helps to read other files; give those too"
+                )
+            else:
+                answers = told
+    for number, path, content, part in found:
+        before = len(account.notes)
+        with _refusing(path):
             account.notes += content.notes
-            extract = (chosen or _reader_of(content, answers)).rows(content, answers)
-            frames.append(settled(extract, answers, account))
-        except Refusal as error:
-            raise FileRefusal([path], str(error)) from None
+            frames.append(settled(part.rows(content, answers), answers, account))
         if len(paths) > 1:
-            account.notes[told:] = [f"File {number}: {note}" for note in account.notes[told:]]
+            account.notes[before:] = [f"File {number}: {note}" for note in account.notes[before:]]
     try:
         return record_of(frames, account)
     except Refusal as error:
         raise FileRefusal(paths, str(error)) from None
+
+
+@contextlib.contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """Say of a refusal which file it is about."""
+    try:
+        yield
+    except Refusal as error:
+        raise FileRefusal([path], str(error)) from None
 
 
 def reader_that_knows(path: Path) -> str | None:

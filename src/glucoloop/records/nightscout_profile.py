@@ -1,0 +1,202 @@
+"""Usual basal rate over time from the profiles of Nightscout and the treatments that switch between them.
+
+As Nightscout's ``profilefunctions`` has it: the newest profile that has begun is in force, and within it the schedule
+of the last switch that has not ended, or else the default one. AndroidAPS scales the schedule that a switch holds by a
+percentage and moves it by whole hours.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zoneinfo
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final, NamedTuple
+
+from glucoloop.records.extract import finite
+from glucoloop.records.file_text import FileText
+
+SWITCH: Final = "Profile Switch"
+_MIN_PER_DAY: Final = 1440
+_MS_PER_H: Final = 3_600_000.0
+_NEVER: Final = (datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC))
+_MOST_MIN: Final = 1e7
+"""Longest duration of a switch that is counted as one, some 19 years."""
+
+
+def profiles_of(content: FileText) -> list[dict[str, Any]]:
+    """Profiles that a file holds; none if it is no list of profiles."""
+    items = content.json
+    if not isinstance(items, list):
+        return []
+    return [item for item in items if isinstance(item, dict) and isinstance(item.get("store"), dict)]
+
+
+class _Schedule(NamedTuple):
+    """Basal rates of a day."""
+
+    minutes: tuple[int, ...]
+    rates_U_h: tuple[float, ...]
+    zone: zoneinfo.ZoneInfo
+
+
+class _Span(NamedTuple):
+    """A schedule that is chosen from a moment on."""
+
+    start: datetime
+    end: datetime
+    schedule: _Schedule | None
+    factor: float = 1.0
+    shift: timedelta = timedelta()
+
+    def rate_U_h(self, at: datetime) -> float:
+        """Rate at a moment; NaN if it is not known."""
+        if self.schedule is None:
+            return math.nan
+        clock = (at - self.shift).astimezone(self.schedule.zone)
+        place = bisect_right(self.schedule.minutes, clock.hour * 60 + clock.minute) - 1
+        return self.factor * self.schedule.rates_U_h[place]  # before the first step, the last one of the day holds
+
+    def steps(self, first: datetime, last: datetime) -> Iterator[datetime]:
+        """Moments between two others at which the schedule may change."""
+        if self.schedule is None:
+            return
+        day = (first - self.shift).astimezone(self.schedule.zone).date() - timedelta(days=1)
+        while (midnight := datetime(day.year, day.month, day.day, tzinfo=self.schedule.zone)) <= last - self.shift:
+            for minute in self.schedule.minutes:
+                at = midnight.replace(hour=minute // 60, minute=minute % 60).astimezone(UTC) + self.shift
+                if first < at <= last:
+                    yield at
+            day += timedelta(days=1)
+
+
+def usual_rates(
+    profiles: Sequence[Mapping[str, Any]],
+    switches: Sequence[tuple[datetime, Mapping[str, Any]]],
+    first: datetime,
+    last: datetime,
+    time_zone: str | None,
+) -> list[tuple[datetime, float]]:
+    """Moment (in UTC) and rate [U/h] of each change of the usual basal rate; NaN where it is not known.
+
+    `switches` are the treatments `SWITCH` with their moments, and `time_zone` is that of a profile that names none.
+    """
+    documents = sorted(((_begin(profile), profile) for profile in profiles), key=lambda pair: pair[0])
+    begins = [_NEVER[0], *(begin for begin, _ in documents)]
+    stores: list[Mapping[str, Any]] = [{}, *(profile["store"] for _, profile in documents)]
+    names = ["", *(str(profile.get("defaultProfile")) for _, profile in documents)]
+    spans, chosen = [], list[_Span]()
+    for begin, end, store, name in zip(begins, [*begins[1:], _NEVER[1]], stores, names, strict=True):
+        spans.append(_Span(begin, end, _schedule(store.get(name), time_zone)))
+    for start, switch in sorted(switches, key=lambda pair: pair[0]):
+        for span, store in zip(spans, stores, strict=True):  # a schedule that was edited later is another one from then
+            whole = _switched(start, switch, store, time_zone)
+            if whole is not None and whole.start < span.end and whole.end > span.start:
+                chosen.append(whole._replace(start=max(start, span.start), end=min(whole.end, span.end)))
+    every = [*spans, *chosen]
+
+    def span_at(at: datetime) -> _Span | None:
+        for among in (chosen, spans):
+            active = [span for span in among if span.start <= at < span.end]
+            if active:
+                return active[-1]
+        return None
+
+    ends = {moment for span in every for moment in (span.start, span.end) if first < moment <= last}
+    moments = sorted({first, *ends, *(at for span in every for at in span.steps(max(first, span.start), last))})
+    found: list[tuple[datetime, float]] = []
+    for at in moments:
+        active = span_at(at)
+        rate = math.nan if active is None else active.rate_U_h(at)
+        if not found or not (rate == found[-1][1] or (math.isnan(rate) and math.isnan(found[-1][1]))):
+            found.append((at, rate))
+    return found
+
+
+def _switched(
+    start: datetime, switch: Mapping[str, Any], store: Mapping[str, Any], time_zone: str | None
+) -> _Span | None:
+    """Span of a switch; None if nothing tells its schedule, and that before it goes on."""
+    minutes = finite(switch.get("duration")) or 0.0
+    end = start + timedelta(minutes=minutes) if 0.0 < minutes < _MOST_MIN else _NEVER[1]
+    held = _held(switch.get("profileJson"))
+    schedule = _schedule(store.get(str(switch.get("profile"))), time_zone) or _schedule(held, time_zone)
+    if schedule is None:
+        return None
+    factor, hours = 1.0, 0
+    if held is not None:
+        factor = (finite(switch.get("percentage")) or 100.0) / 100.0
+        if not switch.get("CircadianPercentageProfile"):  # AndroidAPS 2, whose shift Nightscout does not use
+            hours = math.trunc((finite(switch.get("timeshift")) or 0.0) / _MS_PER_H)
+    return _Span(start, end, schedule, factor, timedelta(hours=math.fmod(hours, 24)))
+
+
+def _held(text: object) -> object:
+    """Schedules that a switch holds as a text in JSON; None if it holds none."""
+    try:
+        return json.loads(text, parse_constant=lambda _: None) if isinstance(text, str) else None
+    except (ValueError, RecursionError):
+        return None
+
+
+def _schedule(value: object, time_zone: str | None) -> _Schedule | None:
+    """Basal rates of one entry of a store; None if it has none that are whole."""
+    steps = value.get("basal") if isinstance(value, dict) else None
+    if not isinstance(value, dict) or not isinstance(steps, list) or not steps:
+        return None
+    found = {}
+    for step in steps:
+        minute, rate = (_minute(step), _rate(step.get("value"))) if isinstance(step, dict) else (None, None)
+        if minute is None or rate is None:
+            return None
+        found[minute] = rate
+    minutes = tuple(sorted(found))
+    zone = zone_of(value.get("timezone")) or zone_of(time_zone) or zoneinfo.ZoneInfo("UTC")
+    return _Schedule(minutes, tuple(found[minute] for minute in minutes), zone)
+
+
+def _minute(step: Mapping[str, Any]) -> int | None:
+    """Minute of the day of a step, from ``06:30`` or from seconds."""
+    hours, colon, rest = str(step.get("time", "")).partition(":")
+    if colon and hours.isdecimal() and rest[:2].isdecimal():
+        minute = int(hours) * 60 + int(rest[:2])
+    else:
+        seconds = finite(step.get("timeAsSeconds"))
+        minute = -1 if seconds is None else int(seconds // 60)
+    return minute if 0 <= minute < _MIN_PER_DAY else None
+
+
+def _rate(value: object) -> float | None:
+    """Rate of a step, which some programs write as a text."""
+    try:
+        number = finite(float(value) if isinstance(value, str) else value)
+    except ValueError:
+        return None
+    return number if number is not None and 0.0 <= number <= 100.0 else None
+
+
+def zone_of(name: object) -> zoneinfo.ZoneInfo | None:
+    """Time zone of a profile, which Loop writes like ``ETC/GMT+5``; None if it names none that is known."""
+    if not isinstance(name, str) or not name:
+        return None
+    try:
+        return zoneinfo.ZoneInfo(f"Etc/{name[4:]}" if name[:4].upper() == "ETC/" else name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        return None
+
+
+def _begin(profile: Mapping[str, Any]) -> datetime:
+    """Moment from which a profile is in force; the beginning of time where it does not tell."""
+    milliseconds = finite(profile.get("mills"))
+    text = profile.get("startDate") or profile.get("created_at")
+    try:
+        if isinstance(text, str):
+            begin = datetime.fromisoformat(text)
+            return (begin if begin.tzinfo else begin.replace(tzinfo=UTC)).astimezone(UTC)
+        if milliseconds is not None:
+            return datetime.fromtimestamp(milliseconds / 1000.0, UTC)
+    except (ValueError, OverflowError, OSError):
+        pass
+    return _NEVER[0]
