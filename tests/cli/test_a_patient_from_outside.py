@@ -102,11 +102,15 @@ COMMANDS = {
     "adversary": "--controller pid --people 2 --generations 2 --error 10",
 }
 WITH_FOLDER = ("trial", "stress", "robust", "adversary")
+SLOW = ("detect", "robust", "verify")
+PEOPLE = (NAME, "kanderian-2009, person=3", "kanderian-2009", "hovorka-2004, person=17")
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("patient", [NAME, "kanderian-2009", "kanderian-2009, person=3", "hovorka-2004, person=17"])
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "patient"),
+    [(command, patient) for command in COMMANDS for patient in PEOPLE[: 2 if command in SLOW else None]],
+)
 def test_every_command_takes_it(outside, glucoloop, command, patient):
     folder = ("--out", "out") if command in WITH_FOLDER else ()
     answer = glucoloop(command, *shlex.split(COMMANDS[command]), *folder, "--patient", patient)

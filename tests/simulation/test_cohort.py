@@ -15,6 +15,7 @@ from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.patients import patient
 from glucoloop.patients.population import Population, population, virtual_people
 from glucoloop.patients.variation import Variation
 from glucoloop.pumps import LimitedPump, with_resolution
@@ -340,10 +341,13 @@ def test_both_engines_agree(noisy):
 
 
 @pytest.mark.long
-def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines(nominal, varied):
+def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines():
     """In readings with noise; and in float32 to .1 mg/dl."""
-    noise = np.repeat([0.9, 0.01, 0.005], [8, 9, 2])
-    controller = design_nlqdmc_se(nonlinear_model(nominal), noise, StateTuning(2, 6, 1.0, 1.0, 0.57))
+    nominal = patient("hovorka-2004")
+    varied = virtual_people(population("boiroux2017", patient="hovorka-2004"), 1, np.arange(PEOPLE))
+    model = nonlinear_model(nominal)
+    noise = np.full(model.state.size, 0.01)
+    controller = design_nlqdmc_se(model, noise, StateTuning(2, 31, 1.0, 1.0, 0.57))
     runs = {}
     for engine, precision in (("native", "float64"), ("xla", "float64"), ("native", "float32")):
         made = Cohort(
@@ -354,7 +358,7 @@ def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines
             LimitedPump(),
             SHORT,
             Lowest(),
-            setpoint_mg_dl=SETPOINT,
+            setpoint_mg_dl=nominal.setpoint_mg_dl,
             meals=eaten([Meal(60.0, 47.3)]),
             engine=engine,
             precision=precision,
