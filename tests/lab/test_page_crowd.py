@@ -9,13 +9,16 @@ import pytest
 
 from glucoloop.experiments.designs import controller_of
 from glucoloop.lab.body import people_of, situation
-from glucoloop.lab.pack import PAGE
+from glucoloop.lab.own_people import with_people
+from glucoloop.lab.pack import DATA, MODULE, PAGE
 from glucoloop.patients import virtual_people
-from glucoloop.patients.population import of_people
+from glucoloop.patients.population import draw, of_people
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.profile import given_profile
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
+from glucoloop.situations.population import named_population
 from glucoloop.threefry import name_word, uniforms
 
 NODE = shutil.which("node")
@@ -148,3 +151,34 @@ def test_whom_no_rate_holds_is_left_out(in_node, family):
 
 def test_people_are_drawn_around_families_that_are_more_than_equations(data):
     assert tuple(data["people"]) == DRAWN
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node")
+def test_people_of_a_file_are_those_of_a_trial_with_that_file(in_node, tmp_path):
+    names = list(people_of("hovorka-2004").distributions())
+    drawn = draw(people_of("hovorka-2004"), 5, [1, 2, 3]).values
+    rows = [f"P{i}," + ",".join(repr(float(drawn[name][i])) for name in names) for i in range(3)]
+    file = tmp_path / "three.csv"
+    file.write_text("\n".join(["name," + ",".join(names), *rows]))
+    data = with_people(json.loads(DATA.read_text()), "hovorka-2004", str(file))
+    (tmp_path / DATA.name).write_text(json.dumps(data))
+    shutil.copy(MODULE, tmp_path)
+    link = "#patient=hovorka-2004&controller=pid&duration_min=60"
+    asked = [{"link": link, "person": person} for person in range(3)]
+    *found, crowd = in_node([*asked, {"link": link, "people": 3}], tmp_path)
+    people = virtual_people(named_population(str(file), "hovorka-2004"), 0, range(3))
+    for place, answer in enumerate(found):
+        assert answer["basal_insulin_mU_min"] == pytest.approx(float(people.basal_insulin_mU_min[place]), rel=1e-9)
+        np.testing.assert_allclose(answer["x"], people.rest[:, place], rtol=1e-9, atol=1e-9)
+    assert "--population three.csv" in crowd["command"]
+    assert str(tmp_path) not in json.dumps(data)
+    assert data["open"].endswith("patient=hovorka-2004")
+
+
+def test_people_whom_the_page_cannot_have_are_refused(tmp_path):
+    data = json.loads(DATA.read_text())
+    with pytest.raises(Refusal, match=r"the page has no people around kanderian-2009; give --patient parker-1999, "):
+        with_people(data, "kanderian-2009", "nominal")
+    (tmp_path / "heavy.csv").write_text("name,weight_kg\nA,70\n")
+    with pytest.raises(Refusal, match=r"differ in weight_kg; people of the page differ in weight_kg, A_G, "):
+        with_people(data, "hovorka-2004", str(tmp_path / "heavy.csv"))

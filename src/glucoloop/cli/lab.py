@@ -7,20 +7,29 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 
 HELP: Final = (
     "Write the laboratory as a page: one HTML file that simulates the closed loop in the browser, without a server and "
     "without the network.\n\n"
-    "Meals, controller, tuning, guard, faults, noise and dead time are changed by hand, and the picture follows. The "
-    "page has the patients parker-1999, hovorka-2004 and wilinska-2010, and people of their populations, under PID, "
-    "IMC, MPC and MPC/SE; its numbers are those of glucoloop run within 0.02 mg/dl, and it tells the command that "
-    "repeats them.\n\n"
-    "  glucoloop lab --out lab.html"
+    "Meals, controller, tuning, guard, faults and sensor are changed by hand, and the picture follows. People are "
+    "drawn around parker-1999, hovorka-2004 and wilinska-2010. The numbers are those of glucoloop run within 0.02 "
+    "mg/dl, and the page tells the command that repeats them.\n\n"
+    "  glucoloop lab --out lab.html\n\n"
+    "  glucoloop lab --patient hovorka-2004 --population twin/posterior.toml --out twin.html"
 )
 _OPTIONS: Final = (
     CommandOption("out", "--out", "The file.", metavar="FILE"),
     OVERWRITE_FILE,
+    CommandOption(
+        "population",
+        "--population",
+        "People of the page in the place of the usual ones: a population, or a file, like those of glucoloop twin. The "
+        "page carries up to 200 of them.",
+        metavar="NAME",
+    ),
+    CommandOption("patient", "--patient", "Patient around whom the population is.", metavar="NAME"),
 )
 
 
@@ -29,9 +38,12 @@ def _lab(given: Given) -> None:
     place = file_to_write(given)
     if place is None:
         raise Refusal("--out is missing; name the file, like --out lab.html")
+    patient, population = given.get("patient"), given.get("population")
+    if patient is not None and population is None:
+        raise Refusal("--patient is of no use without --population; give that too, or choose the patient on the page")
     from glucoloop.lab.pack import page
 
-    text = page().encode()
+    text = page(None if population is None else (patient or USUAL_PATIENT.name, population)).encode()
     write_file(place, text)
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import json
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -24,15 +25,20 @@ _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
 
 
-def page() -> str:
-    """The whole page as the text of an HTML file."""
+def page(people: tuple[str, str] | None = None) -> str:
+    """The whole page as the text of an HTML file; with a family of patients and a population, with these people."""
+    data = DATA.read_bytes()
+    if people is not None:
+        from glucoloop.lab.own_people import with_people
+
+        data = json.dumps(with_people(json.loads(data), *people), separators=(",", ":")).encode()
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
         "STYLE": colours() + _read("lab.css"),
         "START": _read("start.js"),
         "CODE": _packed(program(_FIRST).encode()),
         "MODULE": _packed(MODULE.read_bytes()),
-        "DATA": _packed(DATA.read_bytes()),
+        "DATA": _packed(data),
     }
     template = _read("lab.html")
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], template)

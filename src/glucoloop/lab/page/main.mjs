@@ -71,7 +71,8 @@ export async function start() {
 
   /** Take the situation of the link, or the usual one where the link tells none. */
   function open() {
-    const { hash } = location;
+    const own = location.hash.length < 2;
+    const hash = own ? (data.open ?? "") : location.hash;
     if (hash.length < 2) return say(texts.ready);
     try {
       const found = fromLink(hash, data);
@@ -93,6 +94,7 @@ export async function start() {
       const left_out = (found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "") + nobody;
       if (nobody) session.person = null;
       if (found.version === null) say(texts.noVersion + left_out);
+      else if (own) say(texts.ready + nobody);
       else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
     } catch (error) {
       if (!(error instanceof RangeError)) throw error;

@@ -43,7 +43,10 @@ class People {
   make(first) {
     const { lab, of, draw, stage, outputs } = this;
     const { lanes } = lab.kernels;
-    of.parameters.forEach(({ word }, parameter) => {
+    const { given } = of;
+    if (given !== undefined) {
+      for (let i = 0; i < stage.own.length; i++) stage.own[i] = given[Math.min(first + (i % lanes), of.count - 1)][Math.floor(i / lanes)];
+    } else of.parameters.forEach(({ word }, parameter) => {
       draw.shared.set(this.distributions[parameter]);
       for (let lane = 0; lane < lanes; lane++) draw.own[lane] = uniform(of.seed, word, first + lane);
       draw.step();

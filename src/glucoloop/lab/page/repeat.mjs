@@ -31,7 +31,10 @@ export function commandLine(situation, data) {
  */
 export function commandForPeople(situation, data, people) {
   const { family } = data.patients[situation.patient];
-  if (family in data.people) return command("trial", { people, ...keys(situation, data), seed: data.people[family].seed });
+  if (family in data.people) {
+    const { seed, count, given, population } = data.people[family];
+    return command("trial", { people: Math.min(people, count), ...keys(situation, data), ...(given === undefined ? {} : { population }), seed });
+  }
   return command("trial", { people, ...keys(situation, data), population: data.families[family].population });
 }
 

@@ -103,6 +103,7 @@
  * @property {string} patient around whom they are drawn
  * @property {number} count the most that are simulated at once
  * @property {{word: number, distribution: Record<string, number>}[]} parameters that are drawn
+ * @property {number[][]} [given] values of the parameters of each person, where the page carries its people
  * @property {number[]} driven places of the matrices of insulin that are not zero
  * @property {number} doublings
  * @property {number} step_min
@@ -123,6 +124,7 @@
  * @property {import("./design.mjs").Numbers} display of a monitor
  * @property {Record<string, People>} people by family, of those around whose patients there are any
  * @property {number} seeds of the random numbers that can be chosen, from 0 on
+ * @property {string} [open] link with which a page that carries its people begins
  * @property {Record<string, string>} statuses
  * @property {Record<string, string>} status_names as tables tell them
  */

@@ -37,10 +37,12 @@ export function crowdView(session, many) {
     return family in people ? texts.peopleElsewhere(people[family].patient) : texts.peopleNone(family, session.data.families[family].population.split(",")[0]);
   }
 
-  /** @param {number} count */
-  async function tryOn(count) {
+  /** @param {number} wanted */
+  async function tryOn(wanted) {
     const { situation } = session;
-    if (peopleIn(situation, session.data) === null) return say(texts.refused(hint()), true);
+    const people = peopleIn(situation, session.data);
+    if (people === null) return say(texts.refused(hint()), true);
+    const count = Math.min(wanted, people.count);
     bar.hidden = false;
     bar.max = count;
     bar.value = 0;
