@@ -6,11 +6,14 @@ It prints what is named and does not exist, and leaves with 1 then. ``generate.p
 """
 
 import re
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from glucoloop.cli import app
 from glucoloop.firmware.safety import CAUSES, CHECKS, DELIVERY, WHERE, SafetyFile
+from glucoloop.refusal import Refusal
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -72,6 +75,8 @@ def problems(file: SafetyFile, root: Path = ROOT) -> Iterator[str]:
         yield from _unknown(place, "check", requirement.checks, CHECKS)
         yield from _no_files(place, requirement.shown, root)
         yield from (f"{place} names {test}, which is no test" for test in requirement.tests if not _is_test(test, root))
+        if requirement.command and not _is_command(requirement.command, root):
+            yield f"{place} names {requirement.command!r}, which is no command"
         if not requirement.tests:
             yield f"{place} has no test"
         if not file.lessened_by(requirement):
@@ -96,6 +101,18 @@ def _is_test(name: str, root: Path) -> bool:
     if not (path.startswith("tests/") and function.startswith("test_") and place.is_file()):
         return False
     return len(re.findall(rf"^def {re.escape(function)}\(", _text(place), re.M)) == 1
+
+
+def _is_command(line: str, root: Path) -> bool:
+    """Whether a line calls a script of the repository, or a command of the program with options that it has."""
+    program, what, *words = shlex.split(line)
+    if program == "python":
+        return (root / what).is_file()
+    try:
+        app.command_of(what).given(words)
+    except Refusal:
+        return False
+    return program == "glucoloop"
 
 
 def _text(path: Path) -> str:
