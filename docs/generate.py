@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import safety
 
 import glucoloop
 from glucoloop import units
@@ -22,6 +23,7 @@ from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
+from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
 from glucoloop.metrics.readings import MEASURES
 from glucoloop.metrics.settings import METRICS
@@ -387,6 +389,8 @@ def write_all(docs: Path) -> None:
         made / "other-units.md": other_units(),
         made / "layers.md": layers(docs.parent),
         made / "commands.md": commands(),
+        made / "hazards.md": safety.hazards(SafetyFile.read()),
+        made / "requirements.md": safety.requirements(SafetyFile.read()),
         made / "record-columns.md": record_columns(),
         made / "everyday.rst": everyday(),
         made / "lab.html": pack.page(),

@@ -23,7 +23,7 @@ def test_folder_repeats_the_bound(glucoloop, tmp_path):
     again = glucoloop("bound", "--config", "first/bound.toml", "--out", "second", "--json").json
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
         "SHA256SUMS", "bound.json", "bound.toml", "doses.csv", "figure.pdf", "figure.png", "figure.svg",
-        "glucose_1min.csv",
+        "glucose_1min.csv", "tables.tex",
     }  # fmt: skip
     digests = [(tmp_path / name / "SHA256SUMS").read_text() for name in ("first", "second")]
     assert digests[0] == digests[1]

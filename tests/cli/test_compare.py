@@ -37,7 +37,7 @@ def test_folder_repeats_the_comparison(glucoloop, tmp_path):
     assert table.equals(pl.read_parquet(tmp_path / "second/trace.parquet"))
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
         "SHA256SUMS", "compare.toml", "figure.html", "figure.pdf", "figure.png", "figure.svg", "glucose_1min.parquet",
-        "metrics.json", "model-1-mpc.json", "model-2-given.json", "trace.csv", "trace.parquet",
+        "metrics.json", "model-1-mpc.json", "model-2-given.json", "tables.tex", "trace.csv", "trace.parquet",
     }  # fmt: skip
 
 

@@ -44,6 +44,7 @@ class Tried(Trial):
 
 
 FILES = ("squares.csv", "page.html")
+WRITTEN = (*FILES, "tables.tex")
 SEARCH = SearchStudy(
     name="squares", what="a search for squares", help="Squares.", module="a_study", request=Asked,
     extent=("steps",), files=FILES, summary="squares.json",
@@ -138,8 +139,8 @@ def test_a_search_goes_on_where_it_was_and_farther(glucoloop, made, tmp_path):
     assert "2 of 3 squares of a are there already; going on." in again.err
     assert module.made == [0, 1, 2]
     assert "The sum is 10 and the mean None." in again.out
-    assert "Wrote squares.csv, page.html, squares.json, rows.parquet, squares.toml to a." in again.out
-    names = {"SHA256SUMS", "origin.json", *FILES, "squares.json", "rows.parquet", "squares.toml"}
+    assert "Wrote squares.csv, page.html, tables.tex, squares.json, rows.parquet, squares.toml to a." in again.out
+    names = {"SHA256SUMS", "origin.json", *WRITTEN, "squares.json", "rows.parquet", "squares.toml"}
     assert {file.name for file in (tmp_path / "a").iterdir()} == names
 
     finished = glucoloop("squares", "--out", "a", "--json")
@@ -174,7 +175,12 @@ def test_a_search_without_a_folder_keeps_nothing(glucoloop, refused, made, tmp_p
 def test_a_plain_study_writes_its_folder_whole_or_not_at_all(glucoloop, made, tmp_path):
     module = made(PLAIN)
     assert glucoloop("squares", "--out", "a").code == 0
-    assert {file.name for file in (tmp_path / "a").iterdir()} == {"SHA256SUMS", *FILES, "summary.json", "squares.toml"}
+    assert {file.name for file in (tmp_path / "a").iterdir()} == {
+        "SHA256SUMS",
+        *WRITTEN,
+        "summary.json",
+        "squares.toml",
+    }
     assert glucoloop("squares", "--config", "a/squares.toml", "--json").json["sum"] == 10
     (tmp_path / "a/squares.toml").write_text("steps = 2\n[used]\nsteps = 2\nfactor = 5\n")
     other = glucoloop("squares", "--config", "a/squares.toml", "--out", "c")

@@ -18,6 +18,7 @@ SMALL = ("--controller", "basal", "--days", 1, "--estimator", "kalman", "--seed"
 TABLES = ("meals", "curve", "size_error", "day")
 FILES = {
     "SHA256SUMS",
+    "tables.tex",
     "detect.json",
     "detect.toml",
     "figure.png",

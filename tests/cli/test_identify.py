@@ -17,7 +17,7 @@ def test_model_of_the_patient(glucoloop, tmp_path):
     assert report["model"]["step_response"] == np.asarray(identified.model.step_response).tolist()
     assert set(report["files"]) == {
         "fit.json", "identify.toml", "model.json", "record.csv", "response.pdf", "response.png", "response.svg",
-        "validation.pdf", "validation.png",
+        "tables.tex", "validation.pdf", "validation.png",
         "validation.svg",
     }  # fmt: skip
     assert report["validation"]["on"] == "random binary sequence"

@@ -19,7 +19,8 @@ def test_interrupted_or_not_and_from_its_file_a_league_is_the_same_to_the_bit(gl
     first = glucoloop("league", *SMALL, "--out", "a")
     assert first.code == 0, first.err
     names = {"SHA256SUMS", "origin.json", "summary.json", "people.parquet", "league.toml"}
-    assert {file.name for file in (tmp_path / "a").iterdir()} == {*names, "league.csv", "league.parquet", "league.html"}
+    drawn = {"league.html", "figure.pdf", "figure.png", "figure.svg", "tables.tex"}
+    assert {file.name for file in (tmp_path / "a").iterdir()} == {*names, *drawn, "league.csv", "league.parquet"}
     assert re.search(r"3 loops to design and compile, and \d+ patient-days: about 1 minute on", first.err)
     # a pair that does not go together is named with its reason, and the others are there
     assert "mpc takes no part on kanderian-2009 in 1 cell (white-noise, variance=1.45, plain-day)" in first.out

@@ -18,6 +18,7 @@ FILES = {
         "figure.png",
         "figure.svg",
         "SHA256SUMS",
+        "tables.tex",
         "days.csv",
         "episodes.csv",
         "metrics.csv",

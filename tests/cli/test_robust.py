@@ -19,6 +19,7 @@ SMALL = ("--people", 4, "--seeds", 3, "--check-people", 5, "--check-seeds", 4, "
 FILES = {
     "origin.json",
     "SHA256SUMS",
+    "tables.tex",
     "best.toml",
     "candidates.csv",
     "candidates.parquet",

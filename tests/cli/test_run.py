@@ -15,6 +15,7 @@ from glucoloop.models.step_response import StepResponseModel
 SHORT = ("--duration", 100)
 FILES = {
     "SHA256SUMS",
+    "tables.tex",
     "figure.html",
     "figure.png",
     "figure.svg",

@@ -12,6 +12,7 @@ FAULTS = ("--fault", "calibration, gain=1.3", "--fault", "missing, start_min=60,
 SMALL = ("--people", 3, "--controller", "imc", "--duration", 200, *FAULTS, "--seed", 5)
 FILES = {
     "SHA256SUMS",
+    "tables.tex",
     "figure.png",
     "figure.svg",
     "figure.pdf",

@@ -16,6 +16,7 @@ SMALL = ("--people", 40, "--controller", "basal", *SHORT)
 TWO = (*SMALL, "--controller", "pid", "--seed", 3, "--shard-people", 15)
 FILES = {
     "SHA256SUMS",
+    "tables.tex",
     "bands.parquet",
     "figure.png",
     "figure.svg",

@@ -34,6 +34,7 @@ def test_folder_repeats_the_search(glucoloop, tmp_path):
     assert {file.name for file in (tmp_path / "first").iterdir()} == {
         "SHA256SUMS", "model.json", "surface.csv", "surface.html", "surface.parquet", "surface.pdf", "surface.png",
         "surface.svg",
+        "tables.tex",
         "tune.json",
         "tune.toml",
     }  # fmt: skip

@@ -89,7 +89,9 @@ def test_what_was_not_run_is_not_claimed(folder):
     assert "Frama-C" not in held
     assert "C on this computer" in held
     instructions, outcomes = (folder / "README.md").read_text(), {True: "held", None: "not run"}
+    safety = (folder / "SAFETY.md").read_text()
     assert all(f"- {outcomes[check['holds']]}: {check['check']}" in instructions for check in checks)
+    assert all(f"- For this folder, {outcomes[check['holds']]}: {check['check']}" in safety for check in checks)
 
 
 @pytest.mark.parametrize(

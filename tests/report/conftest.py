@@ -310,12 +310,12 @@ def stress_page():
 
 
 @pytest.fixture(scope="session")
-def league_page():
-    """The page of a league of made-up numbers, in which one controller takes no part."""
+def league():
+    """A league, and what it found: made-up numbers, in which one controller takes no part."""
     from glucoloop.situations.situation import configured
     from glucoloop.studies.league import League
     from glucoloop.studies.league.numbers import METRICS
-    from glucoloop.studies.league.study import LeagueSearch, ShardResult, page, shards_of
+    from glucoloop.studies.league.study import LeagueSearch, ShardResult, shards_of
 
     asked = configured(League, {"people": 30, "families": ["hovorka-2004", "roy-parker-2007"]})
     rng, results = np.random.default_rng(0), []
@@ -323,7 +323,15 @@ def league_page():
         there = person if number else person[:0]
         people = {"person": there, "able": there >= 0, **{name: rng.uniform(0, 90, there.size) for name in METRICS}}
         results.append(ShardResult(line, shard, "native", "", "" if number else "its <gain> is 0", people))
-    return page(asked, LeagueSearch(asked).found(results))
+    return asked, LeagueSearch(asked).found(results)
+
+
+@pytest.fixture(scope="session")
+def league_page(league):
+    """The page of that league."""
+    from glucoloop.studies.league.study import page
+
+    return page(*league)
 
 
 @pytest.fixture(scope="session")

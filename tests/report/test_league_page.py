@@ -1,6 +1,7 @@
-"""The page of a league: every family with a map, who takes no part with the reason, and no word of a script."""
+"""Page and figure of a league: every family, who takes no part with the reason, and no word of a script."""
 
 from glucoloop.studies.league import League
+from glucoloop.studies.league.study import drawn, plot_league
 
 
 def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_page, reader):
@@ -25,3 +26,26 @@ def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_pa
     assert "<script" not in league_page
     assert league_page.count('<table class="heat"') == 2
     assert "glucoloop league --config league.toml --out again" in read.text["code"]
+
+
+def test_the_figure_has_the_index_of_each_family_under_each_controller(league):
+    asked, found = league
+    over_all = {(row["family"], row["controller"]): row for row in found.rows if row["sensor"] == ""}
+    figure = plot_league(asked, found)
+    [axes] = figure.axes
+    families, controllers = (
+        [text.get_text() for text in labels] for labels in (axes.get_yticklabels(), axes.get_xticklabels())
+    )
+    assert set(over_all) == {(family, controller) for family in families for controller in controllers}
+    texts = {(round(text.xy[1]), round(text.xy[0])): text.get_text().split() for text in axes.texts}
+    for (family, controller), row in over_all.items():
+        told = texts[families.index(family), controllers.index(controller)]
+        assert told[0] == ("n/a" if row["gri_mean"] is None else f"{row['gri_mean']:.1f}")
+        assert told[1:] == ([f"▲{row['harmed_below_54']}"] if row["harmed_below_54"] else [])
+    assert any(row["gri_mean"] is None for row in over_all.values())
+
+
+def test_the_figure_is_written_for_print(league):
+    files = drawn(*league)
+    assert files["figure.pdf"].startswith(b"%PDF")
+    assert {"figure.png", "figure.svg", "league.html"} <= files.keys()

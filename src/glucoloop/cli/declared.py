@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound="ResumableFolder")
 
+TABLES = "tables.tex"
+"""File of every study with its tables as LaTeX."""
 _SELDOM = ("sample_time_min", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min")
 """Settings that the help of a study only names, unless the study says otherwise."""
 
@@ -105,7 +107,7 @@ class _StudyRun:
             what=what,
             keys=self.asked.tree(whole=True),
             given=self.asked.tree(),
-            final=(*self.study.files, self.study.summary),
+            final=(*self.study.files, TABLES, self.study.summary),
             may_change=frozenset(may_change),
         )
 
@@ -131,9 +133,14 @@ class _StudyRun:
             interrupted(f"interrupted; {folder.progress} are kept, the same command goes on")
 
     def files_of(self, found: Findings) -> dict[str, bytes]:
-        """Files of what was found, and of its pages and figures, by name."""
+        """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
+        from glucoloop.report.latex import latex_tables
+
+        name = self.study.name
         with stage("Drawing"):
-            return {**found.files(self.study.summary), **self.module.drawn(self.asked, found)}
+            tables = latex_tables(self.module.tables(self.asked, found), name, f"glucoloop {name}")
+            drawn: Mapping[str, bytes] = self.module.drawn(self.asked, found)
+            return {**found.files(self.study.summary), TABLES: tables.encode(), **drawn}
 
     def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""

@@ -13,6 +13,7 @@ from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
 from glucoloop.firmware.rung import Rung
+from glucoloop.firmware.safety import safety_report
 from glucoloop.firmware.samples import Init, SampleRecord, Step, arithmetic, record, stepper_of
 from glucoloop.models.settings import FilePart
 from glucoloop.native.targets.c.host import Library, compiler
@@ -60,6 +61,7 @@ def write(asked: Export, folder: OutputFolder) -> tuple[Made, list[Rung]]:
     checks = [rung.as_dict() for rung in rungs]
     folder.write("README.md", readme(exported, name, asked.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
+    folder.write("SAFETY.md", safety_report(exported, name, checks, guarded=guarded))
     folder.write("manifest.json", json_text(with_version(report(made, rungs))) + "\n")
     used, given = asked.tree(whole=True), asked.tree()
     used["controller"][0].update({"settled": made.settled} if made.settled else {})

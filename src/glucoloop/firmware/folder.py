@@ -15,6 +15,7 @@ from glucoloop import __version__
 from glucoloop.control.protocol import Controller, Status
 from glucoloop.firmware.chips import CHIPS, LINK, MENDED_SUMS, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.rung import OUTCOMES
 from glucoloop.firmware.samples import SampleRecord
 from glucoloop.native.targets.c.api import MEANINGS
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
@@ -27,7 +28,6 @@ _SUPPORT: Final = {
         f"link it with `{' '.join(MENDED_SUMS)}` |\n"
     )
 }
-_OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
 Rungs = Sequence[Mapping[str, Any]]
 
 
@@ -174,7 +174,7 @@ def readme(
         sample_time=sample_time_min,
         summary=target.summary,
         packages=", ".join(target.packages),
-        checked="\n".join(f"- {_OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
+        checked="\n".join(f"- {OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
         support="".join(_SUPPORT[name] for name in target.support(exported.precision)[0]),
         fields=fields,
         least=float(limits.min_mU_min),

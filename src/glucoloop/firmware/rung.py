@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 _LONGEST_S: Final = 600.0
+OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
+"""Outcome of a check in words."""
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,13 @@ def terminal_table(
             cells = (Text(texts[c.name][place], "bold" if c.strong(rows[-1]) else "") for c in shown)
             table.add_row(Text(f"{' ' if section else ''}{name}"), *cells)
             place += 1
-    return FittingTable(table)
+    return FittingTable(table, (head, *map(_short_with_unit, shown)))
+
+
+def _short_with_unit(column: Column) -> str:
+    """Heading of a column of the terminal, with a unit also where the terminal has no room for it."""
+    head, unit = heading_shown(column.short or ""), shown_unit(column.unit)
+    return head if unit in head else f"{head}\n{unit}"
 
 
 def _side_by_side(column: Column, lines: Sequence[Sequence[Row]]) -> list[str]:
@@ -211,6 +217,8 @@ class FittingTable:
     """A table that leaves out whole columns where there is no room, since a cut number would be another number."""
 
     table: Table
+    heads: Sequence[str] = ()
+    """Headings with their units, for print; by default those of the table."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         from rich.measure import Measurement

@@ -75,6 +75,8 @@ class HeatMap(NamedTuple):
     rows: Sequence[str]
     columns: Sequence[str]
     cell: Callable[[str, str], HeatCell]
+    apart: float = _APART
+    """Space below the first row, in rows."""
 
     def cells(self) -> list[HeatCell]:
         """All cells, row by row."""
@@ -92,13 +94,14 @@ def plot_heat_maps(
     *,
     what: str,
     mark: str = "",
+    shades: Sequence[Shade] | None = None,
     title: str | None = None,
     width: Width = "double",
 ) -> Figure:
     """Draw maps of the same rows and columns.
 
     The legend tells `what` the colours are, and what the `mark` of a cell means, a triangle and a number; it is empty
-    for no such marks.
+    for no such marks. The `shades` of the legend are by default those of percentages.
     """
     # sizes: maps below each other, upright headings, and marks below the text are for want of room
     columns = maps[0].columns
@@ -130,7 +133,7 @@ def plot_heat_maps(
         axes.set_title(shown.title, fontsize=FONT_PT, fontweight="bold", loc="left")
         if place and not stacked:
             axes.tick_params(labelleft=False)
-    entries = _legend(legend_shades(maps), what, mark)
+    entries = _legend(legend_shades(maps) if shades is None else shades, what, mark)
     _style.add_legend(figure, entries, width)
     return figure
 
@@ -139,7 +142,7 @@ def _draw(axes: Axes, shown: HeatMap, apart: str) -> list[float]:
     """Draw the cells of a map, and tell the places of its rows."""
     from matplotlib.patches import Rectangle
 
-    places = [place + (_APART if place else 0.0) for place in range(len(shown.rows))]
+    places = [place + (shown.apart if place else 0.0) for place in range(len(shown.rows))]
     for place, row in zip(places, shown.rows, strict=True):
         for across, column in enumerate(shown.columns):
             cell = shown.cell(row, column)

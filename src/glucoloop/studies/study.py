@@ -10,8 +10,9 @@ To add a study
    that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
-Every module has ``tables(asked, found)``, which makes tables for the terminal, as by `report.columns.terminal_table`;
-where the study keeps files, also ``drawn(asked, found)``: pages and figures by the names of their files. It may have
+Every module has ``tables(asked, found)``, which makes tables for the terminal, as by `report.columns.terminal_table`,
+of which ``tables.tex`` is made; where the study keeps files, also ``drawn(asked, found)``: pages and figures by the
+names of their files. It may have
 
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
 - ``sentences(asked, found)``: conclusions, for the terminal and the page.

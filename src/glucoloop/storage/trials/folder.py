@@ -34,7 +34,7 @@ SHARD: Final = "shard.json"
 SUMMARY: Final = "summary.json"
 BANDS: Final = "bands.parquet"
 REPORT: Final = "report.html"
-FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, SUMMARY)
+FINAL: Final = (BANDS, "figure.pdf", "figure.png", "figure.svg", REPORT, "tables.tex", SUMMARY)
 """Files that are written when all shards are done."""
 _NUMBER: Final = re.compile("[0-9]{5}|[1-9][0-9]{5,18}")
 """Name of the folder of a shard."""

@@ -139,5 +139,5 @@ LEAGUE: Final = SearchStudy(
     module="glucoloop.studies.league.study",
     request=League,
     option_texts={"default": {"sensors": "dexcom-g6; and white-noise, variance=1.45"}},
-    files=("league.csv", "league.parquet", "league.html"),
+    files=("league.csv", "league.parquet", "league.html", "figure.pdf", "figure.png", "figure.svg"),
 )

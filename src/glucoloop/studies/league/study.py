@@ -1,4 +1,4 @@
-"""A league carried out: its cells and rows, its tables and sentences, and its page."""
+"""A league carried out: its cells and rows, its tables and sentences, its page and figure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +20,12 @@ from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.setting import Default
 from glucoloop.patients.settings import NOMINAL
-from glucoloop.printable import how_many
+from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import FittingTable, Row, headings, terminal_table
-from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap
+from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
+from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
@@ -43,6 +44,11 @@ from glucoloop.studies.league.numbers import (
     signed,
 )
 from glucoloop.units import MIN_PER_DAY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from glucoloop.report._style import Width
 
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
@@ -380,6 +386,27 @@ def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
     return HeatMap("Glycemia risk index", list(dict.fromkeys(map(cell_name, rows))), controllers, cell)
 
 
+def plot_league(asked: League, found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+    """Draw the glycemia risk index over all cells, families in rows and controllers across."""
+    maps = {family: family_map(family, rows) for family, rows in _by_family(asked, found).items()}
+    controllers = list(dict.fromkeys(name for each in maps.values() for name in each.columns))
+
+    def cell(family: str, controller: str) -> HeatCell:
+        each = maps[family]
+        return each.cell(each.rows[0], controller) if controller in each.columns else HeatCell(UNKNOWN, NOT_AVAILABLE)
+
+    shown = HeatMap("Glycemia risk index, over all sensors and scenarios", list(maps), controllers, cell, apart=0.0)
+    unknown = any(each.shade is UNKNOWN for each in shown.cells())
+    return plot_heat_maps(
+        [shown],
+        what="(zones of the index)",
+        mark="people harmed below 54 mg/dl" if any(each.mark for each in shown.cells()) else "",
+        shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
+        title=title,
+        width=width,
+    )
+
+
 def page(asked: League, found: Findings) -> str:
     """The page of a league: one file that needs neither network nor script."""
     by_family = _by_family(asked, found)
@@ -417,5 +444,5 @@ def page(asked: League, found: Findings) -> str:
 
 
 def drawn(asked: League, found: Findings) -> dict[str, bytes]:
-    """The page, by the name of its file."""
-    return {"league.html": page(asked, found).encode()}
+    """Page and figure, by the names of their files."""
+    return {"league.html": page(asked, found).encode(), **figure_files("figure", plot_league(asked, found))}

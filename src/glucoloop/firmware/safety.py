@@ -1,0 +1,175 @@
+"""Safety file: hazards of a controller that is carried on, measures against each, how they were shown, what is left.
+
+The hazards and requirements are in ``hazards.toml``. The documentation shows all of them, and an exported controller
+gets the part that concerns it. It is no assessment of safety, and nothing here is a medical device.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from glucoloop import __version__
+from glucoloop.firmware.analysis import BOUNDS, CHANGE, MISRA
+from glucoloop.firmware.chips import template
+from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.rung import OUTCOMES
+
+EVERY, GUARD, C = "every controller", "the guard", "the exported C"
+WHERE: Final = {
+    EVERY: "any controller of the catalogue, bare or guarded, in Python and in C",
+    GUARD: "a controller in a guard with the usual settings, in Python and in C",
+    C: "the C that `glucoloop export` writes",
+    "the link": "the firmware and the protocol of `glucoloop hil`",
+    "real time": "the functions for a loop in real time, in Python",
+    "the program": "the program with which a controller is designed and simulated",
+}
+"""Place where a requirement holds, in words."""
+CAUSES: Final = {
+    "sensor": "Sensor",
+    "pump": "Pump",
+    "line": "Line of infusion and of messages",
+    "clock": "Clock",
+    "memory": "Memory",
+    "software": "Software",
+    "use": "Use",
+}
+DELIVERY: Final = {"over": "over-delivery", "under": "under-delivery", "both": "over- or under-delivery"}
+CHECKS: Final = {
+    "bounds": BOUNDS,
+    "change": CHANGE,
+    "misra": MISRA,
+    "emulated": "C on an emulated chip",
+    "samples": "samples equal to the bit, on this computer",
+}
+"""Checks of an export; the last two stand for all that compare samples on a chip, or here."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Requirement:
+    """Measure against hazards, with the tests and checks that fail where it does not hold."""
+
+    name: str
+    of: str
+    text: str
+    tests: tuple[str, ...]
+    checks: tuple[str, ...] = ()
+    shown: tuple[str, ...] = ()
+    """Pages with what was measured."""
+    command: str = ""
+    """Command that measures it again."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hazard:
+    """Cause of too much or too little insulin, the measures against it, and what is left."""
+
+    name: str
+    cause: str
+    delivery: str
+    what: str
+    measures: tuple[str, ...]
+    """Names of the requirements that act against it."""
+    left: str
+    boluses: bool = False
+    """Whether it concerns only a controller that gives boluses."""
+    bare: bool = False
+    """Whether it concerns only a controller without a guard."""
+    shown: tuple[str, ...] = ()
+    """Pages with what was measured of it."""
+
+    def concerns(self, *, guarded: bool, boluses: bool) -> bool:
+        """Whether it concerns a controller, with a guard or without, that gives boluses or none."""
+        return (boluses or not self.boluses) and not (guarded and self.bare)
+
+
+@dataclass(frozen=True)
+class SafetyFile:
+    """All hazards and requirements, by name."""
+
+    hazards: Mapping[str, Hazard]
+    requirements: Mapping[str, Requirement]
+
+    @classmethod
+    def read(cls) -> SafetyFile:
+        """Read the safety file of this version."""
+        data = (importlib.resources.files("glucoloop.firmware") / "hazards.toml").read_text(encoding="utf-8")
+        tables = tomllib.loads(data)
+        hazards = [Hazard(**_tuples(table)) for table in tables["hazard"]]
+        requirements = [Requirement(**_tuples(table)) for table in tables["requirement"]]
+        return cls(_by_name(hazards), _by_name(requirements))
+
+    def of_cause(self, cause: str) -> list[Hazard]:
+        """Hazards of a cause."""
+        return [hazard for hazard in self.hazards.values() if hazard.cause == cause]
+
+    def lessened_by(self, requirement: Requirement) -> list[Hazard]:
+        """Hazards against which a requirement is a measure."""
+        return [hazard for hazard in self.hazards.values() if requirement.name in hazard.measures]
+
+
+def _tuples(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
+
+
+def _by_name(entries: Sequence[Any]) -> dict[str, Any]:
+    named = {entry.name: entry for entry in entries}
+    if len(named) < len(entries):
+        raise ValueError("two hazards or two requirements have one name")
+    return named
+
+
+def safety_report(exported: Exported, name: str, rungs: Sequence[Mapping[str, Any]], *, guarded: bool) -> str:
+    """Part of the safety file that concerns an exported controller, with the outcome of the checks of its folder."""
+    file, boluses = SafetyFile.read(), exported.last.bolus is not None
+    here = {EVERY, C, *([GUARD] if guarded else [])}
+    concern = [hazard for hazard in file.hazards.values() if hazard.concerns(guarded=guarded, boluses=boluses)]
+    needed = {name for hazard in concern for name in hazard.measures}
+    requirements = [requirement for requirement in file.requirements.values() if requirement.name in needed]
+    inside = {requirement.name: requirement for requirement in requirements if requirement.of in here}
+    outside = [requirement for requirement in requirements if requirement.of not in here]
+    parts = []
+    for cause, title in CAUSES.items():
+        texts = [_hazard_text(hazard, inside) for hazard in concern if hazard.cause == cause]
+        parts += [f"### {title}", *texts] if texts else []
+    return template("SAFETY.md").format(
+        name=name,
+        design=exported.source.design,
+        form=exported.source.form,
+        precision=exported.precision,
+        version=__version__,
+        guard="It has its guard." if guarded else "It has no guard, so the measures of the guard are not here.",
+        boluses="It gives boluses." if boluses else "It gives no boluses, so hazards of boluses are left out.",
+        hazards="\n\n".join(parts),
+        unmet="\n".join(f"- {hazard.what}" for hazard in concern if not inside.keys() & {*hazard.measures}) or "- none",
+        requirements="\n".join(_requirement_text(requirement, rungs) for requirement in inside.values()),
+        outside="\n".join(f"- `{each.name}` ({WHERE[each.of]}): {each.text}" for each in outside) or "- nothing",
+    )
+
+
+def _hazard_text(hazard: Hazard, inside: Collection[str]) -> str:
+    here = [f"`{name}`" for name in hazard.measures if name in inside]
+    others = [f"`{name}`" for name in hazard.measures if name not in inside]
+    lines = [f"**{hazard.what}** ({DELIVERY[hazard.delivery]})", ""]
+    lines.append(f"- Measures here: {', '.join(here)}." if here else "- There is no measure against it in this folder.")
+    lines += [f"- Measures outside this folder: {', '.join(others)}."] if others else []
+    return "\n".join([*lines, f"- Left: {hazard.left}"])
+
+
+def _kind_of(check: str) -> str:
+    """Name among `CHECKS` of a check of an export."""
+    named = {text: name for name, text in CHECKS.items()}
+    return named.get(check) or ("emulated" if check.startswith("C on an emulated") else "samples")
+
+
+def _requirement_text(requirement: Requirement, rungs: Sequence[Mapping[str, Any]]) -> str:
+    lines = [f"**{requirement.name}**. {requirement.text}", ""]
+    for check in requirement.checks:
+        those = [rung for rung in rungs if _kind_of(rung["check"]) == check]
+        lines += [f"- For this folder, {OUTCOMES[rung['holds']]}: {rung['check']}" for rung in those]
+        lines += [] if those else [f"- For this folder, {OUTCOMES[None]}: {CHECKS[check]}"]
+    lines += [f"- Test of glucoloop: `{test}`" for test in requirement.tests]
+    return "\n".join([*lines, ""])
