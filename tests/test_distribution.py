@@ -5,11 +5,13 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 
 import glucoloop
 
@@ -106,3 +108,37 @@ def test_the_package_of_the_wheel_answers(built, tmp_path):
     assert Path(where).is_relative_to(tmp_path)
     assert "prediction_horizon" in said
     assert (tmp_path / "bin" / "glucoloop").exists()
+
+
+def conda_name(requirement):
+    """A requirement of PyPI as conda-forge spells it."""
+    name, least = requirement.split(">=")
+    return f"{ {'lazy-loader': 'lazy_loader', 'matplotlib': 'matplotlib-base'}.get(name, name) } >={least}"
+
+
+def test_the_recipe_of_conda_says_what_the_project_says():
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    needs, context = recipe["requirements"], recipe["context"]
+    assert context["version"] == glucoloop.__version__
+    assert project["project"]["requires-python"] == f">={context['python_min']}"
+    assert needs["run"][1:] == [conda_name(requirement) for requirement in project["project"]["dependencies"]]
+    assert {conda_name(requirement) for requirement in project["build-system"]["requires"]} < set(needs["host"])
+    assert recipe["about"]["summary"] == project["project"]["description"]
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{name} = {where}" for name, where in project["project"]["scripts"].items()
+    ]
+
+
+def test_the_container_is_built_of_what_a_wheel_needs(built, tmp_path):
+    """The files that it copies are there, and give the same wheel."""
+    lines = (ROOT / "Containerfile").read_text(encoding="utf-8").splitlines()
+    copied = [
+        word for line in lines if line.startswith("COPY ") and "--from" not in line for word in line.split()[1:-1]
+    ]
+    assert copied == ["pyproject.toml", "README.md", "LICENSE", "src", "requirements.lock"]
+    for name in copied:
+        source, target = ROOT / name, tmp_path / name
+        shutil.copytree(source, target) if source.is_dir() else shutil.copyfile(source, target)
+    made = build(tmp_path, "wheel", dated="1700000000") / WHEEL
+    assert made.read_bytes() == (built.one / WHEEL).read_bytes()
