@@ -31,7 +31,7 @@ COMMANDS = {
     "run": "run --out OUT",
     "compare": "compare --controller pid --controller mpc --noise 1.45 --out OUT",
     "identify": "identify --out OUT",
-    "trial": "trial --people 2000 --noise 1.45 --threads 1 --out OUT",
+    "trial": "trial --people 2000 --noise 1.45 --workers 1 --out OUT",
     "stress": "stress --people 4 --controller mpc --fault 'stuck, start_min=60, duration_min=90' --out OUT",
 }
 
