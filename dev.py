@@ -9,6 +9,9 @@
                                        there is none, or with --newest, with the newest release of every package
     python3 dev.py setup               only create or refresh the environment, with the tools of developers
     python3 dev.py lock                renew the two locks (needs uv)
+    python3 dev.py release TAG [--ran LOG]
+                                       the wheel and the source distribution of a tag, in dist, once .ci/run was
+                                       green on it; LOG is what an earlier call wrote of that
 
 The first call creates .venv beside this file and installs what requirements.lock names; ``test`` and
 ``setup`` add what requirements-dev.lock names. Later calls reuse the environment until a lock,
@@ -48,6 +51,7 @@ from dev_environment import (
     take_python,
     this_python,
 )
+from dev_release import asked, release
 
 QUICK = "not long"
 
@@ -181,13 +185,18 @@ def main(arguments: list[str]) -> int:
     if verb in ("-h", "--help", "help"):
         say((__doc__ or "").strip())
         return 0
-    if verb not in ("run", "test", "long", "try", "setup", "lock"):
+    if verb not in ("run", "test", "long", "try", "setup", "lock", "release"):
         stop(f"{'unknown command ' + repr(verb) if verb else 'a command is missing'}.\n\n{(__doc__ or '').strip()}", 2)
     if verb == "try":
         try_elsewhere(newest=rest == ["--newest"])
         return 0
     if verb == "lock":
         renew_locks()
+        return 0
+    if verb == "release":
+        tag, ran = asked(rest)
+        setup(env, dev=False)
+        release(tag, env.program("python"), ran)
         return 0
     setup(env, dev=verb != "run")
     if verb == "run":

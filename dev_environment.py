@@ -241,7 +241,8 @@ def pip_trouble(output: str) -> str:
 
 def pip_install(env: Environment, what: str, *arguments: str) -> None:
     """Run pip behind one line of progress; show its output only when it fails."""
-    pip_command = ("-m", "pip", "install", "--disable-pip-version-check", "--no-input")
+    # Most modules are never imported, and an import compiles the others: that saves two fifths of the time.
+    pip_command = ("-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--no-compile")
     command = [env.program("python"), *pip_command, *arguments]
     live = sys.stdout.isatty()
     started, seen, lines = time.monotonic(), 0, []
@@ -271,6 +272,32 @@ def pip_install(env: Environment, what: str, *arguments: str) -> None:
     stop(f"{pip_trouble(output)}")
 
 
+def uv_install(env: Environment, lock: Path) -> bool:
+    """Install what a lock names by uv, which takes a fraction of pip's time, where there is one and it succeeds.
+
+    It does not read the configuration of pip, such as another index, so what it cannot do is left to pip.
+    """
+    uv = shutil.which("uv")
+    if uv is None:
+        return False
+    print(f"Installing packages from {lock.name} with uv ...", end="", flush=True)
+    started = time.monotonic()
+    command = [
+        uv,
+        "pip",
+        "install",
+        "--quiet",
+        "--python",
+        str(env.path("python")),
+        "--require-hashes",
+        "-r",
+        str(lock),
+    ]
+    done = subprocess.run(command, cwd=ROOT, env=env.variables(), capture_output=True, check=False)
+    say(f" done in {time.monotonic() - started:.0f} s" if done.returncode == 0 else " failed; pip takes over")
+    return done.returncode == 0
+
+
 def setup(env: Environment, *, dev: bool) -> None:
     """Bring an environment to what the locks and the project file ask for; each step is stamped when it is complete."""
     found = found_stamp(env)
@@ -284,7 +311,8 @@ def setup(env: Environment, *, dev: bool) -> None:
         found = {}
     if found.get("dev") != wanted["dev"]:
         lock = DEV_LOCK if wanted["dev"] else LOCK
-        pip_install(env, f"packages from {lock.name}", "--require-hashes", "-r", str(lock))
+        if not uv_install(env, lock):
+            pip_install(env, f"packages from {lock.name}", "--require-hashes", "-r", str(lock))
         write_stamp(env, {**wanted, "project": ""})
     pip_install(env, "glucoloop", "--no-deps", "--no-build-isolation", "--no-index", "--editable", str(ROOT))
     write_stamp(env, wanted)

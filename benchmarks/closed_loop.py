@@ -6,7 +6,7 @@
 Measured: a new process, with an empty and with a filled compilation cache; a run in a process that has run before; one
 interactive step (controller, pump and patient, each call from Python); and, beside it, one person-day of simglucose
 0.2.11 (its basal-bolus controller, 3-min samples) in the same session. simglucose needs ``setuptools<81``; give the
-interpreter of an environment that has both, or install ``glucoloop[uva]`` here.
+interpreter of an environment that has both, or install ``glucoloop[bench]`` here.
 """
 
 from __future__ import annotations

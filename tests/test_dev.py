@@ -152,6 +152,7 @@ def installs(environments, tmp_path, monkeypatch):
         path.write_text(name)
         monkeypatch.setattr(environments, name, path)
     monkeypatch.setattr(environments, "create_venv", create)
+    monkeypatch.setattr(environments, "uv_install", lambda env, lock: False)
     monkeypatch.setattr(
         environments, "pip_install", lambda env, what, *_: done.append(what.removeprefix("packages from "))
     )
@@ -185,6 +186,25 @@ def test_what_changed_is_installed_again(environments, installs, changed, expect
     getattr(environments, changed).write_text("other")
     assert installs(tools=True) == expected
     assert installs(tools=True) == []
+
+
+@pytest.mark.parametrize("code", [0, 2])
+def test_uv_installs_a_lock_where_it_can(environments, tmp_path, monkeypatch, capsys, code):
+    env = environments.Environment(tmp_path / ".venv", environments.Python("/opt/python", (3, 11)))
+    uv = interpreter(tmp_path / "bin" / "uv", "", code)
+    uv.write_text(uv.read_text().replace("exit", f'printf "%s " "$@" > {tmp_path}/asked\nexit'))
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:/usr/bin:/bin")
+    assert environments.uv_install(env, tmp_path / "a.lock") == (code == 0)
+    asked = f"pip install --quiet --python {env.path('python')} --require-hashes -r {tmp_path / 'a.lock'} "
+    assert (tmp_path / "asked").read_text() == asked
+    assert ("pip takes over" in capsys.readouterr().out) == (code != 0)
+
+
+def test_without_uv_a_lock_is_left_to_pip(environments, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    env = environments.Environment(tmp_path / ".venv", environments.Python("/opt/python", (3, 11)))
+    assert not environments.uv_install(env, tmp_path / "a.lock")
+    assert capsys.readouterr().out == ""
 
 
 def test_an_installation_that_broke_off_is_taken_up(environments, installs, monkeypatch):
