@@ -74,6 +74,7 @@ def test_no_allowed_change_of_the_doses_comes_closer(best, scenario, known_after
     assert np.mean(deviation > 1.01 * plan.deviation_mg_dl) > 0.4  # so that they did change something
 
 
+@pytest.mark.long
 def test_small_meal_agrees_with_a_linear_program():
     # Half a gram is little enough for the linear patient, with a model of its own for insulin.
     patient, scenario, first, n = gl.patient(), gl.Scenario([gl.Meal(0.5, 20.0)], 200.0), 6, 40

@@ -24,6 +24,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert ESTIMATORS.find("juice") == ESTIMATORS.find(NAME)
 
 
+@pytest.mark.long
 def test_the_controller_is_designed_with_it_and_its_settings(outside):
     run = configured(Run, controller=f"meal-mpc, estimator=({NAME}, share=0.25), meals_per_h=0.1")
     estimator = controller_of(run, run.case).estimator

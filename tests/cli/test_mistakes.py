@@ -349,6 +349,7 @@ def test_interrupt_of_long_work_leaves_nothing_half_written(glucoloop, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_interrupt_of_a_search_keeps_what_was_tried(glucoloop, tmp_path, monkeypatch):
     monkeypatch.setattr("glucoloop.studies.robust.search.SearchEngine.missing", raising(KeyboardInterrupt()))
     answer = glucoloop("robust", "--people", "50", "--out", "out")

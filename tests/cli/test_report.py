@@ -88,6 +88,7 @@ def test_periods_stand_side_by_side(glucoloop, record):
     assert "The consensus asks for at least 14 days with 70 % of the readings" in answer.err
 
 
+@pytest.mark.long
 def test_many_files_have_a_row_each(glucoloop, record):
     for number in range(7):
         record(f"{number}.csv", days=2, seed=number)

@@ -39,6 +39,7 @@ def sums(folder):
     return (folder / "SHA256SUMS").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_how_many_were_ever_low_stands_beside_the_time(glucoloop, tmp_path):
     told = glucoloop("trial", *SMALL, "--pump", "max_insulin_mU_min=66", "--out", "a", "--population", "lognormal")

@@ -100,6 +100,7 @@ def test_counts_of_parts_add_up(prepared, result):
         np.testing.assert_array_equal(sum(getattr(part, name) for part in parts), getattr(result, name))
 
 
+@pytest.mark.long
 def test_who_cannot_rest_is_named_and_not_counted(result):
     np.testing.assert_array_equal(result.feasible, ~np.isin(NUMBERS, [11, 530, 902]))
     np.testing.assert_array_equal(np.isfinite(result.basal_insulin_mU_min), result.feasible)

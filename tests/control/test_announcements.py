@@ -126,6 +126,7 @@ def test_the_wire_carries_the_time():
     assert np.isnan(observation(110.0, **words, announced_in_min="soon").announced_in_min)
 
 
+@pytest.mark.long
 def test_loop_like_forecasts_a_meal_to_come_as_one_that_begins_later():
     controller = design_loop_like(PROFILE)
     rises = []

@@ -42,6 +42,7 @@ def advance(imagined):
 # ------------------------------------------------------------------------------------------- the paper
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("point", "undershoot", "settling"), [("setpoint-81", 3.6, 211), ("nominal-22", 3.6, 209)])
 def test_table_i(point, undershoot, settling, patient_81, patient_22, undershoot_and_settling):
     person = patient_81 if point == "setpoint-81" else patient_22

@@ -80,6 +80,7 @@ def test_the_folder_tells_the_gain_that_followed_from_the_design(tmp_path):
     assert manifest["settled"] == used["settled"]
 
 
+@pytest.mark.long
 def test_what_was_not_run_is_not_claimed(folder):
     told = (folder / "PROOF.md").read_text()
     checks = json.loads((folder / "manifest.json").read_text())["checks"]

@@ -132,6 +132,7 @@ def test_the_slower_engine_makes_the_same_steps(monkeypatch):
     assert np.ptp(native.glucose_mg_dl) > 1.0
 
 
+@pytest.mark.long
 def test_one_person_is_the_first_of_many():
     one, many = made(), vector(3)
     seen, _ = one.reset(seed=5)

@@ -25,6 +25,7 @@ def first_order(gain, tau_min, samples=576, noise=1.2, seed=3):
     return Record(insulin_mU_min=jnp.asarray(25.0 + insulin), glucose_mg_dl=jnp.asarray(glucose), sample_time_min=5.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("starts_at_rest", [True, False])
 @pytest.mark.parametrize("tau_min", [60.0, 150.0, 300.0])
 def test_the_gain_of_a_slow_system_is_found(tau_min, starts_at_rest):
@@ -36,6 +37,7 @@ def test_the_gain_of_a_slow_system_is_found(tau_min, starts_at_rest):
     assert found.doubts() == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("starts_at_rest", [True, False])
 @pytest.mark.parametrize(("tau_min", "samples"), [(500.0, 576), (800.0, 576), (300.0, 250)])
 def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record(tau_min, samples, starts_at_rest):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from glucoloop.meals import Meal, RoyParkerGut, absorb, appearance_mg_min, eaten
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @given(st.floats(1.0, 200.0), st.floats(1.0, 60.0), st.floats(0.0, 90.0), st.floats(1.0, 60.0), st.floats(0.01, 0.1))
 def test_it_passes_on_all_that_is_eaten(carbs_g, rise, plateau, fall, rate):

@@ -84,6 +84,7 @@ def test_it_is_computed_where_it_is_asked_for(trace):
     assert "mard_pct" not in gl.summarise(trace).names
 
 
+@pytest.mark.long
 def test_without_a_reading_there_is_no_accuracy():
     sensor = SENSORS.choose("dexcom-g6, worn_min=0, warm_up_min=1d").made(sample_time_min=5.0)
     silent = gl.simulate(gl.patient(), gl.design_open_loop(), sensor, scenario=gl.Scenario(horizon_min=60.0))

@@ -197,6 +197,7 @@ def test_glucose_is_conserved_in_exercise(name):
     assert left == pytest.approx(share * 40_000.0, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_the_explicit_integrator_is_the_adaptive_one(name):
     bouts = [(20.0, 10.5, 30.0), (75.0, 33.0, 60.0), (50.0, 200.0, 90.0)]
@@ -204,6 +205,7 @@ def test_the_explicit_integrator_is_the_adaptive_one(name):
     np.testing.assert_allclose(explicit, truth, rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_controller_is_designed_and_holds_glucose_in_exercise(name):
     patient = gl.patient(name)

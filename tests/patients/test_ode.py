@@ -111,6 +111,7 @@ def test_the_noise_of_states_follows_their_sizes_at_rest():
     np.testing.assert_allclose(process_noise(person, 4.0, 1.0, 1.0), 4.0 * (x / x[0]) ** 2, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_every_controller_is_designed_for_equations_alone():
     person = Bergman.resting_at(90.0)
     scenario = gl.Scenario([gl.Meal(40.0, 30.0)], 300.0)

@@ -139,6 +139,7 @@ def test_a_day_of_all_thirty_is_that_of_the_adaptive_integrator(people):
     np.testing.assert_allclose(found, truth, rtol=0.0, atol=0.025)
 
 
+@pytest.mark.long
 def test_printed_courses_are_found_again(people):
     meals, names = ((60, 60.0),), people.table.names
     found, _ = courses(people, meals, with_boluses(people, meals, 600, [np.full(len(names), 6.0)]))

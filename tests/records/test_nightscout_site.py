@@ -43,6 +43,7 @@ def test_a_zone_that_is_given_goes_before_that_of_the_profile(site):
     assert found.frame["utc_offset_min"][0] == -240
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("instead", "sentence"),
     [

@@ -43,6 +43,7 @@ def told_of(record, path):
     return "".join(told)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(places=st.sets(st.integers(0, 5000), min_size=1, max_size=6), whole=st.booleans())

@@ -257,6 +257,7 @@ def test_none_of_the_candidates_may_be_taken_without_harm():
     np.testing.assert_allclose(as_theta(drawn(SPREAD, far)), SPREAD.mean)
 
 
+@pytest.mark.long
 def test_a_replacement_is_a_sensor_drawn_in_the_same_way():
     sensor = of("vettoretti-2019, wear_min=15, worn_min=0, noise=false" + ", lag_min=0, display=false, warm_up_min=0")
     people = 20_000
@@ -432,6 +433,7 @@ def test_native_code_takes_the_display():
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MONITORS)
 def test_people_may_trail(name):
     sensor = of(name + ", worn_min=1d")
@@ -483,6 +485,7 @@ def test_a_sensor_without_drift_may_be_worn_for_longer():
     assert of("dexcom-g6, wear_min=11d, drift=false") is not None
 
 
+@pytest.mark.long
 def test_a_model_may_be_ones_own():
     own = ErrorModel(gain=(1.1, 0.0, 0.0), lag_min=0.0)
     values, _ = told(monitor(own, warm_up_min=0.0, display=False), [100.0, 110.0])

@@ -23,6 +23,7 @@ def test_a_key_gives_one_trace(loop):
     jax.tree.map(np.testing.assert_array_equal, first, again)
 
 
+@pytest.mark.long
 def test_another_key_gives_another_trace(loop):
     first, other = loop(3), loop(4)
     assert np.all(np.asarray(first.reading_mg_dl) != np.asarray(other.reading_mg_dl))

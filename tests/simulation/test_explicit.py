@@ -131,6 +131,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     assert fine < coarse / 12.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "allowed"), [("hovorka-2004", 2e-3), ("parker-1999", 1e-2), ("wilinska-2010", 2e-3)])
 def test_patients_with_a_faster_form_are_the_same_by_the_derivative(name, allowed):
     patient = gl.patient(name)
@@ -275,6 +276,7 @@ def cohort_and_people(engine, precision="float64", more_by_day=0.0):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more_by_day", [0.0, 0.3])
 def test_many_people_are_each_the_simulation_of_one(more_by_day):
     varied, native = cohort_and_people("native", more_by_day=more_by_day)

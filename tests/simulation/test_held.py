@@ -241,6 +241,7 @@ def test_a_stepper_steps_what_is_simulated():
         gl.Stepper(gl.patient()).exercise(50.0, 30.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start_min", [None, 60.0])
 def test_the_clock_of_a_stepper_goes_back_by_a_warm_up_of_any_length(start_min):
     patient, scenario = (

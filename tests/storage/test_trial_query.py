@@ -139,6 +139,7 @@ def test_tables_are_described_and_summarised(finished):
     assert dict(zip(columns, rows[0], strict=True))["count"] == 600
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="another system of signals")
 def test_ctrl_c_ends_a_question_that_listens_to_nobody(finished):
     deaf = "select md5(repeat('x', 2000000000)) from range(100)"  # DuckDB looks for an interrupt between chunks of rows

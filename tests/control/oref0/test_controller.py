@@ -152,6 +152,7 @@ def test_a_person_gives_the_bolus_of_a_meal_by_the_ratio_or_a_part_of_it_or_none
         assert float(decision.bolus_mU) == pytest.approx(expected)
 
 
+@pytest.mark.long
 def test_a_bolus_that_was_given_is_on_board_and_one_that_was_not_is_not():
     controller = design_oref0(PERSON, Oref0Settings(), WIDE)
     seen = observed(104.0, carbs=45.0)
