@@ -97,7 +97,7 @@ COMMANDS = {
     "trial": "--people 4 --controller mpc --duration 600 --meal 50g@50min",
     "stress": "--people 4 --controller pid --fault 'missing, start_min=60, duration_min=30'",
     "verify": "--loops 4 --controller pid",
-    "detect": "--days 1",
+    "detect": "--days 1 --estimator kalman",
     "robust": "--people 2 --seeds 1 --check-people 2 --check-seeds 1 --rounds 1 --batch 2",
     "adversary": "--controller pid --people 2 --generations 2 --error 10",
 }
