@@ -35,6 +35,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "mathml",
     "offline",
+    "page_sizes",
     "short_names",
 ]
 exclude_patterns = ["_build", "_generated", "_pictures", "_templates", *generate.included(DOCS)]

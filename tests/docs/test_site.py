@@ -1,4 +1,4 @@
-"""Versions of the documentation lie side by side, and a list names them, newest first."""
+"""Versions of the documentation lie side by side, a list names them, newest first, and no page is too long."""
 
 import json
 
@@ -25,3 +25,11 @@ def test_versions_are_listed_newest_first(site, tmp_path):
 def test_a_site_without_a_folder_is_refused(site):
     with pytest.raises(SystemExit, match="folder of the site"):
         site.main([])
+
+
+def test_a_page_that_is_too_long_is_found(docs_module, tmp_path):
+    page_sizes = docs_module("page_sizes")
+    (tmp_path / "_downloads").mkdir()
+    for name, size in (("short.html", 300_000), ("long.html", 300_001), ("_downloads/lab.html", 10**6)):
+        (tmp_path / name).write_bytes(b" " * size)
+    assert list(page_sizes.too_long(tmp_path)) == [(tmp_path / "long.html", 300_001)]
