@@ -51,8 +51,9 @@ class Script:
         return cls(path=path, title=title, text=" ".join(text.split()), code=code)
 
     def key(self, package: str) -> str:
-        """What the picture depends on."""
-        return hashlib.sha256((package + self.path.read_text(encoding="utf-8")).encode()).hexdigest()
+        """What the picture and its parts depend on."""
+        texts = (path.read_text(encoding="utf-8") for path in (self.path, Path(__file__)))
+        return hashlib.sha256("".join((package, *texts)).encode()).hexdigest()
 
     @property
     def name(self) -> str:
