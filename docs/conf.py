@@ -34,10 +34,12 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "mathml",
+    "annotations",
     "offline",
+    "page_sizes",
     "short_names",
 ]
-exclude_patterns = ["_build", "_generated", "_pictures", *generate.included(DOCS)]
+exclude_patterns = ["_build", "_generated", "_pictures", "_templates", *generate.included(DOCS)]
 suppress_warnings = ["config.cache", "ref.python"]  # ref.python: a short name that two objects have
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
@@ -65,3 +67,17 @@ html_copy_source = False
 html_show_sphinx = False
 html_static_path = ["_static"]
 html_css_files = ["glucoloop.css"]
+html_use_index = False  # one page of 800 kB; the search finds names
+html_last_updated_fmt = "%Y-%m-%d"  # numbers that are made with the pages are of this day
+templates_path = ["_templates"]
+if tags.has("versions"):  # noqa: F821 - Sphinx has it here; see site_of_versions.py
+    html_sidebars = {
+        "**": [
+            "sidebar/brand.html",
+            "versions.html",
+            "sidebar/search.html",
+            "sidebar/scroll-start.html",
+            "sidebar/navigation.html",
+            "sidebar/scroll-end.html",
+        ]
+    }

@@ -2,7 +2,8 @@
 
     python docs/generate.py
 
-``conf.py`` calls it before each build. It writes ``_generated/*.md``, which the pages include, and ``api/*.rst``.
+``conf.py`` calls it before each build. It writes ``_generated``, which the pages include, and the pages in ``commands``
+and ``api``.
 """
 
 import importlib
@@ -14,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import house
 import numpy as np
 import safety
 
@@ -35,6 +37,8 @@ from glucoloop.studies.catalogue import STUDIES
 
 LEFT_OUT = ("cli",)
 """What the command line is made of is no interface."""
+MOST_MODULES_OF_A_PAGE = 8
+"""Of a layer with more, each module has a page of its own: no page is to be over 300 kB."""
 SHARED = (*TIMING, "key")
 """Settings that nearly all faults have, which the page on them describes once."""
 WORDS = {
@@ -252,6 +256,11 @@ def layers(root: Path) -> str:
     return table(["Layer", "What it holds"], rows)
 
 
+def house_drawing() -> str:
+    of = house.imports(Path(glucoloop.__file__).parent)
+    return house.drawing(of, lambda name: first_sentence(importlib.import_module(f"glucoloop.{name}")).replace("`", ""))
+
+
 def first_sentence(thing: object) -> str:
     text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
     return text.replace("``", "`")
@@ -279,21 +288,29 @@ def faults() -> str:
     return table(["Fault", "Of the", "What happens", "Settings with their defaults"], rows)
 
 
-def commands() -> str:
-    entries, found = {**app.COMMANDS, **STUDIES}, {name: app.command_of(name) for name in app.names()}
-    rows = [[f"[`glucoloop {name}`](#glucoloop-{name})", entries[name].summary] for name in found]
-    parts = [table(["Command", "What it does"], rows)]
-    for name, command in found.items():
-        parts += [f"## glucoloop {name}", "", help_text(command.intro)]
-        panels: dict[str, list[CommandOption]] = {}
-        for option in command.options:
-            if option.flag.startswith("-"):
-                panels.setdefault(option.panel, []).append(option)
-            else:
-                parts.append(f"`{option.flag}`\n: {option.help}\n")
-        for panel in sorted(panels, key=lambda panel: PANELS.index(panel) if panel in PANELS else -1):
-            rows = [option_row(option) for option in panels[panel]]
-            parts += [f"**{panel}**\n", table(["Option", "Default", "Meaning"], rows)]
+def command_table() -> str:
+    entries = {**app.COMMANDS, **STUDIES}
+    rows = [[f"[`glucoloop {name}`](commands/{name}.md)", entries[name].summary] for name in app.names()]
+    return table(["Command", "What it does"], rows)
+
+
+def commands(folder: Path) -> dict[Path, str]:
+    """A page for each command."""
+    return {folder / f"{name}.md": command_page(name) for name in app.names()}
+
+
+def command_page(name: str) -> str:
+    command = app.command_of(name)
+    parts = [f"# glucoloop {name}", "", help_text(command.intro)]
+    panels: dict[str, list[CommandOption]] = {}
+    for option in command.options:
+        if option.flag.startswith("-"):
+            panels.setdefault(option.panel, []).append(option)
+        else:
+            parts.append(f"`{option.flag}`\n: {option.help}\n")
+    for panel in sorted(panels, key=lambda panel: PANELS.index(panel) if panel in PANELS else -1):
+        rows = [option_row(option) for option in panels[panel]]
+        parts += [f"## {panel}\n", table(["Option", "Default", "Meaning"], rows)]
     return "\n".join(parts)
 
 
@@ -347,19 +364,37 @@ def modules(package: ModuleType) -> list[str]:
 
 
 def api(folder: Path) -> dict[Path, str]:
+    """A page for each layer; a layer of many modules has one for each of them, which it links, so that none is long."""
     pages = {}
     for info in pkgutil.iter_modules(glucoloop.__path__):
         if info.name.startswith("_") or info.name in LEFT_OUT:
             continue
         layer = f"glucoloop.{info.name}"
         inside = modules(importlib.import_module(layer))
-        parts = [layer, "=" * len(layer), "", f".. automodule:: {layer}"]
-        parts += ["" if inside else "   :members:", ""]
-        for name in inside:
-            members = [] if hasattr(importlib.import_module(name), "__path__") else ["   :members:"]
-            parts += [name, "-" * len(name), "", f".. automodule:: {name}", *members, ""]
+        parts = [*heading(layer, "="), f".. automodule:: {layer}", "" if inside else "   :members:", ""]
+        if len(inside) <= MOST_MODULES_OF_A_PAGE:
+            for name in inside:
+                parts += [*heading(name, "-"), *module(name)]
+        else:
+            parts += [".. list-table::", "   :widths: 40 60", ""]
+            for name in inside:
+                of_layer = name.removeprefix(f"{layer}.")
+                summary = first_sentence(importlib.import_module(name)).replace("`", "``")
+                parts += [f"   * - :doc:`{of_layer} <{info.name}/{of_layer}>`", f"     - {summary}"]
+                back = f"A module of :doc:`{layer} <../{info.name}>`."
+                page = [":orphan:", "", *heading(name, "="), back, "", *module(name)]
+                pages[folder / info.name / f"{of_layer}.rst"] = "\n".join(page) + "\n"
         pages[folder / f"{info.name}.rst"] = "\n".join(parts) + "\n"
     return pages
+
+
+def heading(text: str, line: str) -> list[str]:
+    return [text, line * len(text), ""]
+
+
+def module(name: str) -> list[str]:
+    members = [] if hasattr(importlib.import_module(name), "__path__") else ["   :members:"]
+    return [f".. automodule:: {name}", *members, ""]
 
 
 def included(docs: Path) -> list[str]:
@@ -388,20 +423,22 @@ def write_all(docs: Path) -> None:
         made / "conversions.md": conversions(),
         made / "other-units.md": other_units(),
         made / "layers.md": layers(docs.parent),
-        made / "commands.md": commands(),
+        made / "house.svg": house_drawing(),
+        made / "commands.md": command_table(),
         made / "hazards.md": safety.hazards(SafetyFile.read()),
         made / "requirements.md": safety.requirements(SafetyFile.read()),
         made / "record-columns.md": record_columns(),
         made / "everyday.rst": everyday(),
         made / "lab.html": pack.page(),
+        **commands(docs / "commands"),
         **api(docs / "api"),
     }
-    for folder in (made, docs / "api"):
-        folder.mkdir(exist_ok=True)
-        for path in folder.iterdir():
-            if path not in pages:
+    for folder in (made, docs / "commands", docs / "api"):
+        for path in folder.rglob("*"):
+            if path.is_file() and path not in pages:
                 path.unlink()
     for path, text in pages.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
 

@@ -15,7 +15,7 @@ import runpy
 from dataclasses import dataclass
 from pathlib import Path
 
-# In the order of the gallery. The tutorial shows all but the last.
+# In the order of the gallery. The tutorial shows all up to own_controller, and the pages in docs/for the others.
 SCRIPTS = (
     "first_run",
     "one_change",
@@ -25,6 +25,9 @@ SCRIPTS = (
     "population",
     "own_controller",
     "guard",
+    "slow_and_quick",
+    "feedback_is_late",
+    "fortnight",
 )
 _DPI = 150
 
@@ -48,8 +51,9 @@ class Script:
         return cls(path=path, title=title, text=" ".join(text.split()), code=code)
 
     def key(self, package: str) -> str:
-        """What the picture depends on."""
-        return hashlib.sha256((package + self.path.read_text(encoding="utf-8")).encode()).hexdigest()
+        """What the picture and its parts depend on."""
+        texts = (path.read_text(encoding="utf-8") for path in (self.path, Path(__file__)))
+        return hashlib.sha256("".join((package, *texts)).encode()).hexdigest()
 
     @property
     def name(self) -> str:
@@ -57,7 +61,7 @@ class Script:
 
     def parts(self, printed: str) -> dict[str, str]:
         """What pages include, by file name: the code with what it prints, and the figure."""
-        figure = f"```{{figure}} _pictures/{self.name}.png\n:alt: {self.title}\n:width: 100%\n\n{self.text}\n```\n"
+        figure = f"```{{figure}} /_pictures/{self.name}.png\n:alt: {self.title}\n:width: 100%\n\n{self.text}\n```\n"
         code = f"```python\n{self.code}\n```\n\nIt prints:\n\n```text\n{printed.strip()}\n```\n"
         return {f"{self.name}-code.md": code, f"{self.name}-figure.md": figure}
 

@@ -17,8 +17,11 @@ from glucoloop.studies.catalogue import STUDIES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
-# Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests.
-PAGES = [README, *sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")])]
+# Folders whose names begin with an underscore are written by the build of the pages, which may run beside the tests,
+# as are the pages of the commands.
+WRITTEN = ROOT / "docs/commands"
+FOUND = [*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")]
+PAGES = [README, *sorted(page for page in FOUND if WRITTEN not in page.parents)]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
 REQUESTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
 COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
