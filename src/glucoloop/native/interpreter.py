@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -11,9 +13,11 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Program, Value
+from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Body, Loop, Program, Value
 
 Array = npt.NDArray[Any]
+Step = tuple[int, Callable[..., Any], Sequence[int]]
+"""Place of a result, what finds it, and places of the arguments."""
 
 _KINDS: Final[dict[str, type[np.generic]]] = {BOOL: np.bool_, WORD: np.uint32}
 """Types of values that are no numbers."""
@@ -41,7 +45,7 @@ class Interpreter:
         number = np.dtype(lowered.precision).type
         needed = program.needed(layout.results)
         place = {value: i for i, value in enumerate(needed)}
-        self._number, self._size = number, len(needed)
+        self._number, self._size = number, len(needed) + 1  # the last is for what nothing needs
         self._rows = {name: len(getattr(layout, name)) for name in ("person", "carry", "own", "shared")}
         self._inputs = {
             name: [
@@ -56,11 +60,7 @@ class Interpreter:
             for value in needed
             if value in program.constants
         ]
-        self._steps = [
-            (place[value], *_operation(program, value, place, lowered.precision))
-            for value in needed
-            if value not in program.constants and program.operations[value][0] != "input"
-        ]
+        self._steps = _steps(program, program.bodies(needed), place, lowered.precision)
         self._results = [[place[value] for value in group] for group in (layout.next_carry, layout.outputs)]
 
     def __call__(self, **groups: Array) -> tuple[Array, Array]:
@@ -79,8 +79,7 @@ class Interpreter:
         for at, known in self._constants:
             values[at] = known
         with np.errstate(all="ignore"):
-            for at, does, arguments in self._steps:
-                values[at] = does(*[values[a] for a in arguments])
+            _carry_out(self._steps, values)
 
         def rows_of(places: Sequence[int]) -> Array:
             found = np.empty((len(places), people), self._number)
@@ -90,6 +89,67 @@ class Interpreter:
 
         next_carry, outputs = map(rows_of, self._results)
         return next_carry, outputs
+
+
+def _carry_out(steps: Sequence[Step], values: list[Any]) -> None:
+    for at, does, arguments in steps:
+        if isinstance(does, _Rounds):
+            does(values)
+        else:
+            values[at] = does(*[values[a] for a in arguments])
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """A loop, by places of values."""
+
+    loop: Loop
+    steps: Sequence[Step]
+    inputs: tuple[Sequence[int], Sequence[int]]
+    """Places of what is carried, and of the rows."""
+    arguments: tuple[Sequence[int], ...]
+    """Places of the groups of arguments."""
+    parts: Sequence[tuple[int, int]]
+    """Place and number of each part that is needed."""
+
+    def __call__(self, values: list[Any]) -> None:
+        (carried, row), (start, following, rows, given) = self.inputs, self.arguments
+        going, made = [values[at] for at in start], list[Any]()
+        for k in itertools.count():
+            for at, value in zip(carried, going, strict=True):
+                values[at] = value
+            for at, source in zip(row, rows[k * len(row) :], strict=False):
+                values[at] = values[source]
+            _carry_out(self.steps, values)
+            going = [values[at] for at in following]
+            made += [values[at] for at in given]
+            if k + 1 == self.loop.length or (self.loop.length is None and not np.any(going[-1])):
+                break
+        made = [*going, *made]
+        for at, number in self.parts:
+            values[at] = made[number]
+
+
+def _steps(program: Program, body: Body, place: Mapping[Value, int], precision: str) -> list[Step]:
+    """Operations of a body, each with the place of its result and those of its arguments."""
+    steps: list[Step] = []
+    parts: dict[Value, list[tuple[int, int]]] = {}
+    for step in body.steps:
+        if isinstance(step, Body):
+            assert step.value is not None
+            loop, found = program.loops[step.value], parts.setdefault(step.value, [])
+            inputs, arguments = (
+                tuple([place.get(v, -1) for v in group] for group in groups)
+                for groups in ((loop.carried, loop.rows), loop.groups(program.operations[step.value][1]))
+            )
+            inside = _steps(program, step, place, precision)
+            steps.append((-1, _Rounds(loop, inside, (inputs[0], inputs[1]), arguments, found), ()))
+        elif program.operations[step][0] == "part":
+            value, number = program.operations[step][1]
+            parts[value].append((place[step], int(program.constants[number])))
+        elif step not in program.constants and program.operations[step][0] != "input":
+            steps.append((place[step], *_operation(program, step, place, precision)))
+    return steps
 
 
 def _operation(

@@ -194,6 +194,31 @@ def rounds(
     return [*carry, *(np.stack(rows) for rows in zip(*(stacked[k] for k in range(loop.length)), strict=True))]
 
 
+def while_loop(equation: Any) -> tuple[tuple[Any, int], tuple[Any, int]]:
+    """Condition and round of a ``while``, each with the number of its inputs that are constants, which come first."""
+    condition, round_ = (_closed(_parameter(equation, f"{name}_jaxpr")) for name in ("cond", "body"))
+    return (condition, _parameter(equation, "cond_nconsts")), (round_, _parameter(equation, "body_nconsts"))
+
+
+def work(closed: Any) -> int:
+    """Number of operations on numbers in a function, about; a loop of unknown length counts as one round."""
+    total = 0
+    for equation in closed.jaxpr.eqns:
+        inner, times = called(equation), 1
+        match equation.primitive.name:
+            case "scan":
+                loop = scan(equation)
+                inner, times = loop.round, loop.length
+            case "while":
+                inner = while_loop(equation)[1][0]
+            case "dot_general":
+                left = equation.invars[0].aval.shape
+                times = math.prod(left[axis] for axis in dot_general(equation).summed[0])
+        results = (work(inner),) if inner is not None else (variable.aval.size for variable in equation.outvars)
+        total += times * sum(results)
+    return total
+
+
 def axes(equation: Any) -> tuple[int, ...]:
     """The axes along which a reduction, or a search for the largest, is taken."""
     return tuple(_parameter(equation, "axes"))
