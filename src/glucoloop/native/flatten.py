@@ -187,7 +187,7 @@ class Flattener:
             return [self._reduce(REDUCTIONS[name], inputs[0], primitives.axes(equation))]
         if name in MOVES:
             return self._move(equation, inputs)
-        handler = getattr(self, f"_do_{name}", None)
+        handler = getattr(self, f"_do_{name.replace('-', '_')}", None)
         if handler is None:
             raise UnsupportedError(f"the operation {name!r}")
         result = handler(equation, *inputs)
@@ -269,6 +269,13 @@ class Flattener:
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
         (moved,) = self._move(equation, [operand, self._known(indices), updates])
         return moved
+
+    def _do_scatter_add(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
+        places = primitives.scatter_places(equation, operand.shape, self._known(indices), updates.shape)
+        found = operand.copy()
+        add = functools.partial(self.program.apply, "add")
+        found.ravel()[places] = self._elementwise(add, operand.ravel()[places], updates)
+        return found
 
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
         for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
@@ -386,7 +393,9 @@ class Flattener:
 
     def _do_scan(self, equation: Any, *inputs: Values) -> list[Values]:
         loop = primitives.scan(equation)
-        if 0 < loop.length <= LONGEST_LOOP and loop.length * primitives.work(loop.round) <= LARGEST_LOOP:
+        if loop.length == 0:
+            raise UnsupportedError("a loop of 0 rounds")
+        if loop.length <= LONGEST_LOOP and loop.length * primitives.work(loop.round) <= LARGEST_LOOP:
             return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
         constants, rest = inputs[: loop.constants], inputs[loop.constants :]
         rows = [array[::-1] if loop.reverse else array for array in rest[loop.carried :]]

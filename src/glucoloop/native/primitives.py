@@ -276,6 +276,24 @@ def gathered(
     return np.asarray(found, np.int64)
 
 
+def scatter_places(
+    equation: Any, shape: tuple[int, ...], indices: npt.NDArray[Any], updates: tuple[int, ...]
+) -> npt.NDArray[np.int64]:
+    """Destination of each element of the updates of a scatter; the destinations are distinct."""
+    size = int(np.prod(updates, dtype=np.int64))
+    kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
+    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
+    with jax.ensure_compile_time_eval():
+        (marked,) = bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
+    flat = np.asarray(marked).ravel().astype(np.int64)
+    places = np.full(size, -1, np.int64)
+    there = np.flatnonzero(flat)
+    places[flat[there] - 1] = there
+    if (places < 0).any() or (flat > size).any():
+        raise UnsupportedError("a scatter of several numbers to one place, or outside an array")
+    return places.reshape(updates)
+
+
 def gathered_axis(equation: Any) -> int | None:
     """The axis along which a ``gather`` takes whole slices of one operand; None for another kind of gather."""
     how, sizes = _parameter(equation, "dimension_numbers"), _parameter(equation, "slice_sizes")

@@ -196,7 +196,12 @@ class Program:
         return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE, loop.home[:-1])
 
     def _new(
-        self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int,
+        self,
+        key: object,
+        operation: str,
+        arguments: tuple[Value, ...],
+        kind: str,
+        level: int,
         home: tuple[int, ...] | None = None,
     ) -> Value:
         if key not in self._known:

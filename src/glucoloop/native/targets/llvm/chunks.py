@@ -45,8 +45,8 @@ class Rounds:
     first: int
     """Number of its first chunk."""
     last: int
-    going: Value
-    """The last value that a round carries on, a truth that ends the loop if it has no length."""
+    following: Sequence[Value]
+    """Values that a round carries on; the last is the truth that ends a loop without length."""
     given: int
     """Number of values that each round gives."""
 
@@ -104,7 +104,7 @@ class _Cutter:
         self.cut(body)
         self._pass(following, (f"%{label}_new", 0, None), loop.home)
         self._pass(given, (f"%{label}_given", 0, f"%{label}_at"), loop.home)
-        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, following[-1], len(given)))
+        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, following, len(given)))
 
     def _pass(self, values: Sequence[Value], to: Cell, home: tuple[int, ...]) -> None:
         """Pass values to places that follow one another: from the chunk of a value, or from the last one so far."""
@@ -117,7 +117,9 @@ class _Cutter:
         loop, place = self._p.loops[value], int(self._p.constants[number])
         label = "%loop" + "_".join(map(str, loop.home))
         carried = len(loop.carried)
-        self.cells[part] = (f"{label}_new", place, None) if place < carried else (f"{label}_given", place - carried, None)
+        self.cells[part] = (
+            (f"{label}_new", place, None) if place < carried else (f"{label}_given", place - carried, None)
+        )
 
 
 def plan_chunks(
@@ -138,9 +140,7 @@ def plan_chunks(
     chunks, home = cutter.chunks, cutter.home
     last_use: dict[Value, int] = {}
     for number, chunk in enumerate(chunks):
-        used = [
-            a for value in chunk.values for a in (vectors or {}).get(value) or _arguments(program, value, fused)
-        ]
+        used = [a for value in chunk.values for a in (vectors or {}).get(value) or _arguments(program, value, fused)]
         last_use.update({v: number for v in (*used, *(v for v, _ in chunk.passed)) if v in home})
     for rounds in cutter.loops:  # what a round reads from before the loop, the next one reads too
         for value, last in last_use.items():

@@ -236,7 +236,7 @@ class Emitter:
             self._out.store(self._as_number(value), self._cell_of(cell))
         for rounds in self._plan.loops:
             if rounds.loop.length is None and chunk is self._plan.chunks[rounds.last]:
-                self._out.note(self._name(rounds.going), f"%{rounds.label}_going")
+                self._out.note(self._name(rounds.following[-1]), f"%{rounds.label}_going")
         for value, i in chunk.carried:
             self._out.store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
