@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree
-from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se, design_nlqdmc_se
+from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_meal_mpc, design_mpc_se, design_nlqdmc_se
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
@@ -339,12 +339,21 @@ def test_both_engines_agree(noisy):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.long
-def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines(nominal, varied):
-    """In readings with noise; and in float32 to .1 mg/dl."""
+def linearising(nominal):
     noise = np.repeat([0.9, 0.01, 0.005], [8, 9, 2])
-    controller = design_nlqdmc_se(nonlinear_model(nominal), noise, StateTuning(2, 6, 1.0, 1.0, 0.57))
-    runs = {}
+    return design_nlqdmc_se(nonlinear_model(nominal), noise, StateTuning(2, 6, 1.0, 1.0, 0.57))
+
+
+def meal_aware(nominal):
+    """It has loops that native code keeps."""
+    return design_meal_mpc(nonlinear_model(nominal))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("designed", [linearising, meal_aware])
+def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines(nominal, varied, designed):
+    """In readings with noise; and in float32 to .1 mg/dl."""
+    controller, runs = designed(nominal), {}
     for engine, precision in (("native", "float64"), ("xla", "float64"), ("native", "float32")):
         made = Cohort(
             nominal,

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from glucoloop.native.program import WORD, Program, Value
+from glucoloop.native.program import WORD, Home, Program, Value
 
 LEAST: Final = 0.5
 """Bound below the denominators that share a division."""
@@ -73,7 +73,7 @@ def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value
     Quotients that have the same number of quotients one after the other before them do not depend on one another.
     """
     depth: dict[Value, int] = {}
-    waiting: dict[tuple[int, tuple[int, ...], int], list[Value]] = {}
+    waiting: dict[tuple[int, Home, int], list[Value]] = {}
     for value in order:
         operation, arguments = program.operations[value]
         depth[value] = max((depth[a] for a in arguments), default=0)

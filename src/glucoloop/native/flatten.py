@@ -22,7 +22,7 @@ import numpy.typing as npt
 from glucoloop.native import primitives
 from glucoloop.native.functions import Functions
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Loop, Program, Value
+from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Home, Loop, Program, Value
 
 Values = npt.NDArray[np.int64]
 """An array whose elements are places in the program."""
@@ -30,7 +30,9 @@ Values = npt.NDArray[np.int64]
 LONGEST_LOOP: Final = 64
 """Largest number of rounds that are written out one by one."""
 LARGEST_LOOP: Final = 30_000
-"""Largest number of operations, about, of a loop that is written out so."""
+"""Largest number of operations, about, of all rounds of a loop that is written out so."""
+FEW_ROUNDS: Final = 5
+"""Number of rounds that are written out however long they are: more is then known of each."""
 LONGEST_TABLE: Final = 256
 """Largest number of places in an array among which a computed one is chosen."""
 
@@ -93,7 +95,7 @@ class Flattener:
         self._equations: list[tuple[Any, Sequence[Any], Sequence[Drawn]]] = []
         self._keys: list[Drawn] = []
         self._wanted: dict[int, tuple[Drawn, Values]] = {}
-        self._home: tuple[int, ...] = ()
+        self._home: Home = ()
         self._loops = itertools.count()
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
@@ -395,7 +397,8 @@ class Flattener:
         loop = primitives.scan(equation)
         if loop.length == 0:
             raise UnsupportedError("a loop of 0 rounds")
-        if loop.length <= LONGEST_LOOP and loop.length * primitives.work(loop.round) <= LARGEST_LOOP:
+        small = loop.length <= FEW_ROUNDS or loop.length * primitives.work(loop.round) <= LARGEST_LOOP
+        if loop.length <= LONGEST_LOOP and small:
             return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
         constants, rest = inputs[: loop.constants], inputs[loop.constants :]
         rows = [array[::-1] if loop.reverse else array for array in rest[loop.carried :]]
@@ -440,11 +443,10 @@ class Flattener:
         self._home = home = (*outside, next(self._loops))
         first = _joined(start)
         each = np.array([_joined([array[k] for array in rows]) for k in range(length or 0)], np.int64).T
-        alike = [bool((of_row == of_row[0]).all()) for of_row in each]
         row_inputs = {
-            i: p.input(("row", home, i), SAMPLE, p.types[of_row[0]], home)
-            for i, of_row in enumerate(each)
-            if not alike[i]
+            i: p.input(("row", home, i), SAMPLE, p.types[numbers[0]], home)
+            for i, numbers in enumerate(each.tolist())
+            if len(set(numbers)) > 1
         }
         row = np.array([row_inputs.get(i, int(of_row[0])) for i, of_row in enumerate(each)], np.int64)
         number: list[int | None] = [None] * first.size
@@ -457,14 +459,11 @@ class Flattener:
             }
             inputs = [int(x) if n is None else carried[n] for x, n in zip(first, number, strict=True)]
             following, given = round_(_apart(np.array(inputs, np.int64), start), _apart(row, [r[0] for r in rows]))
-            after, found = _joined(following).tolist(), {}
-            refined: list[int | None] = []
-            for i, (x, n, then) in enumerate(zip(first.tolist(), number, after, strict=True)):
-                still = n is None and then == x
-                refined.append(None if still else found.setdefault((n, x, then), i))
-            if refined == number:
+            after, before = _joined(following).tolist(), number
+            states = list(zip(before, first.tolist(), after, strict=True))
+            number = [None if n is None and x == then else states.index((n, x, then)) for n, x, then in states]
+            if number == before:
                 break
-            number = refined
         self._home = outside
         results = _joined(given)
         changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -45,7 +45,7 @@ class Interpreter:
         number = np.dtype(lowered.precision).type
         needed = program.needed(layout.results)
         place = {value: i for i, value in enumerate(needed)}
-        self._number, self._size = number, len(needed) + 1  # the last is for what nothing needs
+        self._number, self._size = number, len(needed)
         self._rows = {name: len(getattr(layout, name)) for name in ("person", "carry", "own", "shared")}
         self._inputs = {
             name: [
@@ -69,7 +69,8 @@ class Interpreter:
         A group without numbers may be left out; one with another number of rows than the function takes is refused.
         """
         people = next((np.shape(rows)[-1] for rows in groups.values()), 1)
-        values: list[Any] = [None] * self._size
+        values: list[Any] = [None] * (self._size + 2)  # the last two: what nothing needs, and the list itself
+        values[-1] = values
         for name, given in groups.items():
             rows = np.asarray(given, self._number)
             if len(rows) != self._rows[name]:
@@ -93,60 +94,49 @@ class Interpreter:
 
 def _carry_out(steps: Sequence[Step], values: list[Any]) -> None:
     for at, does, arguments in steps:
-        if isinstance(does, _Rounds):
-            does(values)
-        else:
-            values[at] = does(*[values[a] for a in arguments])
+        values[at] = does(*[values[a] for a in arguments])
 
 
-@dataclass(frozen=True)
-class _Rounds:
-    """A loop, by places of values."""
-
-    loop: Loop
-    steps: Sequence[Step]
-    inputs: tuple[Sequence[int], Sequence[int]]
-    """Places of what is carried, and of the rows."""
-    arguments: tuple[Sequence[int], ...]
-    """Places of the groups of arguments."""
-    parts: Sequence[tuple[int, int]]
-    """Place and number of each part that is needed."""
-
-    def __call__(self, values: list[Any]) -> None:
-        (carried, row), (start, following, rows, given) = self.inputs, self.arguments
-        going, made = [values[at] for at in start], list[Any]()
-        for k in itertools.count():
-            for at, value in zip(carried, going, strict=True):
-                values[at] = value
-            for at, source in zip(row, rows[k * len(row) :], strict=False):
-                values[at] = values[source]
-            _carry_out(self.steps, values)
-            going = [values[at] for at in following]
-            made += [values[at] for at in given]
-            if k + 1 == self.loop.length or (self.loop.length is None and not np.any(going[-1])):
-                break
-        made = [*going, *made]
-        for at, number in self.parts:
-            values[at] = made[number]
+def _go_round(
+    loop: Loop,
+    steps: Sequence[Step],
+    inputs: Sequence[Sequence[int]],
+    groups: Sequence[Sequence[int]],
+    values: list[Any],
+) -> list[Any]:
+    """All parts of a loop, by the places of its inputs and of the groups of its arguments."""
+    (carried, row), (start, following, rows, given) = inputs, groups
+    last, made = [values[at] for at in start], list[Any]()
+    for k in itertools.count():
+        for at, value in zip(carried, last, strict=True):
+            values[at] = value
+        for at, source in zip(row, rows[k * len(row) :], strict=False):
+            values[at] = values[source]
+        _carry_out(steps, values)
+        last = [values[at] for at in following]
+        made += [values[at] for at in given]
+        if k + 1 == loop.length or (loop.length is None and not np.any(last[-1])):
+            break
+    return [*last, *made]
 
 
 def _steps(program: Program, body: Body, place: Mapping[Value, int], precision: str) -> list[Step]:
     """Operations of a body, each with the place of its result and those of its arguments."""
     steps: list[Step] = []
-    parts: dict[Value, list[tuple[int, int]]] = {}
     for step in body.steps:
         if isinstance(step, Body):
             assert step.value is not None
-            loop, found = program.loops[step.value], parts.setdefault(step.value, [])
-            inputs, arguments = (
-                tuple([place.get(v, -1) for v in group] for group in groups)
+            loop = program.loops[step.value]
+            inputs, groups = (
+                [[place.get(v, -2) for v in group] for group in groups]
                 for groups in ((loop.carried, loop.rows), loop.groups(program.operations[step.value][1]))
             )
             inside = _steps(program, step, place, precision)
-            steps.append((-1, _Rounds(loop, inside, (inputs[0], inputs[1]), arguments, found), ()))
+            steps.append((place[step.value], functools.partial(_go_round, loop, inside, inputs, groups), [-1]))
         elif program.operations[step][0] == "part":
             value, number = program.operations[step][1]
-            parts[value].append((place[step], int(program.constants[number])))
+            at = operator.itemgetter(int(program.constants[number]))
+            steps.append((place[step], at, [place[value]]))
         elif step not in program.constants and program.operations[step][0] != "input":
             steps.append((place[step], *_operation(program, step, place, precision)))
     return steps

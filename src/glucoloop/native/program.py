@@ -58,6 +58,8 @@ SAMPLE: Final = 2
 
 Value = int
 """Place of a value in the program."""
+Home = tuple[int, ...]
+"""Number of the innermost loop in which a value changes, after those of the loops around it."""
 
 _COMPARISONS: Final = ("lt", "le", "eq", "ne")
 DOES: Final[dict[str, Callable[..., Any]]] = {
@@ -91,8 +93,7 @@ class Loop:
     gives. Its parts are what the last round carries on, then what the first round gave, the second, and so on.
     """
 
-    home: tuple[int, ...]
-    """Number of the loop, after those of the loops around it."""
+    home: Home
     length: int | None
     """Number of rounds; None if there are rounds until the last of what is carried, a truth, is false for everybody.
 
@@ -132,15 +133,15 @@ class Program:
         """Names of the inputs."""
         self.types: list[str] = []
         self.levels: list[int] = []
-        self.homes: list[tuple[int, ...]] = []
-        """Innermost loop in which each value changes, after those around that loop."""
+        self.homes: list[Home] = []
         self.loops: dict[Value, Loop] = {}
         """Loops by their operations."""
         self._known: dict[object, Value] = {}
 
-    def input(self, name: object, level: int, kind: str = FLOAT, home: tuple[int, ...] = ()) -> Value:
+    def input(self, name: object, level: int, kind: str = FLOAT, home: Home = ()) -> Value:
         """An input value, of the program or of a round of a loop."""
-        place = self._new(("input", name), "input", (), kind, level, home)
+        place = self._new(("input", name), "input", (), kind, level)
+        self.homes[place] = home
         self.names[place] = name
         return place
 
@@ -183,7 +184,8 @@ class Program:
 
     def loop(self, loop: Loop, arguments: Sequence[Value]) -> Value:
         """The operation of a loop."""
-        place = self._new(("loop", loop.home), "loop", tuple(arguments), FLOAT, SAMPLE, loop.home[:-1])
+        place = self._new(("loop", loop.home), "loop", tuple(arguments), FLOAT, SAMPLE)
+        self.homes[place] = loop.home[:-1]
         self.loops[place] = loop
         return place
 
@@ -193,23 +195,15 @@ class Program:
         _, following, _, given = loop.groups(arguments)
         of = following[number] if number < len(following) else given[(number - len(following)) % len(given)]
         arguments = value, self.constant(float(number))
-        return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE, loop.home[:-1])
+        return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE)
 
-    def _new(
-        self,
-        key: object,
-        operation: str,
-        arguments: tuple[Value, ...],
-        kind: str,
-        level: int,
-        home: tuple[int, ...] | None = None,
-    ) -> Value:
+    def _new(self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int) -> Value:
         if key not in self._known:
             self._known[key] = len(self.operations)
             self.operations.append((operation, arguments))
             self.types.append(kind)
             self.levels.append(level)
-            self.homes.append(max((self.homes[a] for a in arguments), key=len, default=()) if home is None else home)
+            self.homes.append(max((self.homes[a] for a in arguments), key=len, default=()))
         return self._known[key]
 
     def _simplified(self, operation: str, arguments: tuple[Value, ...]) -> Value | None:
@@ -286,7 +280,7 @@ class Program:
     def bodies(self, order: Iterable[Value]) -> Body:
         """Values, each after its arguments, with those that change in a loop in its body, where its operation is."""
         whole = Body(None, [])
-        inside: dict[tuple[int, ...], Body] = {(): whole}
+        inside: dict[Home, Body] = {(): whole}
         for value in order:
             home = inside.setdefault(self.homes[value], Body(None, []))
             if value in self.loops:

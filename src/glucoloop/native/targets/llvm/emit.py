@@ -249,10 +249,12 @@ class Emitter:
         say(f"{label}_enter:")
         say(f"  br label %{label}")
         say(f"{label}:")
-        for name, kind, first, next_ in (
-            ("k", "i64", "0", "more"), ("old", "ptr", f"%{label}_start", "new"), ("new", "ptr", f"%{label}_next", "old"),
-        ):  # fmt: skip
-            say(f"  %{label}_{name} = phi {kind} [ {first}, %{label}_enter ], [ %{label}_{next_}, %{label}_again ]")
+        for name, kind, first, then in (
+            ("k", "i64", "0", "more"),
+            ("old", "ptr", f"%{label}_start", "new"),
+            ("new", "ptr", f"%{label}_next", "old"),
+        ):
+            say(f"  %{label}_{name} = phi {kind} [ {first}, %{label}_enter ], [ %{label}_{then}, %{label}_again ]")
         say(f"  %{label}_row = mul i64 %{label}_k, {len(rounds.loop.rows)}")
         say(f"  %{label}_at = mul i64 %{label}_k, {rounds.given}")
         if rounds.loop.length is None:
