@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree
-from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_meal_mpc, design_mpc_se, design_nlqdmc_se
+from glucoloop.control import (
+    MPCTuning,
+    StateTuning,
+    design_linear_mpc,
+    design_meal_mpc,
+    design_mpc_se,
+    design_nlqdmc_se,
+)
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
