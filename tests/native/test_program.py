@@ -295,7 +295,7 @@ def test_chunks_of_any_size_come_to_the_same(steps, size, data):
     values = [
         v for v in order if program.levels[v] == SAMPLE and program.operations[v][0] != "input" and v not in taken
     ]
-    plan = plan_chunks(program, layout, values, taken, size)
+    plan = plan_chunks(program, layout, program.bodies(values), taken, size)
     assert max(len(chunk.values) for chunk in plan.chunks) <= size
     assert carried_out(program, layout, plan, taken, NUMBERS) == [number for _, number in wanted]
 

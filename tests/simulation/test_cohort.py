@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree
-from glucoloop.control import MPCTuning, StateTuning, design_linear_mpc, design_mpc_se, design_nlqdmc_se
+from glucoloop.control import (
+    MPCTuning,
+    StateTuning,
+    design_linear_mpc,
+    design_meal_mpc,
+    design_mpc_se,
+    design_nlqdmc_se,
+)
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
@@ -340,15 +347,25 @@ def test_both_engines_agree(noisy):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.long
-def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines():
-    """In readings with noise; and in float32 to .1 mg/dl."""
+def linearising():
     nominal = patient("hovorka-2004")
-    varied = virtual_people(population("boiroux2017", patient="hovorka-2004"), 1, np.arange(PEOPLE))
     model = nonlinear_model(nominal)
-    noise = np.full(model.state.size, 0.01)
-    controller = design_nlqdmc_se(model, noise, StateTuning(2, 31, 1.0, 1.0, 0.57))
-    runs = {}
+    controller = design_nlqdmc_se(model, np.full(model.state.size, 0.01), StateTuning(2, 31, 1.0, 1.0, 0.57))
+    return nominal, population("boiroux2017", patient="hovorka-2004"), controller
+
+
+def meal_aware():
+    """It has loops that native code keeps."""
+    nominal = patient()
+    return nominal, population("parker2000"), design_meal_mpc(nonlinear_model(nominal))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("designed", [linearising, meal_aware])
+def test_a_controller_that_linearises_at_each_sample_is_the_same_by_both_engines(designed):
+    """In readings with noise; and in float32 to .1 mg/dl."""
+    nominal, drawn, controller = designed()
+    varied, runs = virtual_people(drawn, 1, np.arange(PEOPLE)), {}
     for engine, precision in (("native", "float64"), ("xla", "float64"), ("native", "float32")):
         made = Cohort(
             nominal,

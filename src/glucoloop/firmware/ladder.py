@@ -65,7 +65,7 @@ def native(exported: Exported, record: SampleRecord) -> Rung:
     """Compute all samples in the native engine, which the compact form has none of."""
     name = "native engine (LLVM), strict products"
     if exported.source.lowered is None:
-        return Rung(name, None, "the compact form has loops, which the native engine does not have", {})
+        return Rung(name, None, "the compact form is not made from the program that the native engine carries out", {})
     init, step = by_columns(exported, *map(_compiled, exported.source.lowered))
     return _compared(name, len(record.observations), record.wrong_decision(init, step))
 

@@ -16,9 +16,10 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
-from glucoloop.native.program import WORD, Program, Value
+from glucoloop.native.program import WORD, Home, Program, Value
 
 LEAST: Final = 0.5
 """Bound below the denominators that share a division."""
@@ -31,7 +32,9 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
     order = program.needed(results)
     group_of = _groups(program, order)
     new = Program(as_written=program.as_written)
-    place = {v: new.input(name, program.levels[v], program.types[v]) for v, name in program.names.items()}
+    place = {
+        v: new.input(name, program.levels[v], program.types[v], program.homes[v]) for v, name in program.names.items()
+    }
     for root in order:
         stack = [root]
         while stack:
@@ -52,7 +55,15 @@ def share_divisions(program: Program, results: Sequence[Value]) -> tuple[Program
                 place[value] = new.word(int(known)) if program.types[value] == WORD else new.constant(known)
             else:
                 operation, arguments = program.operations[value]
-                place[value] = new.apply(operation, *(place[a] for a in arguments))
+                given = [place[a] for a in arguments]
+                if operation == "loop":
+                    old = program.loops[value]
+                    carried, rows = (tuple(place[a] for a in group) for group in (old.carried, old.rows))
+                    place[value] = new.loop(replace(old, carried=carried, rows=rows), given)
+                elif operation == "part":
+                    place[value] = new.part(given[0], int(program.constants[arguments[1]]))
+                else:
+                    place[value] = new.apply(operation, *given)
     return new, place
 
 
@@ -62,12 +73,12 @@ def _groups(program: Program, order: Sequence[Value]) -> dict[Value, tuple[Value
     Quotients that have the same number of quotients one after the other before them do not depend on one another.
     """
     depth: dict[Value, int] = {}
-    waiting: dict[tuple[int, int], list[Value]] = {}
+    waiting: dict[tuple[int, Home, int], list[Value]] = {}
     for value in order:
         operation, arguments = program.operations[value]
         depth[value] = max((depth[a] for a in arguments), default=0)
         if operation == "ratio":
-            waiting.setdefault((program.levels[value], depth[value]), []).append(value)
+            waiting.setdefault((program.levels[value], program.homes[value], depth[value]), []).append(value)
             depth[value] += 1
     groups: dict[Value, tuple[Value, ...]] = {}
     for alike in waiting.values():

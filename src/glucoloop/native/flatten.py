@@ -1,13 +1,14 @@
 """Conversion of a traced JAX function to a scalar program.
 
 Arrays become arrays of values. Operations that only move numbers (slices, reshapes, gathers, scatters) are carried out
-by JAX itself on the numbers of the elements; computing operations are taken element by element; loops of known length
-are unrolled. Operations that depend only on random keys are postponed, to be drawn before the loop.
+by JAX itself on the numbers of the elements; computing operations are taken element by element; short loops of known
+length are unrolled. Operations that depend only on random keys are postponed, to be drawn before the loop.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,12 +22,17 @@ import numpy.typing as npt
 from glucoloop.native import primitives
 from glucoloop.native.functions import Functions
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
+from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Home, Loop, Program, Value
 
 Values = npt.NDArray[np.int64]
 """An array whose elements are places in the program."""
 
 LONGEST_LOOP: Final = 64
+"""Largest number of rounds that are written out one by one."""
+LARGEST_LOOP: Final = 30_000
+"""Largest number of operations, about, of all rounds of a loop that is written out so."""
+FEW_ROUNDS: Final = 5
+"""Number of rounds that are written out however long they are: more is then known of each."""
 LONGEST_TABLE: Final = 256
 """Largest number of places in an array among which a computed one is chosen."""
 
@@ -89,6 +95,8 @@ class Flattener:
         self._equations: list[tuple[Any, Sequence[Any], Sequence[Drawn]]] = []
         self._keys: list[Drawn] = []
         self._wanted: dict[int, tuple[Drawn, Values]] = {}
+        self._home: Home = ()
+        self._loops = itertools.count()
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
         """An input of the program for each element of an array, named after the array and the element's place."""
@@ -181,7 +189,7 @@ class Flattener:
             return [self._reduce(REDUCTIONS[name], inputs[0], primitives.axes(equation))]
         if name in MOVES:
             return self._move(equation, inputs)
-        handler = getattr(self, f"_do_{name}", None)
+        handler = getattr(self, f"_do_{name.replace('-', '_')}", None)
         if handler is None:
             raise UnsupportedError(f"the operation {name!r}")
         result = handler(equation, *inputs)
@@ -264,6 +272,13 @@ class Flattener:
         (moved,) = self._move(equation, [operand, self._known(indices), updates])
         return moved
 
+    def _do_scatter_add(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
+        places = primitives.scatter_places(equation, operand.shape, self._known(indices), updates.shape)
+        found = operand.copy()
+        add = functools.partial(self.program.apply, "add")
+        found.ravel()[places] = self._elementwise(add, operand.ravel()[places], updates)
+        return found
+
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
         for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
             last = operand.shape[axis] - size
@@ -324,23 +339,25 @@ class Flattener:
         found = [self.run(branch, arguments) for branch in primitives.branches(equation)]
         return [self._chosen(int(which), results) for results in zip(*found, strict=True)]
 
-    def _do_argmax(self, equation: Any, a: Values) -> Values:
+    def _do_argmax(self, equation: Any, a: Values, *, least: bool = False) -> Values:
         (axis,), p = primitives.axes(equation), self.program
         rows = np.moveaxis(a, axis, -1)
 
-        def first_largest(row: Values) -> Value:
+        def first_best(row: Values) -> Value:
             best, place = p.apply("number", int(row[0])), p.constant(0.0)
             for i, element in enumerate(row[1:], start=1):
                 value = p.apply("number", int(element))
-                better = p.apply("lt", best, value)
-                if self.program.types[int(element)] == FLOAT:  # what is no number counts as the largest
+                better = p.apply("lt", *((value, best) if least else (best, value)))
+                if self.program.types[int(element)] == FLOAT:  # what is no number counts as the best
                     new = p.apply("and", p.apply("ne", value, value), p.apply("eq", best, best))
                     better = p.apply("or", better, new)
                 best, place = p.apply("select", better, value, best), p.apply("select", better, p.constant(i), place)
             return place
 
-        flat = [first_largest(row) for row in rows.reshape(-1, rows.shape[-1])]
+        flat = [first_best(row) for row in rows.reshape(-1, rows.shape[-1])]
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
+
+    _do_argmin = functools.partialmethod(_do_argmax, least=True)
 
     def _do_convert_element_type(self, equation: Any, a: Values) -> Values:
         source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)
@@ -378,9 +395,108 @@ class Flattener:
 
     def _do_scan(self, equation: Any, *inputs: Values) -> list[Values]:
         loop = primitives.scan(equation)
-        if not 0 < loop.length <= LONGEST_LOOP:
-            raise UnsupportedError(f"a loop of {loop.length} rounds")
-        return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
+        if loop.length == 0:
+            raise UnsupportedError("a loop of 0 rounds")
+        small = loop.length <= FEW_ROUNDS or loop.length * primitives.work(loop.round) <= LARGEST_LOOP
+        if loop.length <= LONGEST_LOOP and small:
+            return primitives.rounds(loop, inputs, lambda given: self.run(loop.round, given))
+        constants, rest = inputs[: loop.constants], inputs[loop.constants :]
+        rows = [array[::-1] if loop.reverse else array for array in rest[loop.carried :]]
+
+        def round_(carried: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
+            results = self.run(loop.round, [*constants, *carried, *row])
+            return results[: loop.carried], results[loop.carried :]
+
+        last, stacked = self._looped(round_, rest[: loop.carried], rows, loop.length)
+        return [*last, *(array[::-1] if loop.reverse else array for array in stacked)]
+
+    def _do_while(self, equation: Any, *inputs: Values) -> list[Values]:
+        (condition, of_condition), (closed, of_round) = primitives.while_loop(equation)
+        known, constants = inputs[:of_condition], inputs[of_condition : of_condition + of_round]
+        start = list(inputs[of_condition + of_round :])
+        do = self.program.apply
+
+        def round_(carried: list[Values], row: list[Values]) -> tuple[list[Values], list[Values]]:
+            *held, going = carried
+            new = self.run(closed, [*constants, *held])
+            frozen = functools.partial(do, "select", int(going))
+            kept = [self._elementwise(frozen, after, before) for after, before in zip(new, held, strict=True)]
+            (goes_on,) = self.run(condition, [*known, *kept])
+            return [*kept, self._elementwise(functools.partial(do, "and"), going, goes_on)], row
+
+        *last, _ = self._looped(round_, [*start, *self.run(condition, [*known, *start])], [], None)[0]
+        return last
+
+    def _looped(
+        self,
+        round_: Callable[[list[Values], list[Values]], tuple[list[Values], list[Values]]],
+        start: Sequence[Values],
+        rows: Sequence[Values],
+        length: int | None,
+    ) -> tuple[list[Values], list[Values]]:
+        """What the last round of a loop carries on, and the results of all rounds.
+
+        What no round changes, and what is always equal to another part of what is carried, is not carried. That is
+        supposed of all at first, for as long as a round does not contradict it.
+        """
+        p, outside = self.program, self._home
+        self._home = home = (*outside, next(self._loops))
+        first = _joined(start)
+        each = np.array([_joined([array[k] for array in rows]) for k in range(length or 0)], np.int64).T
+        row_inputs = {
+            i: p.input(("row", home, i), SAMPLE, p.types[numbers[0]], home)
+            for i, numbers in enumerate(each.tolist())
+            if len(set(numbers)) > 1
+        }
+        row = np.array([row_inputs.get(i, int(of_row[0])) for i, of_row in enumerate(each)], np.int64)
+        number: list[int | None] = [None] * first.size
+        """Number of the carried value that each is; None of what does not change."""
+        if length is None:  # the truth that ends the loop stands for itself
+            number[-1] = first.size - 1
+        while True:
+            carried = {
+                n: p.input(("carried", home, n), SAMPLE, p.types[first[n]], home) for n in number if n is not None
+            }
+            inputs = [int(x) if n is None else carried[n] for x, n in zip(first, number, strict=True)]
+            following, given = round_(_apart(np.array(inputs, np.int64), start), _apart(row, [r[0] for r in rows]))
+            after, before = _joined(following).tolist(), number
+            states = list(zip(before, first.tolist(), after, strict=True))
+            number = [None if n is None and x == then else states.index((n, x, then)) for n, x, then in states]
+            if number == before:
+                break
+        self._home = outside
+        results = _joined(given)
+        changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)
+        loop = Loop(home, length, tuple(carried.values()), tuple(row_inputs.values()))
+        arguments = [
+            *(int(first[n]) for n in carried),
+            *(after[n] for n in carried),
+            *(int(x) for k in range(length or 0) for x in each[list(row_inputs), k]),
+            *changing,
+        ]
+        value = p.loop(loop, arguments)
+        part = {n: p.part(value, i) for i, n in enumerate(carried)}
+        ends = [int(x) if n is None else part[n] for x, n in zip(first, number, strict=True)]
+        place = {v: i for i, v in enumerate(changing)}
+
+        def at(k: int) -> Values:
+            begin = len(carried) + k * len(changing)
+            return np.array([p.part(value, begin + place[v]) if v in place else v for v in results.tolist()], np.int64)
+
+        of_rounds = [_apart(at(k), given) for k in range(length or 0)]
+        stacked = [np.stack(parts) for parts in zip(*of_rounds, strict=True)]
+        return _apart(np.array(ends, np.int64), start), stacked
+
+
+def _joined(arrays: Sequence[Values]) -> Values:
+    """The elements of arrays, one array after the other."""
+    return np.concatenate([np.zeros(0, np.int64), *(array.ravel() for array in arrays)])
+
+
+def _apart(flat: Values, like: Sequence[Values]) -> list[Values]:
+    """Elements as arrays of the shapes of others."""
+    ends = np.cumsum([array.size for array in like])
+    return [flat[end - array.size : end].reshape(array.shape) for array, end in zip(like, ends, strict=True)]
 
 
 def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dict[str, int]) -> Values:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -11,9 +13,11 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Program, Value
+from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Body, Loop, Program, Value
 
 Array = npt.NDArray[Any]
+Step = tuple[int, Callable[..., Any], Sequence[int]]
+"""Place of a result, what finds it, and places of the arguments."""
 
 _KINDS: Final[dict[str, type[np.generic]]] = {BOOL: np.bool_, WORD: np.uint32}
 """Types of values that are no numbers."""
@@ -56,11 +60,7 @@ class Interpreter:
             for value in needed
             if value in program.constants
         ]
-        self._steps = [
-            (place[value], *_operation(program, value, place, lowered.precision))
-            for value in needed
-            if value not in program.constants and program.operations[value][0] != "input"
-        ]
+        self._steps = _steps(program, program.bodies(needed), place, lowered.precision)
         self._results = [[place[value] for value in group] for group in (layout.next_carry, layout.outputs)]
 
     def __call__(self, **groups: Array) -> tuple[Array, Array]:
@@ -69,7 +69,8 @@ class Interpreter:
         A group without numbers may be left out; one with another number of rows than the function takes is refused.
         """
         people = next((np.shape(rows)[-1] for rows in groups.values()), 1)
-        values: list[Any] = [None] * self._size
+        values: list[Any] = [None] * (self._size + 2)  # the last two: what nothing needs, and the list itself
+        values[-1] = values
         for name, given in groups.items():
             rows = np.asarray(given, self._number)
             if len(rows) != self._rows[name]:
@@ -79,8 +80,7 @@ class Interpreter:
         for at, known in self._constants:
             values[at] = known
         with np.errstate(all="ignore"):
-            for at, does, arguments in self._steps:
-                values[at] = does(*[values[a] for a in arguments])
+            _carry_out(self._steps, values)
 
         def rows_of(places: Sequence[int]) -> Array:
             found = np.empty((len(places), people), self._number)
@@ -90,6 +90,56 @@ class Interpreter:
 
         next_carry, outputs = map(rows_of, self._results)
         return next_carry, outputs
+
+
+def _carry_out(steps: Sequence[Step], values: list[Any]) -> None:
+    for at, does, arguments in steps:
+        values[at] = does(*[values[a] for a in arguments])
+
+
+def _go_round(
+    loop: Loop,
+    steps: Sequence[Step],
+    inputs: Sequence[Sequence[int]],
+    groups: Sequence[Sequence[int]],
+    values: list[Any],
+) -> list[Any]:
+    """All parts of a loop, by the places of its inputs and of the groups of its arguments."""
+    (carried, row), (start, following, rows, given) = inputs, groups
+    last, made = [values[at] for at in start], list[Any]()
+    for k in itertools.count():
+        for at, value in zip(carried, last, strict=True):
+            values[at] = value
+        for at, source in zip(row, rows[k * len(row) :], strict=False):
+            values[at] = values[source]
+        _carry_out(steps, values)
+        last = [values[at] for at in following]
+        made += [values[at] for at in given]
+        if k + 1 == loop.length or (loop.length is None and not np.any(last[-1])):
+            break
+    return [*last, *made]
+
+
+def _steps(program: Program, body: Body, place: Mapping[Value, int], precision: str) -> list[Step]:
+    """Operations of a body, each with the place of its result and those of its arguments."""
+    steps: list[Step] = []
+    for step in body.steps:
+        if isinstance(step, Body):
+            assert step.value is not None
+            loop = program.loops[step.value]
+            inputs, groups = (
+                [[place.get(v, -2) for v in group] for group in groups]
+                for groups in ((loop.carried, loop.rows), loop.groups(program.operations[step.value][1]))
+            )
+            inside = _steps(program, step, place, precision)
+            steps.append((place[step.value], functools.partial(_go_round, loop, inside, inputs, groups), [-1]))
+        elif program.operations[step][0] == "part":
+            value, number = program.operations[step][1]
+            at = operator.itemgetter(int(program.constants[number]))
+            steps.append((place[step], at, [place[value]]))
+        elif step not in program.constants and program.operations[step][0] != "input":
+            steps.append((place[step], *_operation(program, step, place, precision)))
+    return steps
 
 
 def _operation(

@@ -194,6 +194,31 @@ def rounds(
     return [*carry, *(np.stack(rows) for rows in zip(*(stacked[k] for k in range(loop.length)), strict=True))]
 
 
+def while_loop(equation: Any) -> tuple[tuple[Any, int], tuple[Any, int]]:
+    """Condition and round of a ``while``, each with the number of its inputs that are constants, which come first."""
+    condition, round_ = (_closed(_parameter(equation, f"{name}_jaxpr")) for name in ("cond", "body"))
+    return (condition, _parameter(equation, "cond_nconsts")), (round_, _parameter(equation, "body_nconsts"))
+
+
+def work(closed: Any) -> int:
+    """Number of operations on numbers in a function, about; a loop of unknown length counts as one round."""
+    total = 0
+    for equation in closed.jaxpr.eqns:
+        inner, times = called(equation), 1
+        match equation.primitive.name:
+            case "scan":
+                loop = scan(equation)
+                inner, times = loop.round, loop.length
+            case "while":
+                inner = while_loop(equation)[1][0]
+            case "dot_general":
+                left = equation.invars[0].aval.shape
+                times = math.prod(left[axis] for axis in dot_general(equation).summed[0])
+        results = (work(inner),) if inner is not None else (variable.aval.size for variable in equation.outvars)
+        total += times * sum(results)
+    return total
+
+
 def axes(equation: Any) -> tuple[int, ...]:
     """The axes along which a reduction, or a search for the largest, is taken."""
     return tuple(_parameter(equation, "axes"))
@@ -249,6 +274,24 @@ def gathered(
     """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
     (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
     return np.asarray(found, np.int64)
+
+
+def scatter_places(
+    equation: Any, shape: tuple[int, ...], indices: npt.NDArray[Any], updates: tuple[int, ...]
+) -> npt.NDArray[np.int64]:
+    """Destination of each element of the updates of a scatter; the destinations are distinct."""
+    size = int(np.prod(updates, dtype=np.int64))
+    kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
+    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
+    with jax.ensure_compile_time_eval():
+        (marked,) = bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
+    flat = np.asarray(marked).ravel().astype(np.int64)
+    places = np.full(size, -1, np.int64)
+    there = np.flatnonzero(flat)
+    places[flat[there] - 1] = there
+    if (places < 0).any() or (flat > size).any():
+        raise UnsupportedError("a scatter of several numbers to one place, or outside an array")
+    return places.reshape(updates)
 
 
 def gathered_axis(equation: Any) -> int | None:

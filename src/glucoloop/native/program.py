@@ -22,6 +22,8 @@ operation                              value
 ``mantissa exponent``                  ``x = mantissa 2^exponent`` with a mantissa in [1, 2), for normal x above 0
 ``power_of_two``                       two to the whole number which stands in the last bits of a number
 ``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
+``loop``                               rounds of the operations that are at home in it, see `Loop`; ``part`` is one of
+                                       its results
 ====================================== ==========================================================================
 
 Programs of `words` have words of 32 bits too, which of the targets LLVM carries out:
@@ -38,7 +40,8 @@ Programs of `words` have words of 32 bits too, which of the targets LLVM carries
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -55,6 +58,8 @@ SAMPLE: Final = 2
 
 Value = int
 """Place of a value in the program."""
+Home = tuple[int, ...]
+"""Number of the innermost loop in which a value changes, after those of the loops around it."""
 
 _COMPARISONS: Final = ("lt", "le", "eq", "ne")
 DOES: Final[dict[str, Callable[..., Any]]] = {
@@ -79,6 +84,40 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
 }
 
 
+@dataclass(frozen=True)
+class Loop:
+    """Rounds of the same operations, which are those that depend on its inputs.
+
+    The arguments of its operation are what is carried into the first round and what each round carries on, one for
+    each of `carried`; what is in the place of `rows` in the first round, in the second, and so on; and what each round
+    gives. Its parts are what the last round carries on, then what the first round gave, the second, and so on.
+    """
+
+    home: Home
+    length: int | None
+    """Number of rounds; None if there are rounds until the last of what is carried, a truth, is false for everybody.
+
+    For whom it is false before, the operations leave all as it is.
+    """
+    carried: tuple[Value, ...]
+    rows: tuple[Value, ...]
+    """Inputs of a round."""
+
+    def groups(self, arguments: Sequence[Value]) -> tuple[Sequence[Value], ...]:
+        """Arguments for the first round, those carried on, those of the rows of all rounds, and what rounds give."""
+        n, rows = len(self.carried), (self.length or 0) * len(self.rows)
+        return arguments[:n], arguments[n : 2 * n], arguments[2 * n : 2 * n + rows], arguments[2 * n + rows :]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Operations in order, of which loops are bodies of their own."""
+
+    value: Value | None
+    """Operation of the loop, None for the whole program."""
+    steps: list[Value | Body]
+
+
 class Program:
     """Operations in the order in which they were requested.
 
@@ -94,11 +133,15 @@ class Program:
         """Names of the inputs."""
         self.types: list[str] = []
         self.levels: list[int] = []
+        self.homes: list[Home] = []
+        self.loops: dict[Value, Loop] = {}
+        """Loops by their operations."""
         self._known: dict[object, Value] = {}
 
-    def input(self, name: object, level: int, kind: str = FLOAT) -> Value:
-        """An input value."""
+    def input(self, name: object, level: int, kind: str = FLOAT, home: Home = ()) -> Value:
+        """An input value, of the program or of a round of a loop."""
         place = self._new(("input", name), "input", (), kind, level)
+        self.homes[place] = home
         self.names[place] = name
         return place
 
@@ -139,12 +182,28 @@ class Program:
         level = max(self.levels[argument] for argument in arguments)
         return self._new((operation, arguments), operation, arguments, kind, level)
 
+    def loop(self, loop: Loop, arguments: Sequence[Value]) -> Value:
+        """The operation of a loop."""
+        place = self._new(("loop", loop.home), "loop", tuple(arguments), FLOAT, SAMPLE)
+        self.homes[place] = loop.home[:-1]
+        self.loops[place] = loop
+        return place
+
+    def part(self, value: Value, number: int) -> Value:
+        """A result of a loop."""
+        loop, arguments = self.loops[value], self.operations[value][1]
+        _, following, _, given = loop.groups(arguments)
+        of = following[number] if number < len(following) else given[(number - len(following)) % len(given)]
+        arguments = value, self.constant(float(number))
+        return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE)
+
     def _new(self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int) -> Value:
         if key not in self._known:
             self._known[key] = len(self.operations)
             self.operations.append((operation, arguments))
             self.types.append(kind)
             self.levels.append(level)
+            self.homes.append(max((self.homes[a] for a in arguments), key=len, default=()))
         return self._known[key]
 
     def _simplified(self, operation: str, arguments: tuple[Value, ...]) -> Value | None:
@@ -217,3 +276,16 @@ class Program:
                     stack.append((value, True))
                     stack.extend((argument, False) for argument in reversed(self.operations[value][1]))
         return order
+
+    def bodies(self, order: Iterable[Value]) -> Body:
+        """Values, each after its arguments, with those that change in a loop in its body, where its operation is."""
+        whole = Body(None, [])
+        inside: dict[Home, Body] = {(): whole}
+        for value in order:
+            home = inside.setdefault(self.homes[value], Body(None, []))
+            if value in self.loops:
+                found = inside.get(self.loops[value].home, Body(None, []))
+                home.steps.append(Body(value, found.steps))
+            else:
+                home.steps.append(value)
+        return whole

@@ -60,6 +60,7 @@ from glucoloop.meals.stomach import (
     FAST_GUT_MIN,
     SERVED_G_PER_MIN,
     Announced,
+    Gut,
     Stomach,
     announce,
     digest,
@@ -291,17 +292,25 @@ class MealHorizon:
     def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Carry each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
-        stomach, appearance = digest(held.stomach, announced + eats, h, gut_of(self._gut_min(), h))
-        appearance = appearance.at[0].add(held.disturbance_mg_min)
-        arrived = insulin * self._arrives()
-        x = jax.vmap(model.advance_fed, in_axes=(-1, -1, -1), out_axes=-1)(held.x, arrived, appearance)
-        return Hypothesis(
-            x=x,
-            stomach=stomach,
-            disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
-            carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
-            error_mg_dl=self.filters.correlation * held.error_mg_dl,
+
+        def one(given: tuple[Hypothesis, jax.Array, Gut, jax.Array]) -> Hypothesis:
+            held, eats, gut, arrives = given
+            stomach, appearance = digest(held.stomach, announced + eats, h, gut)
+            appearance = appearance.at[0].add(held.disturbance_mg_min)
+            return Hypothesis(
+                x=model.advance_fed(held.x, insulin * arrives, appearance),
+                stomach=stomach,
+                disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
+                carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
+                error_mg_dl=self.filters.correlation * held.error_mg_dl,
+            )
+
+        # one after the other, in a loop: their number must not make the program longer
+        each = jax.tree.map(
+            lambda leaf: jnp.moveaxis(leaf, -1, 0), (held, eats, gut_of(self._gut_min(), h), self._arrives())
         )
+        later: Hypothesis = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), jax.lax.map(one, each))
+        return later
 
     def _correct(
         self, model: FedModel, held: Hypothesis, p: jax.Array, learned: tuple[jax.Array, jax.Array], sensed: Sensed

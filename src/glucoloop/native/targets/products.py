@@ -37,8 +37,10 @@ def fused_products(program: Program, order: Sequence[Value], results: Sequence[V
         if operation not in ("add", "sub"):
             continue
         for argument in reversed(arguments):
-            same_level = program.levels[argument] == program.levels[value]
-            if program.operations[argument][0] == "mul" and uses[argument] == 1 and same_level:
+            together = (
+                program.levels[argument] == program.levels[value] and program.homes[argument] == program.homes[value]
+            )
+            if program.operations[argument][0] == "mul" and uses[argument] == 1 and together:
                 taken[argument] = value
                 break
     return taken

@@ -115,6 +115,23 @@ def traced(step, precision):
     return trace(init, step, seen, precision)
 
 
+def looped(state, seen):
+    """A loop of many rounds, one until something is small, and what the first takes and gives row by row."""
+
+    def one(carried, row):
+        x, high = carried
+        x = 0.9 * jnp.sin(x) + row
+        return (x, high ^ (x[0] > 0.1)), (x[1], high)
+
+    rows = jnp.linspace(0.0, 1.0, 70, dtype=seen["y"].dtype) * seen["y"]
+    (x, alarm), (each, highs) = jax.lax.scan(one, (state["x"], state["alarm"]), rows)
+    half, count = jax.lax.while_loop(
+        lambda c: (c[0] > 1e-2) & (c[0] < 1e6), lambda c: (c[0] * 0.5, c[1] + 1), (jnp.abs(seen["y"]), state["count"])
+    )
+    x = jnp.where(jnp.isfinite(x), x, 0.25)
+    return {**state, "x": x, "alarm": alarm}, {"dose": jnp.sum(each) + half + jnp.sum(highs), "status": count}
+
+
 def observations(precision):
     """Readings with nonsense among them, in the order of the leaves: valid, y."""
     rng = np.random.default_rng(7)
@@ -151,7 +168,7 @@ def test_compact_is_its_arithmetic(step, precision):
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("step", [scalars, angles])
+@pytest.mark.parametrize("step", [scalars, angles, looped])
 def test_unrolled_is_the_program_and_native_code(step, precision):
     of = traced(step, precision)
     source = write_source(of, ["A test"], UNROLLED)

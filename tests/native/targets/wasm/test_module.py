@@ -42,7 +42,21 @@ def turning(person, carry, own, shared, rng):
     return person @ carry + own, carry.sum()
 
 
+def looping(person, carry, own, shared, rng):
+    """A loop of many rounds with a matrix of the person, and one until something is small."""
+    del shared, rng
+
+    def one(x, row):
+        x = 0.9 * jnp.sin(person @ x) + row
+        return x, x[0]
+
+    x, firsts = jax.lax.scan(one, carry, jnp.linspace(0.0, 1.0, 70) * own[0])
+    half, count = jax.lax.while_loop(lambda c: c[0] > 1e-2, lambda c: (c[0] * 0.5, c[1] + 1), (jnp.abs(own[1]), 0))
+    return x, (firsts.sum() + half, count)
+
+
 GIVEN = {
+    "looping": (looping, jnp.zeros((4, 4)), jnp.zeros(4), jnp.zeros(4), ()),
     "nonlinear": (nonlinear, (jnp.zeros(()), jnp.zeros((3, 3))), (jnp.zeros(3), jnp.asarray(False)), jnp.zeros(3), 0.0),
     "turning": (turning, jnp.zeros((4, 4)), jnp.zeros(4), jnp.zeros(4), ()),
 }

@@ -1,4 +1,6 @@
-"""The unrolled form: one C statement for each operation of a lowered program, without a branch or a loop.
+"""The unrolled form: one C statement for each operation of a lowered program, without a branch.
+
+A loop that the program has remains one.
 
 The elementary functions are C functions of this form, from the same programs that the other targets compile.
 """
@@ -10,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, Value
+from glucoloop.native.program import BOOL, Body, Value
 from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
 from glucoloop.native.targets.c.numbers import FORMATS, INFIX, REAL, TRUTH, Format, type_of
 
@@ -101,18 +103,65 @@ class _Writer:
 
     def computed(self) -> list[str]:
         """A local variable for each operation; a truth that is used once stands where it is used."""
-        lines = []
-        for value in self._order:
-            if value in self._p.constants:
-                continue
-            text = self._input(value) if value in self._sources else self._operation(value)
-            if self._is_truth(value) and self._uses[value] == 1 and value not in self._sources:
-                self._names[value] = f"({text})"
-                continue
-            self._names[value] = f"v{value}"
-            kind = TRUTH if self._is_truth(value) else REAL
-            lines.append(f"const {type_of(kind, self._format)} v{value} = {text};")
+        return self._statements(self._p.bodies(self._order))
+
+    def _statements(self, body: Body) -> list[str]:
+        lines: list[str] = []
+        for value in body.steps:
+            if isinstance(value, Body):
+                lines += self._loop(value)
+            elif value not in self._p.constants and value not in self._names:
+                text = self._input(value) if value in self._sources else self._operation(value)
+                if self._is_truth(value) and self._uses[value] == 1 and value not in self._sources:
+                    self._names[value] = f"({text})"
+                else:
+                    lines.append(self._local("const ", value, f"v{value}", text))
+                    self._names[value] = f"v{value}"
         return lines
+
+    def _local(self, constant: str, value: Value, name: str, text: str) -> str:
+        kind = TRUTH if self._is_truth(value) else REAL
+        return f"{constant}{type_of(kind, self._format)} {name} = {text};"
+
+    def _loop(self, body: Body) -> list[str]:
+        """A loop, with variables for what it carries on, and arrays for its rows and what its rounds give."""
+        assert body.value is not None
+        loop, real = self._p.loops[body.value], self._format.type
+        label, length = f"l{body.value}", loop.length or 0
+        start, following, rows, given = loop.groups(self._p.operations[body.value][1])
+        lines = [self._local("", v, f"c{v}", self.name(of)) for v, of in zip(loop.carried, start, strict=True)]
+        if rows:
+            numbers = ", ".join(map(self._as_number, rows))
+            lines.append(f"const {real} {label}_rows[{len(rows)}] = {{ {numbers} }};")
+        if given:
+            lines.append(f"{real} {label}_given[{length * len(given)}];")
+        endless = loop.length is None
+        lines += ["do" if endless else f"for (int32_t {label} = 0; {label} < {length}; {label}++)", "{"]
+        self._names.update({v: f"c{v}" for v in loop.carried})
+        for i, row in enumerate(loop.rows):
+            text = self._of_number(row, f"{label}_rows[({len(loop.rows)} * {label}) + {i}]")
+            lines.append(self._local("const ", row, f"v{row}", text))
+            self._names[row] = f"v{row}"
+        lines += self._statements(body)
+        lines += [f"{label}_given[({len(given)} * {label}) + {i}] = {self._as_number(v)};" for i, v in enumerate(given)]
+        pairs = [(v, to) for v, to in zip(following, loop.carried, strict=True) if v != to]
+        lines += [self._local("const ", v, f"n{to}", self.name(v)) for v, to in pairs]
+        lines += [f"c{to} = n{to};" for _, to in pairs]
+        return [*lines, f"}} while ({self._names[loop.carried[-1]]});" if endless else "}"]
+
+    def _part(self, value: Value, of: Value, number: Value) -> str:
+        loop, place = self._p.loops[of], int(self._p.constants[number])
+        carried = len(loop.carried)
+        return (
+            f"c{loop.carried[place]}" if place < carried else self._of_number(value, f"l{of}_given[{place - carried}]")
+        )
+
+    def _as_number(self, value: Value) -> str:
+        one, zero = map(self._format.literal, (1.0, 0.0))
+        return f"{self.name(value)} ? {one} : {zero}" if self._is_truth(value) else self.name(value)
+
+    def _of_number(self, value: Value, text: str) -> str:
+        return f"{text} != {self._format.literal(0.0)}" if self._is_truth(value) else text
 
     def name(self, value: Value) -> str:
         """A value as C text."""
@@ -132,6 +181,8 @@ class _Writer:
 
     def _operation(self, value: Value) -> str:
         operation, arguments = self._p.operations[value]
+        if operation == "part":
+            return self._part(value, *arguments)
         names = [self.name(a) for a in arguments]
         if operation in INFIX:
             return f"{names[0]} {INFIX[operation]} {names[1]}"

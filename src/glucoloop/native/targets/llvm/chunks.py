@@ -4,31 +4,53 @@ A sample of a patient and a controller is several thousand instructions. Where t
 anew for every vector of people would take most of the time. So they are cut into chunks, and several vectors go through
 each chunk in turn; what a later chunk needs waits in a slot of memory, which is given to another value afterwards.
 A program that fits goes through its chunks one vector at a time; the cuts then spare the compiler blocks that are too
-long for it.
+long for it. A loop has chunks of its own, and memory for what passes into its rounds, between them and out of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from glucoloop.native.lower import Layout
-from glucoloop.native.program import SAMPLE, Program, Value
+from glucoloop.native.program import SAMPLE, Body, Loop, Program, Value
 
 OPERATIONS_A_CHUNK: Final = 2000
+OPERATIONS_BESIDE_LOOPS: Final = 500
+"""The same in a program with loops, which measured a fifth faster so."""
+
+Cell = tuple[str, int, str | None]
+"""Name of an array of a loop, a place in it, and the name of a number that is added to the place."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Chunk:
     """A part of the program."""
 
     values: Sequence[Value]
-    stored: Sequence[tuple[Value, int]]
+    stored: list[tuple[Value, int]] = field(default_factory=list)
     """Values that a later chunk needs, each with its slot of memory."""
-    carried: Sequence[tuple[Value, int]]
+    passed: list[tuple[Value, Cell]] = field(default_factory=list)
+    """Values that pass into rounds of a loop, on to the next round, or out of it."""
+    carried: Sequence[tuple[Value, int]] = ()
     """Values of the next state, each with its place there."""
-    written: Sequence[tuple[Value, int]]
+    written: Sequence[tuple[Value, int]] = ()
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """A loop of chunks."""
+
+    label: str
+    loop: Loop
+    first: int
+    """Number of its first chunk."""
+    last: int
+    following: Sequence[Value]
+    """Values that a round carries on; the last is the truth that ends a loop without length."""
+    given: int
+    """Number of values that each round gives."""
 
 
 @dataclass(frozen=True)
@@ -36,30 +58,96 @@ class ChunkPlan:
     """Division of the whole program into chunks."""
 
     chunks: Sequence[Chunk]
+    loops: Sequence[Rounds]
+    """Loops, each after those inside it."""
+    cells: dict[Value, Cell]
+    """Where inputs of rounds and parts of loops are read."""
     slot_of: dict[Value, int]
     slots: int
+
+
+class _Cutter:
+    """Cuts a body and the loops in it into chunks."""
+
+    def __init__(self, program: Program, size: int) -> None:
+        self._p, self._size = program, size
+        self.chunks: list[Chunk] = []
+        self.loops: list[Rounds] = []
+        self.cells: dict[Value, Cell] = {}
+        self.home: dict[Value, int] = {}
+        """Number of the chunk of each value."""
+
+    def cut(self, body: Body) -> None:
+        """Append the chunks of a body, and one before each of its loops."""
+        waiting: list[Value] = []
+        for step in [*body.steps, None]:
+            if isinstance(step, Value):
+                if self._p.operations[step][0] == "part":
+                    self._find(step)
+                elif step not in self.cells:
+                    waiting.append(step)
+                continue
+            for i in range(0, max(len(waiting), 1), self._size):
+                self.home.update(dict.fromkeys(waiting[i : i + self._size], len(self.chunks)))
+                self.chunks.append(Chunk(waiting[i : i + self._size]))
+            waiting = []
+            if step is not None:
+                self._loop(step)
+
+    def _loop(self, body: Body) -> None:
+        assert body.value is not None
+        loop, first = self._p.loops[body.value], len(self.chunks)
+        label = "loop" + "_".join(map(str, loop.home))
+        start, following, rows, given = loop.groups(self._p.operations[body.value][1])
+        self.cells.update({v: (f"%{label}_old", i, None) for i, v in enumerate(loop.carried)})
+        self.cells.update({v: (f"%{label}_rows", i, f"%{label}_row") for i, v in enumerate(loop.rows)})
+        self._pass(start, (f"%{label}_start", 0, None), loop.home[:-1])
+        self._pass(rows, (f"%{label}_rows", 0, None), loop.home[:-1])
+        self.cut(body)
+        self._pass(following, (f"%{label}_new", 0, None), loop.home)
+        self._pass(given, (f"%{label}_given", 0, f"%{label}_at"), loop.home)
+        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, following, len(given)))
+
+    def _pass(self, values: Sequence[Value], to: Cell, home: tuple[int, ...]) -> None:
+        """Pass values to places that follow one another: from the chunk of a value, or from the last one so far."""
+        for i, value in enumerate(values, start=to[1]):
+            number = self.home.get(value, -1) if self._p.homes[value] == home else -1
+            self.chunks[number].passed.append((value, (to[0], i, to[2])))
+
+    def _find(self, part: Value) -> None:
+        value, number = self._p.operations[part][1]
+        loop, place = self._p.loops[value], int(self._p.constants[number])
+        label = "%loop" + "_".join(map(str, loop.home))
+        carried = len(loop.carried)
+        self.cells[part] = (
+            (f"{label}_new", place, None) if place < carried else (f"{label}_given", place - carried, None)
+        )
 
 
 def plan_chunks(
     program: Program,
     layout: Layout,
-    values: Sequence[Value],
+    body: Body,
     fused: Mapping[Value, Value],
-    size: int = OPERATIONS_A_CHUNK,
+    size: int | None = None,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
 ) -> ChunkPlan:
-    """Divide values that are computed at every sample, each after its arguments, into chunks.
+    """Divide values that are computed at every sample into chunks.
 
     `fused` are the products that are computed together with a sum; `vectors` the values that are needed where a loop
     over rows begins, by the first of its sums.
     """
-    parts = [values[i : i + size] for i in range(0, len(values), size)] or [[]]
-    home = {value: number for number, part in enumerate(parts) for value in part}
+    cutter = _Cutter(program, size or (OPERATIONS_BESIDE_LOOPS if program.loops else OPERATIONS_A_CHUNK))
+    cutter.cut(body)
+    chunks, home = cutter.chunks, cutter.home
     last_use: dict[Value, int] = {}
-    for value, number in home.items():
-        for argument in (vectors or {}).get(value) or _arguments(program, value, fused):
-            if argument in home:
-                last_use[argument] = max(number, last_use.get(argument, 0))
+    for number, chunk in enumerate(chunks):
+        used = [a for value in chunk.values for a in (vectors or {}).get(value) or _arguments(program, value, fused)]
+        last_use.update({v: number for v in (*used, *(v for v, _ in chunk.passed)) if v in home})
+    for rounds in cutter.loops:  # what a round reads from before the loop, the next one reads too
+        for value, last in last_use.items():
+            if home[value] < rounds.first <= last <= rounds.last:
+                last_use[value] = rounds.last
     leaving: dict[int, list[Value]] = {}
     for value, last in last_use.items():
         if last > home[value]:
@@ -68,32 +156,22 @@ def plan_chunks(
     slot_of: dict[Value, int] = {}
     free: list[int] = []
     slots = 0
-    chunks = []
-    for number, part in enumerate(parts):
-        stored = []
-        for value in part:
+    for number, chunk in enumerate(chunks):
+        for value in chunk.values:
             if last_use.get(value, number) > number:
                 if not free:
                     free.append(slots)
                     slots += 1
                 slot_of[value] = free.pop()
-                stored.append((value, slot_of[value]))
+                chunk.stored.append((value, slot_of[value]))
         # only now: a slot that this chunk reads must not be overwritten by it
         free += [slot_of[value] for value in leaving.get(number, ())]
-        chunks.append((part, stored))
-
-    def at(results: Sequence[Value], number: int) -> list[tuple[Value, int]]:
-        # what is not computed at a sample (a constant, an input) goes with the last chunk
-        return [(v, i) for i, v in enumerate(results) if home.get(v, len(parts) - 1) == number]
-
-    return ChunkPlan(
-        chunks=[
-            Chunk(values=part, stored=stored, carried=at(layout.next_carry, n), written=at(layout.outputs, n))
-            for n, (part, stored) in enumerate(chunks)
-        ],
-        slot_of=slot_of,
-        slots=slots,
-    )
+    for results, listed in ((layout.next_carry, "carried"), (layout.outputs, "written")):
+        for number, chunk in enumerate(chunks):
+            # what is not computed at a sample (a constant, an input) goes with the last chunk
+            at = [(v, i) for i, v in enumerate(results) if home.get(v, len(chunks) - 1) == number]
+            setattr(chunk, listed, at)
+    return ChunkPlan(chunks, cutter.loops, cutter.cells, slot_of, slots)
 
 
 def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:

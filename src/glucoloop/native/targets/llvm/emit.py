@@ -13,7 +13,7 @@ from typing import Final
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
-from glucoloop.native.targets.llvm.chunks import Chunk, plan_chunks
+from glucoloop.native.targets.llvm.chunks import Cell, Chunk, Rounds, plan_chunks
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
 from glucoloop.native.targets.products import FUSED, fused_products
@@ -71,7 +71,7 @@ class Emitter:
         values = [v for v in values if v not in inner]
         self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
         factors = {first: row.factors for first, row in self._rows.items()}
-        self._plan = plan_chunks(program, layout, values, self._taken, vectors=factors)
+        self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, vectors=factors)
 
     @property
     def held(self) -> int:
@@ -130,6 +130,13 @@ class Emitter:
         inside = {"before": states, "after": states, "slots": self._plan.slots}
         if self._sums:
             inside["sums"] = len(self._sums)
+        for rounds in self._plan.loops:
+            carried, rows = len(rounds.loop.carried), (rounds.loop.length or 0) * len(rounds.loop.rows)
+            given, label = (rounds.loop.length or 0) * rounds.given, rounds.label
+            inside |= {f"{label}_start": carried, f"{label}_next": carried}
+            inside |= {f"{label}_rows": rows, f"{label}_given": given}
+            if rounds.loop.length is None:
+                self._out.say(f"  %{label}_going = alloca i1")
         for name, size in {**sizes, **inside}.items():
             self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._out.vector}], align 64")
 
@@ -152,7 +159,13 @@ class Emitter:
         if not self._apart:
             say(f"  %own_rows = mul i64 %samples, {len(self._layout.own)}")
         for number, chunk in enumerate(self._plan.chunks):
+            for rounds in reversed(self._plan.loops):
+                if rounds.first == number:
+                    self._begin_rounds(rounds)
             self._loop(f"chunk{number}", functools.partial(self._chunk, chunk))
+            for rounds in self._plan.loops:
+                if rounds.last == number:
+                    self._end_rounds(rounds)
         say("  br label %sample_end")
         say("sample_end:")
         say("  %k_next = add i64 %k, 1")
@@ -219,10 +232,55 @@ class Emitter:
                 self._names[value] = self._operation(value)
         for value, slot in chunk.stored:
             self._out.store(self._as_number(value), self._cell("%slots", slot))
+        for value, cell in chunk.passed:
+            self._out.store(self._as_number(value), self._cell_of(cell))
+        for rounds in self._plan.loops:
+            if rounds.loop.length is None and chunk is self._plan.chunks[rounds.last]:
+                self._out.note(self._name(rounds.following[-1]), f"%{rounds.label}_going")
         for value, i in chunk.carried:
             self._out.store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
             self._out.store(self._as_number(value), self._place("outputs", i))
+
+    def _begin_rounds(self, rounds: Rounds) -> None:
+        """Begin a loop of chunks, which reads what is carried in one place and writes it in another, in turns."""
+        say, label = self._out.say, rounds.label
+        say(f"  br label %{label}_enter")
+        say(f"{label}_enter:")
+        say(f"  br label %{label}")
+        say(f"{label}:")
+        for name, kind, first, then in (
+            ("k", "i64", "0", "more"),
+            ("old", "ptr", f"%{label}_start", "new"),
+            ("new", "ptr", f"%{label}_next", "old"),
+        ):
+            say(f"  %{label}_{name} = phi {kind} [ {first}, %{label}_enter ], [ %{label}_{then}, %{label}_again ]")
+        say(f"  %{label}_row = mul i64 %{label}_k, {len(rounds.loop.rows)}")
+        say(f"  %{label}_at = mul i64 %{label}_k, {rounds.given}")
+        if rounds.loop.length is None:
+            say(f"  store i1 0, ptr %{label}_going")
+
+    def _end_rounds(self, rounds: Rounds) -> None:
+        say, label = self._out.say, rounds.label
+        say(f"  br label %{label}_again")
+        say(f"{label}_again:")
+        say(f"  %{label}_more = add i64 %{label}_k, 1")
+        if rounds.loop.length is None:
+            say(f"  %{label}_goes = load i1, ptr %{label}_going")
+        else:
+            say(f"  %{label}_goes = icmp slt i64 %{label}_more, {rounds.loop.length}")
+        say(f"  br i1 %{label}_goes, label %{label}, label %{label}_end")
+        say(f"{label}_end:")
+
+    def _cell_of(self, cell: Cell) -> str:
+        """Address of a vector in the memory of a loop."""
+        array, i, more = cell
+        if more is None:
+            return self._cell(array, i)
+        at = self._out(f"add i64 {more}, {i}")
+        if self._member is not None:
+            at = self._out(f"add i64 {self._member}, {self._out(f'mul i64 {at}, {self._group}')}")
+        return self._out.vector_at(array, at)
 
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
@@ -298,6 +356,8 @@ class Emitter:
             return self._out.load(self._cell("%held", self._held[value]))
         if value in self._sums:
             return self._out.load(self._cell("%sums", self._sums[value]))
+        if value in self._plan.cells:
+            return self._out.load(self._cell_of(self._plan.cells[value]))
         source, i = self._sources.get(value, ("slots", -1))
         match source:
             case "carry":

@@ -67,6 +67,13 @@ class VectorCode:
         """Write a vector to an address."""
         self.say(f"  store {self.vector} {name}, ptr {at}, align {self.alignment}")
 
+    def note(self, truth: str, at: str) -> None:
+        """Write to an address that a truth holds in one of the lanes, if it does; what was there stays otherwise."""
+        bits = self(f"bitcast {self._mask} {truth} to i{self._lanes}")
+        any_ = self(f"icmp ne i{self._lanes} {bits}, 0")
+        before = self(f"load i1, ptr {at}")
+        self.say(f"  store i1 {self(f'or i1 {before}, {any_}')}, ptr {at}")
+
     def vector_at(self, array: str, place: int | str) -> str:
         """Address of a vector in an array."""
         return self(f"getelementptr inbounds {self.vector}, ptr {array}, i64 {place}")

@@ -236,7 +236,9 @@ class Arithmetic:
         return found
 
     def _scattered(self, equation: Any, a: Array, indices: Array, updates: Array, *, adds: bool) -> Array:
-        known = self._known_places(equation, lambda: [scatter_places(equation, a.shape, indices, updates.shape)])
+        known = self._known_places(
+            equation, lambda: [primitives.scatter_places(equation, a.shape, indices, updates.shape)]
+        )
         found, (places,) = a.copy(), known
         found.ravel()[places] = found.ravel()[places] + updates if adds else updates
         return found
@@ -387,21 +389,3 @@ def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
     for i in range(ndim):
         order.append(next(of_remaining) if i in out else next(of_taken))
     return found.transpose(order)
-
-
-def scatter_places(
-    equation: Any, shape: tuple[int, ...], indices: Array, updates: tuple[int, ...]
-) -> npt.NDArray[np.int64]:
-    """Destination of each element of the updates of a scatter; the destinations are distinct."""
-    size = int(np.prod(updates, dtype=np.int64))
-    kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
-    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
-    with jax.ensure_compile_time_eval():
-        (marked,) = primitives.bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
-    flat = np.asarray(marked).ravel().astype(np.int64)
-    places = np.full(size, -1, np.int64)
-    there = np.flatnonzero(flat)
-    places[flat[there] - 1] = there
-    if (places < 0).any() or (flat > size).any():
-        raise UnsupportedError("a scatter of several numbers to one place, or outside an array")
-    return places.reshape(updates)

@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of, scatter_places
+from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
 from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, shape_of
 from glucoloop.native.targets.c.compact.values import (
@@ -156,7 +156,7 @@ class Moves(ValueStore):
         (output,), (given, indices, updates) = operation.outputs, operation.inputs
         if isinstance(indices, Variable):
             raise UnsupportedError("a scatter to places that are not known")
-        places = scatter_places(operation.equation, output.shape, indices, shape_of(updates))
+        places = primitives.scatter_places(operation.equation, output.shape, indices, shape_of(updates))
         regular = regular_places(places)
         if regular is None:
             raise UnsupportedError("a scatter to irregular places")
