@@ -420,7 +420,8 @@ def test_what_the_machine_refuses_is_told_in_a_sentence(refused, tmp_path, monke
 def test_nothing_is_said_to_be_unwritten_that_was_written(glucoloop, tmp_path, monkeypatch, error, code, told):
     monkeypatch.setattr("glucoloop.studies.run.study.found", lambda *_: Findings({"summary": {"sentences": []}}))
     monkeypatch.setattr("glucoloop.studies.run.study.drawn", lambda *_, **__: {"a.txt": b"a"})
-    monkeypatch.setattr("glucoloop.studies.run.study.tables", raising(error))
+    monkeypatch.setattr("glucoloop.studies.run.study.tables", lambda *_: ())
+    monkeypatch.setattr("glucoloop.studies.run.study.sentences", raising(error))
     answer = glucoloop("run", "--out", "out")
     assert (answer.code, answer.err) == (code, f"glucoloop: {told}.\n")
     assert (tmp_path / "out/a.txt").read_text() == "a"
