@@ -29,7 +29,8 @@ def measured(controller: str, precision: str, people: int, repeats: int) -> dict
         keys = {"people": 1, "seed": 1, "precision": precision, "controller": [controller], "arithmetic": kind}
         prepared = engine.prepare(configured(Trial, keys))
         [case] = prepared.cases.values()
-        drawn, _, _ = engine._drawn(prepared, case, np.arange(people))
+        trial, block = prepared.trial, np.arange(people)
+        drawn = case.loop.people(engine.people_of(trial, block), **engine.brought(trial, trial.drawn_days(block)))
         glucose[kind] = case.loop.cohort.run(drawn).glucose_mg_dl  # which also compiles
         loops[kind] = (case.loop.cohort, drawn)
     times: dict[str, list[float]] = {kind: [] for kind in loops}
