@@ -53,7 +53,7 @@ def test_eating_shortens_the_time_of_low_glucose():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("sensor", ["dexcom-g6", "facchinetti-2014", "white-noise, variance=1.45"])
+@pytest.mark.parametrize("sensor", ["dexcom-g6", "white-noise, variance=1.45"])
 def test_the_defaults_of_profile_mpc_are_kind_whatever_the_sensor(sensor):
     """An error of the sensor that is taken for meals brings nearly everybody below 70 mg/dl."""
     people = np.arange(32)
