@@ -1,6 +1,6 @@
 """Check each claim about the meal-aware controller, and write the tables that ``guide/claims.md`` shows.
 
-    python docs/claims.py                                   everything: half an hour on two processors
+    python docs/claims.py                                   everything: some ten minutes of a processor
     python docs/claims.py --only stomachs --only fasting    some situations, or groups of them
     python docs/claims.py --seeds 4 --people 4 --out glimpse --figures glimpse.md    a glimpse
 
