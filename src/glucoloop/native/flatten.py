@@ -22,7 +22,7 @@ import numpy.typing as npt
 from glucoloop.native import primitives
 from glucoloop.native.functions import Functions
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Home, Loop, Program, Value
+from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Home, LoopForm, Program, Value
 
 Values = npt.NDArray[np.int64]
 """An array whose elements are places in the program."""
@@ -434,7 +434,7 @@ class Flattener:
         rows: Sequence[Values],
         length: int | None,
     ) -> tuple[list[Values], list[Values]]:
-        """What the last round of a loop carries on, and the results of all rounds.
+        """Values that the last round of a loop carries on, and the results of all rounds.
 
         What no round changes, and what is always equal to another part of what is carried, is not carried. That is
         supposed of all at first, for as long as a round does not contradict it.
@@ -467,7 +467,7 @@ class Flattener:
         self._home = outside
         results = _joined(given)
         changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)
-        loop = Loop(home, length, tuple(carried.values()), tuple(row_inputs.values()))
+        loop = LoopForm(home, length, tuple(carried.values()), tuple(row_inputs.values()))
         arguments = [
             *(int(first[n]) for n in carried),
             *(after[n] for n in carried),

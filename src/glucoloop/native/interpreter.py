@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Body, Loop, Program, Value
+from glucoloop.native.program import BOOL, DOES, OF_WORDS, WORD, Block, LoopForm, Program, Value
 
 Array = npt.NDArray[Any]
 Step = tuple[int, Callable[..., Any], Sequence[int]]
@@ -98,7 +98,7 @@ def _carry_out(steps: Sequence[Step], values: list[Any]) -> None:
 
 
 def _go_round(
-    loop: Loop,
+    loop: LoopForm,
     steps: Sequence[Step],
     inputs: Sequence[Sequence[int]],
     groups: Sequence[Sequence[int]],
@@ -120,11 +120,11 @@ def _go_round(
     return [*last, *made]
 
 
-def _steps(program: Program, body: Body, place: Mapping[Value, int], precision: str) -> list[Step]:
+def _steps(program: Program, body: Block, place: Mapping[Value, int], precision: str) -> list[Step]:
     """Operations of a body, each with the place of its result and those of its arguments."""
     steps: list[Step] = []
     for step in body.steps:
-        if isinstance(step, Body):
+        if isinstance(step, Block):
             assert step.value is not None
             loop = program.loops[step.value]
             inputs, groups = (

@@ -22,7 +22,7 @@ operation                              value
 ``mantissa exponent``                  ``x = mantissa 2^exponent`` with a mantissa in [1, 2), for normal x above 0
 ``power_of_two``                       two to the whole number which stands in the last bits of a number
 ``ratio``                              a quotient; `divisions` replaces all of them before a target sees them
-``loop``                               rounds of the operations that are at home in it, see `Loop`; ``part`` is one of
+``loop``                               rounds of the operations that are at home in it, see `LoopForm`; ``part`` is one of
                                        its results
 ====================================== ==========================================================================
 
@@ -85,7 +85,7 @@ _OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopForm:
     """Rounds of the same operations, which are those that depend on its inputs.
 
     The arguments of its operation are what is carried into the first round and what each round carries on, one for
@@ -110,12 +110,12 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Body:
+class Block:
     """Operations in order, of which loops are bodies of their own."""
 
     value: Value | None
     """Operation of the loop, None for the whole program."""
-    steps: list[Value | Body]
+    steps: list[Value | Block]
 
 
 class Program:
@@ -134,7 +134,7 @@ class Program:
         self.types: list[str] = []
         self.levels: list[int] = []
         self.homes: list[Home] = []
-        self.loops: dict[Value, Loop] = {}
+        self.loops: dict[Value, LoopForm] = {}
         """Loops by their operations."""
         self._known: dict[object, Value] = {}
 
@@ -182,7 +182,7 @@ class Program:
         level = max(self.levels[argument] for argument in arguments)
         return self._new((operation, arguments), operation, arguments, kind, level)
 
-    def loop(self, loop: Loop, arguments: Sequence[Value]) -> Value:
+    def loop(self, loop: LoopForm, arguments: Sequence[Value]) -> Value:
         """The operation of a loop."""
         place = self._new(("loop", loop.home), "loop", tuple(arguments), FLOAT, SAMPLE)
         self.homes[place] = loop.home[:-1]
@@ -277,15 +277,15 @@ class Program:
                     stack.extend((argument, False) for argument in reversed(self.operations[value][1]))
         return order
 
-    def bodies(self, order: Iterable[Value]) -> Body:
+    def bodies(self, order: Iterable[Value]) -> Block:
         """Values, each after its arguments, with those that change in a loop in its body, where its operation is."""
-        whole = Body(None, [])
-        inside: dict[Home, Body] = {(): whole}
+        whole = Block(None, [])
+        inside: dict[Home, Block] = {(): whole}
         for value in order:
-            home = inside.setdefault(self.homes[value], Body(None, []))
+            home = inside.setdefault(self.homes[value], Block(None, []))
             if value in self.loops:
-                found = inside.get(self.loops[value].home, Body(None, []))
-                home.steps.append(Body(value, found.steps))
+                found = inside.get(self.loops[value].home, Block(None, []))
+                home.steps.append(Block(value, found.steps))
             else:
                 home.steps.append(value)
         return whole

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from glucoloop.native.lower import Lowered
-from glucoloop.native.program import BOOL, Body, Value
+from glucoloop.native.program import BOOL, Block, Value
 from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
 from glucoloop.native.targets.c.numbers import FORMATS, INFIX, REAL, TRUTH, Format, type_of
 
@@ -105,10 +105,10 @@ class _Writer:
         """A local variable for each operation; a truth that is used once stands where it is used."""
         return self._statements(self._p.bodies(self._order))
 
-    def _statements(self, body: Body) -> list[str]:
+    def _statements(self, body: Block) -> list[str]:
         lines: list[str] = []
         for value in body.steps:
-            if isinstance(value, Body):
+            if isinstance(value, Block):
                 lines += self._loop(value)
             elif value not in self._p.constants and value not in self._names:
                 text = self._input(value) if value in self._sources else self._operation(value)
@@ -123,7 +123,7 @@ class _Writer:
         kind = TRUTH if self._is_truth(value) else REAL
         return f"{constant}{type_of(kind, self._format)} {name} = {text};"
 
-    def _loop(self, body: Body) -> list[str]:
+    def _loop(self, body: Block) -> list[str]:
         """A loop, with variables for what it carries on, and arrays for its rows and what its rounds give."""
         assert body.value is not None
         loop, real = self._p.loops[body.value], self._format.type

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from glucoloop.native.lower import Layout
-from glucoloop.native.program import SAMPLE, Body, Loop, Program, Value
+from glucoloop.native.program import SAMPLE, Block, LoopForm, Program, Value
 
 OPERATIONS_A_CHUNK: Final = 2000
 OPERATIONS_BESIDE_LOOPS: Final = 500
@@ -43,7 +43,7 @@ class Rounds:
     """A loop of chunks."""
 
     label: str
-    loop: Loop
+    loop: LoopForm
     first: int
     """Number of its first chunk."""
     last: int
@@ -61,7 +61,7 @@ class ChunkPlan:
     loops: Sequence[Rounds]
     """Loops, each after those inside it."""
     cells: dict[Value, Cell]
-    """Where inputs of rounds and parts of loops are read."""
+    """Places where inputs of rounds and parts of loops are read."""
     slot_of: dict[Value, int]
     slots: int
 
@@ -77,7 +77,7 @@ class _Cutter:
         self.home: dict[Value, int] = {}
         """Number of the chunk of each value."""
 
-    def cut(self, body: Body) -> None:
+    def cut(self, body: Block) -> None:
         """Append the chunks of a body, and one before each of its loops."""
         waiting: list[Value] = []
         for step in [*body.steps, None]:
@@ -94,7 +94,7 @@ class _Cutter:
             if step is not None:
                 self._loop(step)
 
-    def _loop(self, body: Body) -> None:
+    def _loop(self, body: Block) -> None:
         assert body.value is not None
         loop, first = self._p.loops[body.value], len(self.chunks)
         label = "loop" + "_".join(map(str, loop.home))
@@ -127,7 +127,7 @@ class _Cutter:
 def plan_chunks(
     program: Program,
     layout: Layout,
-    body: Body,
+    body: Block,
     fused: Mapping[Value, Value],
     size: int | None = None,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
