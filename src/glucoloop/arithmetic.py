@@ -45,7 +45,7 @@ _wanted: dict[str, bool | int | str | None] = {}
 
 def use_float64() -> None:
     """Switch JAX to float64, now or as soon as it is imported; warn if ``JAX_ENABLE_X64`` asks for something else."""
-    _want({FLOAT64: SETTINGS[FLOAT64]})
+    configure_jax({FLOAT64: SETTINGS[FLOAT64]})
 
 
 def pin() -> list[str]:
@@ -61,7 +61,7 @@ def pin() -> list[str]:
                 del os.environ[variable]
             else:
                 os.environ[variable] = _text(value)
-    _want(SETTINGS)
+    configure_jax(SETTINGS)
     flags = [flag for flag in os.environ.get(XLA_FLAGS, "").split() if flag.startswith(_ROUNDING_FLAGS)]
     if flags:
         notes.append(f"{XLA_FLAGS} has {' '.join(flags)}; results may differ from those without it.")
@@ -111,7 +111,8 @@ def _processor() -> str:
     return f"{binding.get_host_cpu_name()} ({hashlib.sha256(features.encode()).hexdigest()[:8]})"
 
 
-def _want(settings: Mapping[str, bool | int | str | None]) -> None:
+def configure_jax(settings: Mapping[str, bool | int | str | None]) -> None:
+    """Give JAX settings, at once or when it is imported."""
     _wanted.update(settings)
     if "jax" in sys.modules and hasattr(sys.modules["jax"], "config"):
         _apply(sys.modules["jax"])

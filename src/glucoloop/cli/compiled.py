@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import atexit
 import functools
-import importlib
 import os
 import warnings
 from pathlib import Path
 from typing import Final
 
+from glucoloop.arithmetic import configure_jax
 from glucoloop.cli.screen import note
 from glucoloop.refusal import Refusal
 
@@ -23,15 +23,18 @@ def keep_compiled() -> None:
     """
     import platformdirs
 
-    config = importlib.import_module("jax").config  # untyped: JAX's own stubs leave `update` so
-    config.update("jax_traceback_filtering", "off")  # a bug keeps its whole traceback
+    configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
     value = os.environ.get(VARIABLE, "").strip()
     folder = Path(value or Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled")
     if value.lower() == "off" or not _usable(folder):
         return
-    config.update("jax_compilation_cache_dir", str(folder))
-    config.update("jax_persistent_cache_min_compile_time_secs", 0)
-    config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    configure_jax(
+        {
+            "jax_compilation_cache_dir": str(folder),
+            "jax_persistent_cache_min_compile_time_secs": 0,
+            "jax_persistent_cache_min_entry_size_bytes": -1,
+        }
+    )
     warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 
