@@ -80,6 +80,18 @@ def test_a_switch_by_name_takes_the_schedule_of_the_profile_in_force():
     assert rates == [(DAY, 1.0), (DAY + timedelta(hours=1), 0.5), (DAY + timedelta(hours=6), 0.4)]
 
 
+def test_a_switch_for_good_ends_all_before_it():
+    flat = {name: stepped(rates=(rate,) * 3) for name, rate in (("Default", 1.0), ("A", 0.1), ("B", 0.2), ("C", 0.3))}
+    told = [("A", 0, 60), ("B", 120, 60), ("C", 0, 90)]
+    switches = [(DAY + timedelta(minutes=at), {"profile": name, "duration": long}) for name, long, at in told]
+    rates = day_of([profile(flat)], *switches)
+    assert [(round((moment - DAY).total_seconds() / 60), rate) for moment, rate in rates] == [
+        (0, 1.0),
+        (60, 0.2),
+        (90, 0.3),
+    ]
+
+
 def test_before_the_first_profile_the_rate_is_not_known():
     rates = day_of([profile(begin="2026-09-24T06:00:00+00:00")])
     assert str(rates[0][1]) == "nan"

@@ -90,11 +90,18 @@ def usual_rates(
     spans, chosen = [], list[_Span]()
     for begin, end, store, name in zip(begins, [*begins[1:], _NEVER[1]], stores, names, strict=True):
         spans.append(_Span(begin, end, _schedule(store.get(name), time_zone)))
-    for start, switch in sorted(switches, key=lambda pair: pair[0]):
-        for span, store in zip(spans, stores, strict=True):  # a schedule that was edited later is another one from then
+    ordered = sorted(switches, key=lambda pair: pair[0])
+    for span, store in zip(spans, stores, strict=True):  # a schedule that was edited later is another one from then
+        of_span, end = list[_Span](), span.end
+        for start, switch in reversed(ordered):
             whole = _switched(start, switch, store, time_zone)
-            if whole is not None and whole.start < span.end and whole.end > span.start:
-                chosen.append(whole._replace(start=max(start, span.start), end=min(whole.end, span.end)))
+            if whole is None:
+                continue
+            if start < end and whole.end > span.start:
+                of_span.append(whole._replace(start=max(start, span.start), end=min(whole.end, end)))
+            if whole.end == _NEVER[1]:  # no earlier one comes back after it
+                end = min(end, start)
+        chosen += reversed(of_span)
     every = [*spans, *chosen]
 
     def span_at(at: datetime) -> _Span | None:
@@ -105,7 +112,9 @@ def usual_rates(
         return None
 
     ends = {moment for span in every for moment in (span.start, span.end) if first < moment <= last}
-    moments = sorted({first, *ends, *(at for span in every for at in span.steps(max(first, span.start), last))})
+    moments = sorted(
+        {first, *ends, *(at for span in every for at in span.steps(max(first, span.start), min(last, span.end)))}
+    )
     found: list[tuple[datetime, float]] = []
     for at in moments:
         active = span_at(at)
