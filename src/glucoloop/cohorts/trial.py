@@ -38,7 +38,7 @@ SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
 SLOW_PATIENT_DAYS: Final = 256
-"""Number of patient-days in a shard with a slow controller, of which a processor does some 30 in a second."""
+"""Number of patient-days in a shard with a slow controller, so that the first results are soon kept."""
 LONGEST_COUNTED_MIN: Final = 28 * MIN_PER_DAY
 """Longest run of whole days in which glucose and insulin are counted at every sample."""
 _DIGITS: Final = 20

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
-_SLOW_PATIENT_DAYS_S: Final = 30.0
+_SLOW_PATIENT_DAYS_S: Final = 300.0
 """Time of a design, and the patient-days a second of a processor, for the estimate of the time."""
 _SAID: Final = ("engine", "lacks", "reason")
 """Texts of a row, by its names."""
@@ -85,7 +85,7 @@ class Line(NamedTuple):
     def estimated_s(self, people: int) -> float:
         """Time that some people take in one go, on all cores; rough."""
         slow = self.trial is not None and any(case.controller.slow for case in self.trial.cases)
-        size = block_size("xla" if slow else "native")
+        size = block_size("native")
         rounds = math.ceil(math.ceil(people / size) / (os.cpu_count() or 1))
         return rounds * size * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
 
