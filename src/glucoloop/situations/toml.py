@@ -79,7 +79,9 @@ def text_of_file(path: str, what: str) -> str:
             # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
             return file.read(LARGEST_CHARACTERS + 1)
     except OSError as error:
-        raise Refusal(f"{path} cannot be read: {error.strerror or error}") from None
+        raise Refusal(
+            f"{path} cannot be read: {error.strerror or error}; give the path of a file in {what} that can be read"
+        ) from None
     except UnicodeDecodeError:
         raise Refusal(f"{path} is not {what}: it is not text in UTF-8") from None
 
