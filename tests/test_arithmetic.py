@@ -41,6 +41,7 @@ PINNED = {
 }
 
 
+@pytest.mark.long
 def test_importing_changes_nothing_but_float64():
     others = {name: value for name, value in HOSTILE.items() if name != "JAX_ENABLE_X64"}
     told, variable, err = process("import glucoloop, jax\n", **others)
@@ -54,6 +55,7 @@ def test_importing_changes_nothing_but_float64():
     assert err == ""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["import glucoloop, jax\n", "import jax, glucoloop\n"])
 def test_importing_switches_to_float64_and_says_so_where_something_else_was_asked_for(order):
     told, _, err = process(order, JAX_ENABLE_X64="0")
@@ -61,6 +63,7 @@ def test_importing_switches_to_float64_and_says_so_where_something_else_was_aske
     assert "JAX_ENABLE_X64=0 is not heeded" in err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["", "import jax\n"])
 def test_the_command_line_fixes_all_settings_and_says_what_it_does_not_heed(order):
     code = f"{order}from glucoloop.arithmetic import pin\nimport sys\nprint(*pin(), file=sys.stderr)\nimport jax\n"

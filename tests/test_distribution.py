@@ -71,11 +71,13 @@ def unpacked(built, tmp_path_factory):
     return folder / NAMED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [WHEEL, SDIST])
 def test_two_builds_have_the_same_bytes(built, name):
     assert (built.one / name).read_bytes() == (built.other / name).read_bytes()
 
 
+@pytest.mark.long
 def test_the_source_distribution_gives_the_same_wheel(built, unpacked):
     assert (build(unpacked, "wheel", dated="1700000000") / WHEEL).read_bytes() == (built.one / WHEEL).read_bytes()
     shutil.rmtree(unpacked / "dist")

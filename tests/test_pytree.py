@@ -22,6 +22,7 @@ def test_structures_of_two_classes_with_the_same_fields_differ():
     assert jax.tree.structure(made(1, "a")) != jax.tree.structure(made(1, "a"))
 
 
+@pytest.mark.long
 def test_a_compiled_function_takes_no_class_for_another():
     value = jax.jit(lambda record: record.value())
     records = [made(number, "a") for number in range(60)]  # with jaxlib's own dataclasses a tenth is confused

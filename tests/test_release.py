@@ -83,6 +83,7 @@ def project(dev_release, tmp_path):
     return Project(dev_release, tmp_path / "project")
 
 
+@pytest.mark.long
 def test_a_release_is_made_twice_with_the_same_bytes(project, capsys):
     project.release()
     names = {"glucoloop-1.2.0-py3-none-any.whl", "glucoloop-1.2.0.tar.gz"}
@@ -150,6 +151,7 @@ def test_what_is_not_right_is_refused(project, capsys, what, told):
     assert not list(project.dist.glob("glucoloop-*"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "told"),
     [

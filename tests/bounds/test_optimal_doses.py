@@ -100,6 +100,7 @@ def test_small_meal_agrees_with_a_linear_program():
     assert np.abs(meal).max() > 1.4 * least
 
 
+@pytest.mark.long
 def test_another_start_comes_to_the_same(best, scenario):
     start = np.random.default_rng(3).uniform(0.0, 66.9, 40)
     plan = optimal_doses(gl.patient(), scenario, known_after_min=10.0, start_mU_min=start)
@@ -107,12 +108,14 @@ def test_another_start_comes_to_the_same(best, scenario):
     assert np.abs(plan.insulin_mU_min - best(10.0).insulin_mU_min).max() < 3.0
 
 
+@pytest.mark.long
 def test_who_knows_more_does_no_worse(best):
     bounds = [best(known).bound for known in (IN_ADVANCE, 0.0, 10.0)]
     assert bounds[0] <= bounds[1] + 1e-3 <= bounds[2]
     assert not np.allclose(best(IN_ADVANCE).insulin_mU_min[:3], BASAL, atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("objective", ["undershoot", "peak", "sse"])
 def test_other_objectives(best, scenario, objective):
     plan, middle = optimal_doses(gl.patient(), scenario, known_after_min=10.0, objective=objective), best(10.0)

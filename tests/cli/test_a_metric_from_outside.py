@@ -24,6 +24,7 @@ def test_it_is_found_by_its_entry_point_and_by_its_place(outside):
     assert METRICS.find("tight-range") == METRICS.find(NAME)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tight-range", NAME])
 def test_it_is_in_the_table_and_in_json(outside, glucoloop, name):
     told = glucoloop("run", *SHORT, name, "--json")

@@ -90,6 +90,7 @@ def test_sensors_of_this_package_make_a_chain_from_the_innermost_outwards():
     assert sensor_of(configured(Situation, sensor="dead-time, minutes=0")) == IdealSensor()
 
 
+@pytest.mark.long
 def test_a_trial_with_it_runs_in_native_code(outside):
     trial = configured(Trial, sensor=NAME, controller="pid", people=2, days=1)
     prepared = prepare(trial)

@@ -130,6 +130,7 @@ def test_best_pole_dead_time_and_sample_time(glucoloop):
     assert len(report["model"]["step_response"]) == 18
 
 
+@pytest.mark.long
 def test_unsmoothed_model(glucoloop):
     report = glucoloop("identify", "--laguerre-functions", 0, "--noise", 1, "--json").json
     assert report["fit"]["laguerre_coefficients"] == []

@@ -8,6 +8,7 @@ import pytest
 from glucoloop.lab.pack import page
 
 
+@pytest.mark.long
 def test_the_page_is_written_and_not_over_another_file(glucoloop, refused, tmp_path):
     place = tmp_path / "lab.html"
     done = glucoloop("lab", "--out", place)

@@ -467,6 +467,7 @@ def test_closed_streams_are_no_bug(tmp_path):
         assert done.stdout == ""
 
 
+@pytest.mark.long
 def test_platform_that_jax_does_not_have_is_told(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "glucoloop", "run", "--duration", "60"],

@@ -101,6 +101,7 @@ def test_interrupt_from_the_keyboard(tmp_path, delay_s):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", ["off", "/proc/none"])
 def test_cache_is_off_silently(glucoloop, monkeypatch, place):
     monkeypatch.setenv("GLUCOLOOP_CACHE_DIR", place)

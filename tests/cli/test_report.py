@@ -58,6 +58,7 @@ def test_a_report_holds_the_numbers_of_the_readings(glucoloop, record, tmp_path)
         assert [row["day"] for row in csv.DictReader(file)][-1] == "2025-01-19"
 
 
+@pytest.mark.long
 def test_no_result_has_the_name_of_the_file(glucoloop, record, tmp_path):
     record()
     answer = glucoloop("report", tmp_path / "Doe_Jane_export.csv", "--out", "out", "--json")
@@ -65,6 +66,7 @@ def test_no_result_has_the_name_of_the_file(glucoloop, record, tmp_path):
     assert not [place for place in (tmp_path / "out").iterdir() if b"Doe" in place.read_bytes()]
 
 
+@pytest.mark.long
 def test_no_result_has_a_name_or_a_serial_number_of_the_file(glucoloop, tmp_path):
     (tmp_path / "export.csv").write_text(device_files.clarity(600), encoding="utf-8")
     answer = glucoloop("report", "export.csv", "--out", "out", "--json")
@@ -119,6 +121,7 @@ def groups(record, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_folders_are_groups_of_people_and_what_cannot_be_read_is_named(glucoloop, groups, tmp_path):
     answer = glucoloop("report", "before", "after", "--label", "before", "--label", "after", "--out", "out")
     assert answer.code == 1, answer.err
@@ -164,6 +167,7 @@ def test_units_are_those_asked_for(glucoloop, record):
     assert "mmol/l" in glucoloop("report", "a.csv", "--units", "mmol/l").out
 
 
+@pytest.mark.long
 def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
     record("a.csv", days=2)
     first = glucoloop("report", "a.csv", "--goals", "older", "--period", "last-1", "--out", "out", "--json")

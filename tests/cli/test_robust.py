@@ -142,6 +142,7 @@ def seeded(options, seeds):
     return (*options[: where + 1], seeds, *options[where + 2 :])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_bounds_that_nothing_keeps_are_told(glucoloop):
     told = glucoloop("robust", *SMALL, "--at-most", "peak-p95=mpc-se", "--at-most", "total-variation=1", "--out", "a")

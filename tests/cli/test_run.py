@@ -73,6 +73,7 @@ def test_seed_is_that_of_the_library(glucoloop, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_noise_changes_tuning_and_record_unless_told(glucoloop):
     config = glucoloop("run", "--noise", 1.45, "--json", *SHORT).json["config"]["controller"]
     tuning = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
@@ -199,6 +200,7 @@ def test_a_run_is_told_in_the_units_that_are_asked_for(glucoloop, tmp_path):
     assert "cannot be shown in 'U'; give one or two of mg/dl, mmol/l" in glucoloop("run", "--units", "U").err
 
 
+@pytest.mark.long
 def test_what_was_given_in_another_unit_is_kept_as_it_was_given(glucoloop, tmp_path):
     assert glucoloop("run", "--setpoint", "5.5 mmol/l", "--duration", "2h", "--out", "a").code == 0
     written = (tmp_path / "a/run.toml").read_text()

@@ -37,6 +37,7 @@ def told(carbs_g=0.0, in_min=0.0, glucose=110.0):
 heard = jax.jit(lambda to_come, seen: hear(to_come, seen, seen.announced_carbs_g, 5.0))
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.0, 20.0, 50.0]), st.floats(0.0, 60.0)), min_size=1, max_size=20))
 def test_a_meal_begins_in_the_sample_in_which_it_is_eaten(announcements):

@@ -131,6 +131,7 @@ def test_a_basal_rate_that_was_lost_is_found_again():
             assert float(healed.given.per_basal) == pytest.approx(1.0 / basal, rel=1e-15)
 
 
+@pytest.mark.long
 def test_people_may_trail_or_be_mapped():
     rng = np.random.default_rng(3)
     readings = 100.0 + np.cumsum(rng.normal(0.0, 8.0, (40, 3)), axis=0)

@@ -62,6 +62,7 @@ def test_a_horizon_that_is_not_given_suits_the_model():
     assert design_linear_mpc(fast).horizons == (2, 8)  # the paper's
 
 
+@pytest.mark.long
 def test_the_papers_patient_keeps_the_papers_horizon(identified_81, identified_22):
     assert design_linear_mpc(identified_81.model).horizons == (2, 8)
     assert design_linear_mpc(identified_22.model).horizons == (2, 8)
@@ -88,6 +89,7 @@ def test_designs_on_the_equations_see_what_the_patient_shows(name):
     assert design_meal_mpc(nonlinear).prediction_horizon == usual[0].horizons[1]
 
 
+@pytest.mark.long
 def test_designs_on_the_equations_see_enough_of_the_papers_patient():
     person = gl.patient()
     linear, nonlinear = gl.linear_model(person), gl.nonlinear_model(person)

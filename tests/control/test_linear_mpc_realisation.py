@@ -29,6 +29,7 @@ def of_functions(memory):
     )
 
 
+@pytest.mark.long
 def test_the_states_of_a_realisation_forecast_as_the_convolution_does():
     tuning, rng = MPCTuning(2, 20, 1.0, 3.0), np.random.default_rng(1)
     readings = 81.1 + np.cumsum(rng.normal(0.0, 5.0, 400))
@@ -43,6 +44,7 @@ def test_the_states_of_a_realisation_forecast_as_the_convolution_does():
         np.testing.assert_allclose(free[k], expected, rtol=1e-10, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0, 3, 40])
 def test_a_realisation_is_the_same_as_a_response_that_never_ends(late):
     tuning = MPCTuning(2, 20 + late, 1.0, 3.0)

@@ -43,6 +43,7 @@ def observe(glucose=TARGET, *, delivered=BASAL, carbs=0.0, bolus=0.0, valid=True
 # ------------------------------------------------------------------------------------------- curves
 
 
+@pytest.mark.long
 @given(action=st.floats(200.0, 600.0), part=st.floats(0.05, 0.45))
 def test_insulin_acts_from_all_to_nothing_fastest_at_its_peak(action, part):
     peak = part * action
@@ -392,6 +393,7 @@ def test_people_trail_and_each_is_as_alone():
         assert float(own.bolus_mU) == pytest.approx(float(decision.bolus_mU[which]), rel=1e-12)
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(numbers=st.tuples(ANY, ANY, ANY, ANY, ANY), valid=st.booleans())
 def test_whatever_is_told_doses_are_possible_and_the_memory_is_sound(numbers, valid):

@@ -195,6 +195,7 @@ def test_near_the_operating_point_the_filter_for_correlated_noise_is_that_of_the
 # ------------------------------------------------------------------------------------------- bad readings
 
 
+@pytest.mark.long
 def test_a_reading_that_is_no_number_is_bridged(controller):
     state = controller.init(observe(81.1))
     for reading in (np.nan, np.inf, -np.inf):

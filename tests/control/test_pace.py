@@ -87,6 +87,7 @@ def patient_hovorka():
     return gl.patient("hovorka-2004")
 
 
+@pytest.mark.long
 def test_a_pace_of_one_sample_is_the_bare_controller(patient_hovorka):
     bare = design_pid(TUNING, limits=usual_limits(patient_hovorka))
     assert paced(bare, 5.0) is bare

@@ -53,6 +53,7 @@ def after(controller, *observations):
     return decision
 
 
+@pytest.mark.long
 def test_rest_is_held():
     decision = after(CONTROLLER, *[seen()] * 4)
     assert float(decision.insulin_mU_min) == pytest.approx(BASAL, rel=1e-6)
@@ -136,6 +137,7 @@ def test_a_missing_reading_is_told():
     assert int(after(CONTROLLER, seen(), seen(np.nan, valid=False)).status) == Status.READING_MISSING
 
 
+@pytest.mark.long
 def test_a_bolus_that_the_pump_does_not_report_is_the_one_asked_for():
     meal = seen(carbs_g=60.0)
     state, first = step(CONTROLLER, CONTROLLER.init(meal), meal)

@@ -251,6 +251,7 @@ def test_with_long_horizons_the_loop_is_that_of_the_linear_quadratic_gaussian_re
 # ------------------------------------------------------------------------------------------- one another
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("tuning", "dead_time", "limits"),
     [

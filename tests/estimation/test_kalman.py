@@ -150,6 +150,7 @@ def test_what_a_doubling_adds_bounds_all_that_is_missing(seed):
         assert missing <= added**2 / (1.0 - added) + 1e-12
 
 
+@pytest.mark.long
 def test_doublings_stand_for_steps_of_the_riccati_equation():
     Phi, C, Q, R = a_model(3)
     P = np.zeros((4, 4))
@@ -284,6 +285,7 @@ def test_a_cohort_is_its_people(shared):
         np.testing.assert_allclose(one(gain, i, 1), filter_gain(P, C, R), **close)
 
 
+@pytest.mark.long
 def test_each_person_has_an_own_sensor_noise():
     Phi, C, Q, _ = a_model(4)
     noises = np.array([0.5, 1.45, 9.0])

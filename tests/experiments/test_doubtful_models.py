@@ -26,6 +26,7 @@ def test_without_noise_there_is_no_doubt():
     assert not nominal_model(quiet, usual_case("mpc", quiet)).doubts()
 
 
+@pytest.mark.long
 def test_a_memory_that_is_too_short_is_named_as_the_reason():
     skin = usual_situation("hovorka-2004")
     case = usual_case("mpc", skin)

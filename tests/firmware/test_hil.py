@@ -56,6 +56,7 @@ def test_decisions_from_outside_give_the_trace_of_the_simulation(on_chip):
         np.testing.assert_allclose(one, other, rtol=1e-13)  # two compiled programs round in their own ways
 
 
+@pytest.mark.long
 def test_the_chip_gives_the_bits_of_the_controller_without_a_chip(undisturbed):
     assert all(undisturbed.answered)
     assert undisturbed.equal == [True] * 24

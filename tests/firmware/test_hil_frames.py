@@ -122,6 +122,7 @@ def test_every_damaged_byte_of_a_frame_is_refused(frame):
         assert not decoded(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])[0]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck (Debian: apt install cppcheck)")
 def test_no_required_rule_of_misra_is_broken_by_the_files_for_every_board(on_chip):
     rung = misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")

@@ -33,6 +33,7 @@ def test_samples_are_spread_from_the_first_to_the_last():
     assert spread(100, 3) == [0, 1, 2, 3]
 
 
+@pytest.mark.long
 def test_a_run_begins_with_a_waking_controller(on_chip, runs):
     both = joined(runs)
     assert len(both.observations) == 2 * SAMPLES

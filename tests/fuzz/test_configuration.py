@@ -89,6 +89,7 @@ def test_run(refusal, keys, parts):
         read_again(Run, {**keys, **parts})
 
 
+@pytest.mark.long
 @given(keys_among(Comparison.settings()), st.lists(keys_among(controller_keys), max_size=3))
 @example({}, [{"label": "a\nb"}, {"label": "b"}])
 @settings(max_examples=100)
@@ -96,6 +97,7 @@ def test_comparison(refusal, keys, cases):
     refusal(read, Comparison, {**keys, "controller": [{"label": "one"}, *cases]})
 
 
+@pytest.mark.long
 @given(keys_among(ModelRequest.settings()))
 @example({"sample_time_min": 1e-320})
 @settings(max_examples=150)
@@ -125,6 +127,7 @@ tables = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @given(st.lists(tables | keys_among({"parameter", "distribution", "spread_pct"}), max_size=3), st.text(max_size=3))
 @example([{"parameter": "weight_kg", "distribution": "uniform", "centre": 1e308, "spread": 1e308}], "people")
 @settings(max_examples=200)

@@ -85,6 +85,7 @@ def test_file_without_an_end_is_refused_before_it_fills_the_memory(refusal, monk
     assert "is too large for a model" in refusal(read_model, Path("/dev/zero"))
 
 
+@pytest.mark.long
 @given(st.sampled_from([*MODEL, "operating_point.glucose_mg_dl", "provenance.settings", "other"]), json_values)
 @example("step_response", [1e308, 1e308])
 @example("version", 10**4000)
@@ -116,6 +117,7 @@ def _record(path):
     return record_from_samples(*read_record_columns(path).values(), allow_unusual=True)
 
 
+@pytest.mark.long
 @given(heads, rows, st.sampled_from(["\n", "\r\n", "\r"]))
 @example(HEAD, ["0,1e308,90", "2,1e308,90", "5,1e308,90"], "\n")
 @example(HEAD, ["-1.7e308,1,90", "1.7e308,1,90"], "\n")

@@ -49,6 +49,7 @@ def test_case_comes_back_from_its_text_or_is_refused(refusal, text):
         assert part_text(_case(told).tree()) == told
 
 
+@pytest.mark.long
 @given(awkward | settings_texts.map("mpc, {}".format))
 @example("mpc, x=(a=(b='1, 2'), c=\")\")")
 @example("mpc, x=" + "(x=" * 5000 + ")" * 5000)

@@ -146,6 +146,7 @@ def test_one_person_is_the_first_of_many():
         assert reward == rewards[0]
 
 
+@pytest.mark.long
 def test_places_that_end_at_different_times_get_the_next_person_and_the_others_go_on():
     env = vector(4, highest_mg_dl=190.0, patient="hovorka-2004", sensor=["ideal"], people=300)
     _, info = env.reset(seed=1)
@@ -178,6 +179,7 @@ def test_places_that_end_at_different_times_get_the_next_person_and_the_others_g
     assert of_one["glucose_mg_dl"][0] == info["glucose_mg_dl"][place]
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_people_and_another_seed_others():
     env = vector(5)
     first, info = env.reset(seed=3)
@@ -218,6 +220,7 @@ def test_observations_tell_what_happened():
     assert not terminated[0]
 
 
+@pytest.mark.long
 def test_a_guard_stands_between_agent_and_pump():
     doses = {}
     for guard in (False, True, "usual, max_hour=2"):
@@ -254,6 +257,7 @@ def test_what_is_not_possible_is_refused_with_a_sentence(settings, sentence):
         made(**settings)
 
 
+@pytest.mark.long
 def test_what_is_done_out_of_turn_is_refused():
     env = made().unwrapped
     with pytest.raises(Refusal, match="call reset first"):

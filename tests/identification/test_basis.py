@@ -51,6 +51,7 @@ def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record
         assert abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin
 
 
+@pytest.mark.long
 def test_what_is_given_is_kept():
     record = first_order(-5.0, 300.0)
     paper = {"memory": 36, "laguerre_pole": 0.84, "laguerre_functions": 2, "under_the_skin": False}

@@ -16,6 +16,7 @@ def test_the_paper_s_record_is_one_pulse_up_and_one_down_in_72_samples():
     np.testing.assert_array_equal(insulin, expected)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(st.integers(1, 40), st.integers(1, 6), st.integers(0, 100), st.integers(0, 2**32 - 1))
 def test_pulses_are_balanced_apart_and_away_from_the_end(memory, pairs, spare, seed):

@@ -25,6 +25,7 @@ def answer(gain, lag, insulin=PULSES):
     return gain * np.append(0.0, np.convolve(mean, RESPONSE)[:SAMPLES])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("gain", "lag"), [(1.0, 1.0), (0.55, 0.8), (1.7, 1.3)])
 def test_finds_what_scipy_finds_in_a_record_without_noise(gain, lag):
     glucose = answer(gain, lag)

@@ -62,6 +62,7 @@ def test_a_known_patient_comes_back_from_any_input_by_least_squares(keywords):
     assert found.baseline_glucose_mg_dl == pytest.approx(BASELINE + moved)
 
 
+@pytest.mark.long
 def test_a_baseline_that_is_given_is_used():
     found = identify_record(
         record_of(BINARY),

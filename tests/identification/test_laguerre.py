@@ -98,6 +98,7 @@ def test_the_error_curve_is_that_of_each_pole_and_its_least_is_returned(h, funct
     assert search.residual_norms[jnp.argmax(search.poles == search.pole)] == search.residual_norm
 
 
+@pytest.mark.long
 def test_columns_and_vmapped_responses_agree_with_one_at_a_time():
     h = np.random.default_rng(2).normal(size=(36, 4))
     one_by_one = np.column_stack([laguerre_smooth(h[:, r], 0.84, 2) for r in range(4)])

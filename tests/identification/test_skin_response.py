@@ -40,6 +40,7 @@ def test_the_step_response_is_that_of_the_linearised_patient(name, noise):
         assert error < (0.25 if noise else 0.03)
 
 
+@pytest.mark.long
 def test_what_the_functions_span_comes_back_from_a_whole_record():
     """A response that has not died out between two pulses, which cross-correlation would bend."""
     pole, functions, memory = 0.97, 6, 60

@@ -102,6 +102,7 @@ def test_packing_imports_nothing_that_computes():
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.long
 def test_a_link_brings_back_its_situation(in_node, corpus):
     answers = in_node(corpus[:40])
     for answer, again in zip(answers, in_node([answer["hash"] for answer in answers]), strict=True):
@@ -170,6 +171,7 @@ def test_the_lessons_show_what_they_tell(in_node):
     assert low_and_peak(predictive)[0] > 79.0
 
 
+@pytest.mark.long
 def test_the_lessons_on_boluses_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
     feedback, before, guarded = in_node([lesson["hash"] for lesson in lessons[7:]])

@@ -132,6 +132,7 @@ def test_the_people_of_the_page_are_those_of_a_trial(in_node, family, controller
         np.testing.assert_allclose(answer["trace"]["fine_glucose_mg_dl"], expected, rtol=0.0, atol=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(NODE is None, reason="needs node")
 @pytest.mark.parametrize("family", DRAWN)
 def test_whom_no_rate_holds_is_left_out(in_node, family):

@@ -477,6 +477,7 @@ def padded(controller):
     return controller.padded(8, 48) if hasattr(controller, "padded") else controller
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("controller", ["mpc", "mpc-se"])
 def test_glucoloop_refuses_the_horizons_that_the_page_refuses(data, controller):
     least = data["families"]["hovorka-2004"]["controllers"][controller]["settings"]["prediction_horizon"]["least"]

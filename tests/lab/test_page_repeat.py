@@ -94,6 +94,7 @@ def test_the_printed_command_for_people_gives_those_of_the_page(link, in_node, t
         assert fate["highest_mg_dl"] == pytest.approx(found["peak_mg_dl"], abs=0.02)
 
 
+@pytest.mark.long
 def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus):
     for answer in in_node(corpus[:20]):
         names = {}
@@ -106,6 +107,7 @@ def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus)
         assert asked_for(Run, request.tree).tree(whole=True) == whole
 
 
+@pytest.mark.long
 def test_a_complete_configuration_brings_back_its_situation(in_node, corpus):
     answers = in_node(corpus[:40])
     written = []

@@ -111,6 +111,7 @@ ANY_HABITS = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(ANY_HABITS, st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=4), st.integers(1, 9), st.integers(0, 3))
 def test_a_person_lives_the_same_days_whoever_else_is_drawn_and_however_many_follow(habits, people, days, warm_up):

@@ -156,6 +156,7 @@ def test_meals_of_a_cohort_are_those_of_its_people():
         )
 
 
+@pytest.mark.long
 def test_appearance_can_be_differentiated_by_the_size_of_the_meal():
     def at(carbs_g):
         return appearance_mg_min(jnp.asarray(150.0), meals_of(jnp.array([0.0]), carbs_g[None]))

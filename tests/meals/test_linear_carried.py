@@ -10,6 +10,7 @@ from glucoloop.meals.linear import carried_moments
 PEOPLE = 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gut", [HovorkaGut, LehmannDeutsch])
 def test_carried_moments_are_those_of_the_sum_over_all_jumps(gut):
     model = gut()

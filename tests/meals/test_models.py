@@ -91,6 +91,7 @@ def equations(model, t_min, carbs_g, eating_min):
     return np.array([t_min, end]), np.array([0.0 if eating_min else dose, 0.0]), derivative, np.array([0.0, k])
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(GUTS.filter(lambda model: not isinstance(model, Ingestion)), T_MIN, CARBS_G, EATING_MIN)
 def test_the_appearance_is_that_of_the_equations(model, t_min, carbs_g, eating_min):
@@ -114,6 +115,7 @@ def test_the_appearance_is_that_of_the_equations(model, t_min, carbs_g, eating_m
     np.testing.assert_allclose(found, [truth[t] for t in times], rtol=1e-8, atol=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(GUTS, T_MIN, CARBS_G, EATING_MIN)
 def test_all_that_is_eaten_and_available_appears(model, t_min, carbs_g, eating_min):
@@ -123,6 +125,7 @@ def test_all_that_is_eaten_and_available_appears(model, t_min, carbs_g, eating_m
     assert appeared == pytest.approx(1000.0 * carbs_g * available, rel=1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(GUTS, T_MIN, CARBS_G, EATING_MIN, st.floats(0.0, 300.0), st.sampled_from([1.0, 5.0, 15.0]))
 def test_moments_are_those_of_quadrature_between_jumps(model, t_min, carbs_g, eating_min, start, step_min):

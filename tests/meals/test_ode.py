@@ -119,6 +119,7 @@ def test_the_gut_is_that_of_the_published_equations(gut, within_mg):
     np.testing.assert_allclose(at_end, state, rtol=0.0, atol=within_mg)
 
 
+@pytest.mark.long
 def test_the_method_is_of_fifth_order(monkeypatch):
     # a stomach that slows down over many minutes, in the middle of its way
     gut = DallaManGut(b=0.3, d=0.25, k_max=2.0, k_abs=1.0)

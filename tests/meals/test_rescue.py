@@ -32,6 +32,7 @@ def means(rescue, seen, sample_time_min=5.0, moments=NO_MEAL):
     return np.array(appears), np.array(eaten)
 
 
+@pytest.mark.long
 @given(tau=st.floats(2.0, 60.0), carbs=st.floats(1.0, 50.0))
 @settings(max_examples=30, deadline=None)
 def test_it_appears_as_two_compartments_in_a_row_let_it(tau, carbs):

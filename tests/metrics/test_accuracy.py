@@ -66,6 +66,7 @@ def trace():
     return gl.simulate(gl.patient(), gl.design_open_loop(), sensor, scenario=gl.Scenario([gl.Meal(50.0, 60.0)]), key=3)
 
 
+@pytest.mark.long
 def test_numbers_of_a_run_are_those_of_its_readings(trace):
     found = gl.summarise(trace, metrics=["sensor-accuracy"])
     there = np.asarray(trace.reading_valid)

@@ -21,6 +21,7 @@ def of_a_high_run(make_trace):
     return make_trace(glucose, insulin, status=status)
 
 
+@pytest.mark.long
 def test_a_run_that_is_high_all_day_is_not_praised(make_trace):
     summary = told(of_a_high_run(make_trace))
     assert summary.insulin_off_h == summary.longest_insulin_off_h == 9.0

@@ -6,6 +6,7 @@ import pytest
 TEN = np.array([40.0, 53.9, 54.0, 69.9, 70.0, 180.0, 180.1, 250.0, 250.1, 300.0])
 
 
+@pytest.mark.long
 def test_ranges_count_their_bounds_as_the_consensus_does(measured):
     found = measured(TEN)
     assert found.time_below_54_pct == 20.0

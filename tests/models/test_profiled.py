@@ -34,6 +34,7 @@ def course(model, bolus_U, carbs_g, minutes=ACTION_MIN):
     return np.array(found)
 
 
+@pytest.mark.long
 def test_a_meal_and_insulin_act_on_the_nominal_person_as_his_equations_say():
     x = solved = np.asarray(MODEL.nominal.state)
     for insulin, flux in ((300.0, 200.0), (BASAL, 600.0), (0.0, 500.0), (0.0, 300.0), (10.0, 0.0)) * 3:

@@ -67,6 +67,7 @@ def test_the_reading_has_the_transfer_function_of_glucose_times_that_of_the_lag(
             )
 
 
+@pytest.mark.long
 def test_both_models_of_a_patient_have_the_same_linearisation(patient_81):
     linear = linear_model(patient_81, sensor_lag_min=LAG)
     model = behind_lag(nonlinear_model(patient_81), LAG)
@@ -169,6 +170,7 @@ def observe(reading, rate):
     )
 
 
+@pytest.mark.long
 def test_told_of_the_lag_a_controller_undershoots_nearly_as_little_as_without_one():
     plant = discretise(dataclasses.replace(FIRST_ORDER, E=jnp.ones(1)), 5.0)
     Phi, Gamma, Psi = float(plant.Phi[0, 0]), float(plant.Gamma[0]), float(plant.Psi[0])

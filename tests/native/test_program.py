@@ -176,6 +176,7 @@ def polynomial(x, a, b, c):
     return ((x * a + c) * b / 3.0 - x / a) * c + jnp.tanh(x / b) / (1.0 + jnp.exp(a * x))
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(0.3, 3.0), min_size=4, max_size=4))
 def test_bits_of_a_program_as_written_do_not_depend_on_what_is_constant(numbers):

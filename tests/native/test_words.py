@@ -64,6 +64,7 @@ def of_numbers(key, index):
     return jax.random.uniform(one, (2, 3)), jax.random.bernoulli(two, 0.3), jax.random.uniform(two, (), minval=-3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("function", [of_bits, of_numbers])
 def test_what_is_drawn_is_what_jax_draws_to_the_bit(function):
     drawing = drawing_of(function)
@@ -76,6 +77,7 @@ def test_what_is_drawn_is_what_jax_draws_to_the_bit(function):
     np.testing.assert_array_equal(after, index + 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("products", ["fused", "strict"])
 def test_normal_numbers_are_those_of_jax_to_rounding(products):
     drawing = drawing_of(lambda key, index: jax.random.normal(jax.random.fold_in(key, index), (40,)))
@@ -118,6 +120,7 @@ def test_what_is_not_made_of_words_is_refused(told, function):
         lower_drawing(drawing, KEYS[0], jnp.zeros((), int))
 
 
+@pytest.mark.long
 @settings(max_examples=200)
 @given(st.integers(0, 2**64 - 1), st.integers(0, 2**64 - 1), st.integers(0, 63))
 def test_pairs_of_words_are_whole_numbers_of_64_bits(x, y, bits):

@@ -29,6 +29,7 @@ def programs(draw):
     return H, f, u_prev, max_move
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(programs())
 def test_two_moves_are_the_minimiser(exact_moves, program):

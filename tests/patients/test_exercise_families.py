@@ -104,6 +104,7 @@ def test_roy_and_parker_rest_in_closed_form():
         RoyParkerPatient.resting_at(130.0)
 
 
+@pytest.mark.long
 def test_moderate_exercise_lowers_glucose_and_long_exercise_depletes_the_liver():
     patient = gl.patient("roy-parker-2007")
     _, moderate = course(patient, [(40.0, 60.0, 40.0)], 360.0)
@@ -118,6 +119,7 @@ def test_moderate_exercise_lowers_glucose_and_long_exercise_depletes_the_liver()
     assert states[-1, 2] < states[0, 2] - 3.0  # insulin falls in exercise
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_no_state_becomes_subnormal_in_days_of_rest(name):
     states, _ = course(gl.patient(name), [(60.0, 30.0, 60.0)], 2880.0)
@@ -174,6 +176,7 @@ def test_the_person_of_mcgill_has_the_printed_therapy():
     assert correction / rise_mmol_l_per_g == pytest.approx(9.5, abs=0.31)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_glucose_is_conserved_in_exercise(name):
     # a meal of 40 g beside exercise, and the same without: what appears raises the pool by as much as is not taken up

@@ -123,6 +123,7 @@ def test_glucose_falls_as_insulin_rises(patient_81):
     assert np.all(np.diff(glucose) < 0.0)
 
 
+@pytest.mark.long
 def test_gain_of_the_steady_state(patient_81, linear):
     def glucose(u):
         return patient_81.glucose_mg_dl(rest_under(patient_81.parameters, u))
@@ -169,6 +170,7 @@ def cohort():
     return together, [jax.tree.map(lambda leaf, i=i: leaf[i], together) for i in range(5)]
 
 
+@pytest.mark.long
 def test_a_cohort_is_its_people(cohort):
     together, alone = cohort
     u = np.linspace(5.0, 25.0, 5)

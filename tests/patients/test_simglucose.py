@@ -148,6 +148,7 @@ def test_printed_courses_are_found_again(people):
         np.testing.assert_allclose(glucose[list(printed)], list(printed.values()), rtol=0.0, atol=0.02)
 
 
+@pytest.mark.long
 def test_all_thirty_rest_where_the_table_says(people):
     patient, setpoint = where_they_rest(people), profile(people, "setpoint_mg_dl")
     basal = profile(people, "basal_mU_min")

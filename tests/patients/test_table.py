@@ -90,6 +90,7 @@ def test_a_table_may_leave_the_rest_to_chance():
     assert {name: value[0] for name, value in one.items()} == {name: value[1] for name, value in of_three.items()}
 
 
+@pytest.mark.long
 @given(st.lists(st.integers(0, 2), max_size=8))
 def test_people_at_places_have_their_own_profiles(places):
     people = virtual_people(THREE, 0, np.arange(3))

@@ -50,6 +50,7 @@ def test_people_begin_on_any_day_of_the_wear():
     np.testing.assert_allclose(np.quantile(first, [0.1, 0.5, 0.9]), [0.1, 0.5, 0.9], atol=0.03)
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(
     st.floats(1.0, 20_000.0),

@@ -33,6 +33,7 @@ def delivered(pump, rates, bolus=0.0, start=None):
     return jax.lax.scan(one, first, jnp.asarray(rates))[1]
 
 
+@pytest.mark.long
 @settings(max_examples=20, deadline=None)
 @given(
     insulin=st.sampled_from(["glargine", "glargine-u300", "detemir", "degludec"]),
@@ -78,6 +79,7 @@ def test_boluses_are_injected_in_half_units_and_nothing_is_lost_of_the_basal_ins
     np.testing.assert_array_equal(found.insulin_mU_min, without.insulin_mU_min)
 
 
+@pytest.mark.long
 @given(commands=st.lists(st.floats(), min_size=4, max_size=4), bolus=st.floats())
 @settings(max_examples=20, deadline=None)
 def test_whatever_is_asked_for_it_delivers_a_possible_amount(commands, bolus):

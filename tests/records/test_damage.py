@@ -47,6 +47,7 @@ def test_cut_off(tmp_path, name, data):
     read_or_refused(tmp_path / "cut", whole[: data.draw(st.integers(0, len(whole)))])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TABLES)
 @QUICK
 @given(rows=st.integers(6, 30))
@@ -59,6 +60,7 @@ def test_every_line_of_a_cut_table_is_counted(tmp_path, name, rows):
     assert record.rows == len(lines) - {"clarity": 1, "libre": 2}[name]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 @QUICK
 @given(place=st.integers(0, 10_000), junk=st.binary(min_size=1, max_size=40))
@@ -76,6 +78,7 @@ ODD = st.one_of(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["nightscout", "tidepool", "treatments"])
 @QUICK
 @given(odd=st.lists(st.tuples(st.integers(0, 29), st.integers(0, 20), ODD), min_size=1, max_size=6))
@@ -100,6 +103,7 @@ def test_nothing_but_junk(tmp_path, junk):
     assert read_or_refused(tmp_path / "junk", junk) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TABLES)
 @QUICK
 @given(quotes=st.sets(st.integers(0, 20_000), min_size=1, max_size=5))
@@ -128,6 +132,7 @@ def test_another_encoding_is_seen(read, name, encoding):
     assert read(FILES[name].replace("\n", "\r\n").encode(encoding)).frame.equals(read(FILES[name]).frame)
 
 
+@pytest.mark.long
 @QUICK
 @given(mixed=st.sets(st.integers(0, 29), max_size=12))
 def test_some_readings_in_mmol_are_left_out_by_name(tmp_path, mixed):

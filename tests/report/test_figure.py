@@ -118,6 +118,7 @@ def test_units_per_hour_stand_on_the_right(quiet):
     np.testing.assert_allclose(right.get_ylim(), np.array(below.get_ylim()) * 0.06)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("width", "mm"), [("single", 88.0), ("double", 180.0)])
 def test_a_column_has_its_width_and_its_words_fit(quiet, noisy, width, mm):
     long = "A controller whose name will not fit on one line of a single column, nor should it have to"
@@ -149,6 +150,7 @@ def test_meals_that_are_close_stand_upright_or_silent(make_trace, apart, rotatio
     assert_nothing_is_clipped(figure)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["png", "svg", "pdf"])
 def test_a_figure_can_be_written_without_a_display(quiet, form):
     out = io.BytesIO()
@@ -165,6 +167,7 @@ def test_fonts_of_a_pdf_are_truetype_and_the_file_is_the_same_again(quiet):
     assert pdf == figure_bytes(plot(quiet), "pdf")
 
 
+@pytest.mark.long
 def test_the_files_of_a_figure_have_one_layout_and_leave_it_its_own(quiet):
     figure = plot(quiet)
     layout = figure.get_layout_engine()

@@ -41,6 +41,7 @@ def legend(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", ["single", "double"])
 def test_the_response_is_shown_as_estimated_smoothed_and_true(identified, width):
     figure = plot_identification(identified, truth=TRUTH, width=width)

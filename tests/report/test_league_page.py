@@ -1,5 +1,7 @@
 """Page and figure of a league: every family, who takes no part with the reason, and no word of a script."""
 
+import pytest
+
 from glucoloop.studies.league import League
 from glucoloop.studies.league.study import drawn, plot_league
 
@@ -45,6 +47,7 @@ def test_the_figure_has_the_index_of_each_family_under_each_controller(league):
     assert any(row["gri_mean"] is None for row in over_all.values())
 
 
+@pytest.mark.long
 def test_the_figure_is_written_for_print(league):
     files = drawn(*league)
     assert files["figure.pdf"].startswith(b"%PDF")

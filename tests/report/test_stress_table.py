@@ -69,6 +69,7 @@ def test_the_standard_faults_on_a_thousand_people_fit_110_columns(make_stress):
     assert max(len(words.rstrip()) for words in text.splitlines()) <= 110
 
 
+@pytest.mark.long
 def test_a_narrow_terminal_leaves_out_columns_but_cuts_no_number_short(result):
     def numbers(width):
         text = printed(stress_table(result), width)

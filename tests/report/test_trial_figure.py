@@ -85,6 +85,7 @@ def test_an_unknown_width_is_refused(report):
         plot_trial(report, width="triple")
 
 
+@pytest.mark.long
 def test_it_is_written_apart_from_pyplot(report):
     file = io.BytesIO()
     plot_trial(report).savefig(file, format="png", dpi=50)

@@ -235,6 +235,7 @@ def assert_same_sensors(found, expected):
         assert scipy.stats.ks_2samp(found[:, place], expected[:, place]).pvalue > 1e-6
 
 
+@pytest.mark.long
 def test_sensors_are_drawn_as_by_rejection_one_after_the_other():
     people = 20_000
     normal = jax.random.normal(KEY, (7, 8, people))

@@ -435,6 +435,7 @@ def test_people_whose_volumes_and_flows_differ(nominal, mpc):
     assert max(errors) < 1e-2, errors
 
 
+@pytest.mark.long
 def test_unknown_engines_are_refused(nominal, varied, mpc):
     with pytest.raises(ValueError, match="unknown engine 'gpu'; the known ones are: native, xla"):
         day_cohort(nominal, varied, mpc, engine="gpu")

@@ -64,6 +64,7 @@ def trace():
     return simulate(PATIENT, _Bolus(), scenario=SCENARIO)
 
 
+@pytest.mark.long
 def test_a_bolus_reaches_the_patient_beside_the_basal_rate(trace):
     bolus = np.asarray(trace.bolus_mU)
     assert np.flatnonzero(bolus).tolist() == [10]

@@ -57,6 +57,7 @@ def rates(patient):
     return A, np.asarray(patient.driven_derivative(z, np.ones(())))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("i", [0, 255, 256, 299])
 def test_they_are_those_of_the_design_for_one_person(people, matrices, patient_81, i):
     single = design(person(people, i), STEP_MIN, [np.arange(1.0, 3.0)], patient_81.working_state())

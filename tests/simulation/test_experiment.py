@@ -127,6 +127,7 @@ def test_the_identified_numbers(found):
     assert found.basal_insulin_mU_min == pytest.approx(BASAL, rel=1e-10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("point", "pole", "left"), [("setpoint-81", 0.82, 1.43), ("nominal-22", 0.84, 1.47)])
 def test_the_papers_pole_and_what_is_left_after_the_memory(point, pole, left, found, patient_22):
     one = found if point == "setpoint-81" else identify(patient_22)

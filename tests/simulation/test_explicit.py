@@ -124,6 +124,7 @@ def test_a_linear_patient_is_the_matrix_exponential():
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, truth, rtol=0.0, atol=1e-4)
 
 
+@pytest.mark.long
 def test_the_error_falls_with_the_fourth_power_of_the_step():
     truth = by(Adaptive(1e-12))
     coarse, fine = (np.max(np.abs(by(Explicit(steps)) - truth)) for steps in (1, 2))
@@ -144,6 +145,7 @@ def test_patients_with_a_faster_form_are_the_same_by_the_derivative(name, allowe
     np.testing.assert_allclose(explicit, truth, rtol=0.0, atol=allowed)
 
 
+@pytest.mark.long
 def test_a_derivative_is_all_that_a_patient_needs():
     patient = person()
     assert not isinstance(patient, SemilinearPatient)
@@ -151,6 +153,7 @@ def test_a_derivative_is_all_that_a_patient_needs():
     np.testing.assert_allclose(by(None), by(Adaptive(1e-11)), rtol=0.0, atol=1e-4)
 
 
+@pytest.mark.long
 def test_the_clock_of_the_derivative_is_the_time_of_day():
     rhythm = person(more_by_day=0.3)
     for start_min in (None, 0.0, 420.0):
@@ -160,6 +163,7 @@ def test_the_clock_of_the_derivative_is_the_time_of_day():
     assert night[60] < 119.0 < 121.0 < morning[60]
 
 
+@pytest.mark.long
 def test_a_stepper_has_the_clock():
     rhythm, held = person(more_by_day=0.3), float(person().basal_insulin_mU_min)
     stepper = gl.Stepper(rhythm, start_min=420.0)
@@ -187,6 +191,7 @@ def test_fast_rates_get_short_steps_or_are_refused():
         Explicit(0)
 
 
+@pytest.mark.long
 def test_a_patient_that_is_traced_asks_for_its_steps():
     def highest(made, integrator):
         return jnp.max(
@@ -290,6 +295,7 @@ def test_many_people_are_each_the_simulation_of_one(more_by_day):
         np.testing.assert_allclose(alone, by(Adaptive(1e-11), one, day), rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.long
 def test_single_precision_is_near():
     (_, double), (_, single) = (cohort_and_people("native", precision) for precision in ("float64", "float32"))
     np.testing.assert_allclose(single.glucose_mg_dl, double.glucose_mg_dl, rtol=0.0, atol=5e-3)

@@ -103,6 +103,7 @@ def test_the_fast_integrator_is_the_adaptive_one(patient, exercise):
     assert np.max(np.abs(np.asarray(truth.fine_glucose_mg_dl) - plain.fine_glucose_mg_dl)) > 20.0
 
 
+@pytest.mark.long
 def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     person = gl.patient("hovorka-2004")
 
@@ -137,6 +138,7 @@ def more(person, insulin_mU_min, **changes):
     return np.asarray(paced(person, **changes).derivative(0.0, x, inputs) - person.derivative(0.0, x, inputs)), x
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "glucose", "mg_per_kg"),
     [

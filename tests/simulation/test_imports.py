@@ -3,7 +3,10 @@
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.long
 def test_the_adaptive_integrator_and_fits_are_imported_by_those_who_ask():
     program = (
         "import sys, glucoloop.studies.closed_loop\n"

@@ -50,6 +50,7 @@ def test_what_parts_of_this_package_draw_is_drawn_by_native_code():
     assert drawn >= 9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "draw",
     [

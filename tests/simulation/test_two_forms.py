@@ -65,6 +65,7 @@ def test_the_forms_of_every_patient_are_the_same(name, point):
     assert goes_fast(patient)
 
 
+@pytest.mark.long
 def test_a_patient_of_the_clock_keeps_it_by_default():
     person = made(Circadian)
     controller = basal(person)

@@ -40,6 +40,7 @@ def shifted(meals, by_min):
     )
 
 
+@pytest.mark.long
 def test_the_trace_is_the_rest_of_a_longer_run(patient_81):
     warm = simulate(
         patient_81, PID, NOISY, scenario=Scenario(MEALS, 300.0, announced=True, start_min=60.0, warm_up_min=120.0)
@@ -58,6 +59,7 @@ def test_the_trace_is_the_rest_of_a_longer_run(patient_81):
     assert float(warm.announced_carbs_g[11]) == 40.0
 
 
+@pytest.mark.long
 def test_nothing_of_the_warm_up_is_counted(patient_81):
     trace = simulate(patient_81, PID, scenario=Scenario((Meal(90.0, -600.0),), 300.0, warm_up_min=720.0))
     counted = summarise(trace)

@@ -51,6 +51,7 @@ case = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @given(keys, st.lists(case, max_size=3))
 def test_a_run_comes_back_from_its_file_and_knows_what_was_given(keys, cases):
     labelled = [{**of, "label": f"case {number}"} for number, of in enumerate(cases)]

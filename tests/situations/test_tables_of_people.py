@@ -70,6 +70,7 @@ def test_a_table_and_a_joint_distribution_are_read_from_toml(folder):
 numbers = st.floats(1e-3, 1e3)
 
 
+@pytest.mark.long
 @given(
     st.lists(st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1), unique=True, min_size=1)
     .flatmap(

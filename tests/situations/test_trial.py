@@ -39,6 +39,7 @@ keys = st.fixed_dictionaries(
 )  # fmt: skip
 
 
+@pytest.mark.long
 @given(keys)
 def test_trial_comes_back_from_its_file(keys):
     trial = configured(Trial, keys)

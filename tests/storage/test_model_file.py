@@ -27,6 +27,7 @@ def written(slow, tmp_path):
     return path
 
 
+@pytest.mark.long
 def test_a_model_that_outlasts_its_memory_is_read_as_it_was(slow, written):
     assert slow.model.realisation is not None
     jax.tree.map(np.testing.assert_array_equal, read_model(written).step_response_model(), slow.model)

@@ -248,6 +248,7 @@ def test_overwriting_begins_again_but_spares_what_others_put_there(tmp_path, mak
     assert contents(tmp_path / "out") == whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("there", ["nothing", "other", "finished"])
 def test_overwriting_run_that_was_cut_short_goes_on(tmp_path, make_trial, pretend, whole, there):
     """The same command, with --overwrite again, keeps what the one before has done."""

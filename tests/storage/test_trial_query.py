@@ -112,6 +112,7 @@ def test_refusals(finished, sql, told):
     assert sorted(finished.rglob("*")) == before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "value",
     [

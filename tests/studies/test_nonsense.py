@@ -4,6 +4,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from glucoloop.control import GuardSettings
 from glucoloop.metrics.promises import CAPS, OF_CONTROLLER, Caps
@@ -58,6 +59,7 @@ def found(progress=lambda loops: None, **given):
     return study.found(Verification(**given), progress).plain
 
 
+@pytest.mark.long
 def test_nothing_is_broken_by_nonsense():
     result = found(nonsense=50_000, controllers=("imc",))
     assert result["holds"]

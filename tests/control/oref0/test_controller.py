@@ -192,6 +192,7 @@ def test_high_glucose_brings_microboluses_and_low_glucose_stops_insulin():
     assert np.all(np.asarray(falling.bolus_mU)[4:] == 0.0)
 
 
+@pytest.mark.long
 def test_without_a_reading_for_over_10_min_a_high_rate_ends():
     controller = design_oref0(PERSON, Oref0Settings(enable_smb_always=False), WIDE)
     state, rate = controller.init(observed(150.0)), 18.0

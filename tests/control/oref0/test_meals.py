@@ -149,6 +149,7 @@ def test_the_change_of_glucose_is_that_of_the_package():
     np.testing.assert_array_equal(found.minutes_ago, [row[0][0] for row in rows])
 
 
+@pytest.mark.long
 def test_without_a_reading_for_over_10_min_the_last_one_is_too_old():
     readings = np.zeros((READINGS, 2))
     readings[3:, 1] = 120.0

@@ -54,6 +54,7 @@ def test_a_meal_on_the_grid_is_that_of_lehmann_and_deutsch(samples_served, begin
     np.testing.assert_allclose(empties[begins + samples_served + 5 :], 0.0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_fast_gut_is_that_of_lehmann_and_deutsch_with_half_the_ramp_and_half_the_time():
     served = np.zeros(60)
     served[3:11] = 1.0

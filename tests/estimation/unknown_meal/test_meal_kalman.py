@@ -68,6 +68,7 @@ def test_on_a_linear_model_it_is_the_linear_filter(two_states, linear):
         np.testing.assert_allclose(states.covariance[k], P, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.long
 @given(
     st.lists(
         st.one_of(st.floats(40.0, 400.0), st.sampled_from([np.nan, np.inf, -np.inf, -50.0, 1e6, 1e300])),

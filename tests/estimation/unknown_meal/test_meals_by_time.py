@@ -98,6 +98,7 @@ def found_min(told):
     return float(told.t_min[above.argmax()])
 
 
+@pytest.mark.long
 def test_a_meal_at_an_unusual_hour_is_found_later_and_at_a_usual_one_as_without_a_table(two_states, record):
     always = estimate_meals(two_states, design_meal_horizon(two_states, MealHabits(0.6, 24.0)), *record)
     by_time = design_meal_horizon(two_states, MealHabits(0.3, 24.0, TABLE))
@@ -127,6 +128,7 @@ def test_a_start_that_is_no_time_of_day_is_refused(two_states, record):
         estimate_meals(two_states, design_meal_kalman(two_states), *record, start_min=1440.0)
 
 
+@pytest.mark.long
 def test_what_is_always_expected_is_that_of_the_hour(two_states):
     by_time = design_meal_horizon(two_states, MealHabits(0.3, 24.0, TABLE), horizon=3)
     expected = expectation(by_time, two_states)

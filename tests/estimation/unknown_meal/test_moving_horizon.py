@@ -87,6 +87,7 @@ def record():
     return 80.0 + rise + rng.normal(0.0, 0.8, rise.size), 20.0 + rng.choice([-3.0, 3.0], rise.size)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("habits", "samples"),
     [
@@ -122,6 +123,7 @@ def test_a_bound_on_the_disturbance_is_above_0(two_states):
         design_meal_horizon(two_states, largest_disturbance_mg_min=0.0)
 
 
+@pytest.mark.long
 @given(st.lists(any_reading, min_size=24, max_size=24), st.sampled_from([0.0, 20.0, 67.0, 1e4]))
 @settings(max_examples=30)
 def test_any_readings_leave_probabilities(two_states, readings, insulin):

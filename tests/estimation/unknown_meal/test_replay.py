@@ -63,6 +63,7 @@ def filtered(two_states):
     return design_meal_kalman(two_states)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("design", [design_meal_kalman, functools.partial(design_meal_horizon, horizon=3)])
 def test_behind_a_known_lag_of_the_sensor_glucose_itself_is_estimated(two_states, design):
     insulin = 20.0 + np.repeat([0.0, 4.0, -4.0, 0.0], 9)

@@ -167,6 +167,7 @@ def test_compact_is_its_arithmetic(step, precision):
         state = wanted[: len(state)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("step", [scalars, angles, looped])
 def test_unrolled_is_the_program_and_native_code(step, precision):

@@ -47,6 +47,7 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
         np.testing.assert_array_equal(found, wanted, err_msg=name)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck (Debian: apt install cppcheck)")
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_no_required_rule_of_misra_is_broken_by_functions(precision):
