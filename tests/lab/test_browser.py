@@ -63,6 +63,8 @@ def shown(in_node, tmp_path_factory):
 
 def test_nobody_is_kept_out_and_nothing_is_loaded(shown):
     assert len(shown["views"]) == 4
+    looked = {(view["width"], view["colorScheme"]) for view in shown["views"] if view["looked"]}
+    assert looked == {(1280, "light"), (390, "dark")}  # by axe-core, which takes long
     for view in (*shown["views"], {**shown["used"]["seen"], "violations": [], "wide": 0, "width": 0}):
         assert view["violations"] == []
         assert view["errors"] == []
