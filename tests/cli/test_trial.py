@@ -195,7 +195,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
     assert answer.err.startswith(
         "Designing and compiling for 2000 people under mpc, meal-mpc; a decision of meal-mpc takes long.\n"
     )
-    assert "0 of 16 shards are kept" in answer.err
+    assert "0 of 8 shards are kept" in answer.err
 
 
 @pytest.mark.long
