@@ -54,7 +54,7 @@ def measured(weeks: int, patient_days: int, controller: str) -> dict[str, Any]:
     def simulate(label: str, person: np.ndarray, traces: bool) -> Any:
         return run_people(prepared, label, person, traces=traces, threads=1)
 
-    simulate(trial.cases[0].label, np.arange(LEAST_BLOCK), False)  # which compiles
+    simulate(trial.cases[0].label, np.arange(min(people, trial.people_a_block)), False)  # which compiles
     with tempfile.TemporaryDirectory() as place, trial_folder(Path(place) / "trial", trial) as folder:
         start = time.process_time()
         run_here(folder, simulate)

@@ -37,6 +37,8 @@ class HeldOfPeople:
 
     def of(self, piece: slice) -> Held:
         """Inputs ``(samples, points, people)`` in samples of the run, all by default."""
+        if not self.rhythms and self.bouts is None:
+            return Held()
         start, stop, _ = piece.indices(self.grid.samples)
         points = self.grid.inside_min.size
         edges_min = self.grid.fine_t_min[start * points : stop * points + 1]
