@@ -40,6 +40,9 @@ def test_a_number_does_not_depend_on_the_others():
     assert np.array_equal(uniforms(7, "a", some), together[some])
     assert uniforms(7, "a", [39_999])[0] == together[-1]
     assert uniforms(7, "a", []).shape == (0,)
+    index = np.array([3, 0, 5])
+    each = [uniforms(7, "a", [person], int(i))[0] for person, i in zip([1, 2, 1], index, strict=True)]
+    assert np.array_equal(uniforms(7, "a", [1, 2, 1], index), each)
 
 
 def test_numbers_are_uniform_and_independent():

@@ -43,21 +43,25 @@ def name_word(name: str) -> int:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
 
 
-def uniforms(seed: int, name: str, person: npt.ArrayLike, index: int = 0) -> npt.NDArray[np.float64]:
+def uniforms(
+    seed: int, name: str, person: npt.ArrayLike, index: int | npt.NDArray[np.int64] = 0
+) -> npt.NDArray[np.float64]:
     """Uniform numbers ``(n,)`` between 0 and 1, both excluded, multiples of 2**-53.
 
-    Different names have independent numbers, and so have the indices of one name. Seed, persons and index are whole
-    numbers from 0 to 2**32 - 1.
+    Different names have independent numbers, and so have the indices of one name: one for all, or one for each number.
+    Seed, persons and index are whole numbers from 0 to 2**32 - 1.
     """
     checked_counter("seed", seed)
-    checked_counter("index", index)
     people = checked_people(person)
+    for least_or_most in (index.min(initial=0), index.max(initial=0)) if isinstance(index, np.ndarray) else (index,):
+        checked_counter("index", least_or_most)
+    indices = np.broadcast_to(index, people.shape)
     key = (np.uint32(seed), np.uint32(name_word(name)))
     drawn = np.empty(people.shape)
     for start in range(0, people.size, _BLOCK):
         block = slice(start, start + _BLOCK)
         words = people[block].astype(np.uint32)
-        high, low = threefry_2x32(key, words, np.full_like(words, index))
+        high, low = threefry_2x32(key, words, indices[block].astype(np.uint32))
         # 52 bits and a half: exact in float64, and never 0 or 1
         bits = (high.astype(np.uint64) << np.uint64(20)) | (low.astype(np.uint64) >> np.uint64(12))
         drawn[block] = (bits.astype(np.float64) + 0.5) * 2.0**-52

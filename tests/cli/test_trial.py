@@ -53,6 +53,28 @@ def test_how_many_were_ever_low_stands_beside_the_time(glucoloop, tmp_path):
 
 
 @pytest.mark.long
+def test_a_long_trial_is_told_by_week_and_by_the_time_of_day(glucoloop, tmp_path):
+    asked = ("--people", 3, "--days", 30, "--meal", "45g@7h", "--controller", "basal")
+    told = glucoloop("trial", *asked, "--traces", "all", "--out", "a")
+    assert told.code == 0, told.err
+    traces = pl.read_parquet(tmp_path / "a/shards/00000/traces.parquet").filter(pl.col("t_min") < 30 * 1440.0)
+    weeks = json.loads((tmp_path / "a/summary.json").read_text())["controllers"]["basal"]["weeks"]
+    assert [week["week"] for week in weeks] == [1, 2, 3, 4, 5]
+    for week in weeks:
+        glucose = traces.filter((pl.col("t_min") // 10_080.0) == week["week"] - 1)["glucose_mg_dl"]
+        assert week["p50"] == pytest.approx(glucose.median(), abs=1.0)
+        assert week["time_70_180_pct"] == pytest.approx(100.0 * glucose.is_between(70.0, 180.0).mean(), abs=0.02)
+    bands = pl.read_parquet(tmp_path / "a/bands.parquet").group_by("quantity").agg(pl.col("t_min").sort())
+    times = {quantity: t_min for quantity, t_min in bands.rows()}
+    assert {quantity: len(t_min) for quantity, t_min in times.items()} == {
+        "glucose": 289, "insulin": 288, "glucose_by_week": 5,
+    }  # fmt: skip
+    page = (tmp_path / "a/report.html").read_text()
+    assert "Week by week" in page
+    assert re.search(r"week [1-5]; ", page)
+
+
+@pytest.mark.long
 def test_folder_holds_everybody_and_repeats_itself(glucoloop, tmp_path):
     first = glucoloop("trial", *TWO, "--traces", 4, "--out", "a")
     assert first.code == 0
@@ -173,7 +195,7 @@ def test_what_is_computed_is_told_before_anything_is_designed(glucoloop, monkeyp
     assert answer.err.startswith(
         "Designing and compiling for 2000 people under mpc, meal-mpc; a decision of meal-mpc takes long.\n"
     )
-    assert "0 of 16 shards are kept" in answer.err
+    assert "0 of 8 shards are kept" in answer.err
 
 
 @pytest.mark.long
@@ -328,6 +350,18 @@ def test_progress_is_told_in_lines(capsys, monkeypatch):
     first, second = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"400 of 1000 people, [\d.e+]+ people/s, 0:00:00 left", first)
     assert second.startswith("600 of 1000 people")
+
+
+def test_of_long_work_it_is_said_once_how_long_the_rest_takes(capsys, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    with progress.counted(100_000, 0, "people") as done:
+        clock[0] += 50.0  # compiling does not count
+        for _ in range(4):
+            done(30)
+            clock[0] += 4.0
+    sentence = "The rest takes about 3.7 hours, as measured: 60 of 100000 people took 8 s."
+    assert [line for line in capsys.readouterr().err.splitlines() if "rest" in line] == [sentence]
 
 
 def test_progress_is_a_bar_where_somebody_watches(capsys, monkeypatch):

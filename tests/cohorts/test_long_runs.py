@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts import trial as trials
-from glucoloop.cohorts.bins import glucose_edges, insulin_edges, places
+from glucoloop.cohorts.bins import glucose_edges, insulin_edges, places, times_pct
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.simulation import cohort
@@ -54,6 +54,7 @@ def same(one, other):
 @pytest.mark.parametrize("samples", [100, 47])
 def test_a_run_in_pieces_is_the_run_to_the_bit(monkeypatch, trial, whole, samples):
     monkeypatch.setattr(cohort, "MOST_AT_ONCE", samples)
+    monkeypatch.setattr(cohort, "_PEOPLE_AT_ONCE", 1)
     told = []
     pieces = run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True, done=told.append)
     same(pieces, whole)
@@ -61,6 +62,12 @@ def test_a_run_in_pieces_is_the_run_to_the_bit(monkeypatch, trial, whole, sample
     np.testing.assert_array_equal(pieces.insulin_counts, whole.insulin_counts)
     assert len(told) >= 576 // samples
     assert sum(told) == pytest.approx(3.0)
+
+
+@pytest.mark.long
+def test_a_person_is_the_same_in_a_block_of_any_number(monkeypatch, trial, whole):
+    monkeypatch.setattr(engine, "LEAST_BLOCK", 1024)
+    same(run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True), whole)
 
 
 @pytest.mark.long
@@ -91,9 +98,37 @@ def test_a_long_run_is_counted_by_the_time_of_day(monkeypatch, trial, whole):
     # float32 traces may lie in the bin beside
     expected = of_glucose[:288] + of_glucose[288:576]
     assert found.glucose_counts.shape[0] == 289
+    np.testing.assert_array_equal(found.week_counts, found.glucose_counts[:288].sum(axis=0, keepdims=True))
     assert np.abs(np.cumsum(found.glucose_counts[:288] - expected, axis=1)).sum() <= 2
     assert np.abs(np.cumsum(found.glucose_counts[288] - of_glucose[288] - of_glucose[576])).sum() <= 1
     assert np.abs(np.cumsum(found.insulin_counts - of_insulin[:288] - of_insulin[288:], axis=1)).sum() <= 2
+
+
+@pytest.mark.parametrize("piece", [504, 2016, 1000])
+def test_glucose_of_a_long_run_is_counted_by_week_too(piece):
+    trial = configured(Trial, days=31)
+    assert (trial.counted_weeks, trial.samples_a_week) == (5, 2016)
+    glucose = np.random.default_rng(1).uniform(-20.0, 700.0, (trial.samples, 3))
+    counts, feasible = engine._Counts(trial), np.array([True, False, True])
+    for first in range(0, trial.samples, piece):
+        some = glucose[first : first + piece]
+        counts.add(first, some, np.ones_like(some), feasible)
+    edges = glucose_edges()
+    for week, found in enumerate(counts.weeks):
+        of_week = np.clip(glucose[2016 * week : 2016 * (week + 1), feasible], edges[0], edges[-1])
+        np.testing.assert_array_equal(found, np.histogram(of_week, edges)[0])
+    low, high = glucose[:2016, feasible] < 70.0, glucose[:2016, feasible] >= 180.0
+    shares = {name: share[0] for name, share in times_pct(counts.weeks).items()}
+    assert shares["time_below_70_pct"] == pytest.approx(100.0 * low.mean())
+    assert shares["time_above_180_pct"] == pytest.approx(100.0 * high.mean())
+    assert shares["time_70_180_pct"] == pytest.approx(100.0 * (~low & ~high).mean())
+
+
+@pytest.mark.parametrize(
+    ("days", "people"), [(1, 1024), (8, 1024), (14, 512), (28, 256), (57, 128), (364, 64), (366, 64)]
+)
+def test_a_block_of_a_long_run_has_fewer_people(days, people):
+    assert configured(Trial, days=days).people_a_block == people
 
 
 def test_up_to_four_weeks_every_sample_is_counted_by_itself():

@@ -212,6 +212,19 @@ def test_any_number_of_controllers_makes_a_page(make_report, people, reader, dra
     reader(page)
 
 
+def test_a_long_run_is_told_by_week(report, drawn):
+    names = ("p5", "p25", "p50", "p75", "p95", "time_70_180_pct", "time_below_70_pct")
+    weeks = [dict(zip(names, (70.0 + w, 90.0, 120.0 + w, 150.0, 190.0, 80.0, 3.0), strict=True)) for w in range(5)]
+    cases = {label: dataclasses.replace(case, weeks=weeks) for label, case in report.cases.items()}
+    page = trial_page(dataclasses.replace(report, cases=cases, length_min=31 * 1440.0))
+    assert "Week by week" in page
+    curves = {curve.name: curve for curve in drawn(page)[2]}
+    assert curves["median"].held
+    np.testing.assert_allclose(curves["median"].t_min, 1440.0 * np.array([0, 7, 14, 21, 28, 31]))
+    np.testing.assert_allclose(curves["median"].values, 120.0 + np.arange(5), atol=0.051)
+    assert set(curves["70 to 180 mg/dl"].values) == {80.0}
+
+
 def test_a_long_run_is_thinned_and_says_so(report, make_case, drawn):
     case = make_case(10.0)
     days = 14

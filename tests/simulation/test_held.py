@@ -22,7 +22,7 @@ from glucoloop.sensors import IdealSensor
 from glucoloop.simulation import Adaptive, Explicit, Exponential
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.explicit import plant_with
-from glucoloop.simulation.held import held_of_people
+from glucoloop.simulation.held import HeldOfPeople
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
@@ -166,6 +166,18 @@ def test_basal_insulin_of_a_low_sensitivity_suppresses_production_less():
     assert np.count_nonzero(added) == 2
 
 
+def test_pieces_of_a_run_hold_what_the_whole_run_holds():
+    number, grid = np.arange(4), SampleGrid(5.0, 600, start_min=60.0)
+    bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
+    held = HeldOfPeople(grid, bouts, (Visentin2015(), Dawn()), 4, number)
+    whole = held.of(slice(None))
+    assert held.names == whole.names == ("exercise_pct", "sensitivity", "production_mg_kg_min")
+    for first in range(0, 600, 170):
+        piece = slice(first, min(first + 170, 600))
+        for name in held.names:
+            np.testing.assert_array_equal(getattr(held.of(piece), name), getattr(whole, name)[piece])
+
+
 def cohort(engine, precision="float64"):
     """Some people who differ in two constants, with bouts and rhythms of their own, and their run."""
     factors, number = np.linspace(0.8, 1.25, 9), np.arange(9)
@@ -175,7 +187,7 @@ def cohort(engine, precision="float64"):
     )
     grid = SampleGrid(5.0, 288, start_min=60.0)
     bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
-    held = held_of_people(grid, bouts, (Visentin2015(), Dawn()), 4, number)
+    held = HeldOfPeople(grid, bouts, (Visentin2015(), Dawn()), 4, number)
     made = Cohort(
         nominal,
         varied,

@@ -63,6 +63,7 @@ def pretend(trial):
             metrics=metrics,
             glucose_counts=count(glucose[:, feasible], "glucose"),
             insulin_counts=count(insulin[:, feasible], "insulin"),
+            week_counts=np.zeros((0, 600), np.int64),
             glucose_mg_dl=glucose if traces else None,
             insulin_mU_min=insulin if traces else None,
         )

@@ -10,8 +10,13 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
+from glucoloop.printable import how_many
 
 BETWEEN_LINES_S: Final = 10.0
+_MEASURED_S: Final = 5.0
+"""Time over which the first work is timed, from its first report on: what comes before is mostly compiling."""
+_LONG_S: Final = 60.0
+"""Time above which it is said how long the rest takes."""
 
 
 @contextlib.contextmanager
@@ -20,7 +25,8 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
 
     Of `total` units of work, ``"people"``, some were done before; the block calls the function that it is given with
     the number that was done since the last call. The last half minute, `rate_over_s`, sets the rate: the time of a
-    start, most of it compiling, is soon forgotten.
+    start, most of it compiling, is soon forgotten. Of long work it is said once, as measured in its first seconds, how
+    long the rest takes.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -33,6 +39,8 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
     )
     terminal, last_s = sys.stderr.isatty(), time.monotonic()
     console = Console(stderr=True)
+    timed_from: tuple[float, float] | None = None
+    estimated = False
     with Progress(
         *columns, console=console, transient=True, disable=not terminal, speed_estimate_period=rate_over_s
     ) as progress:
@@ -40,9 +48,17 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
         [task] = progress.tasks
 
         def more(done: float) -> None:
-            nonlocal last_s
+            nonlocal last_s, timed_from, estimated
             raise_if_interrupted()
             progress.advance(number, done)
+            timed_from = timed_from or (time.monotonic(), task.completed)
+            seconds, work = time.monotonic() - timed_from[0], task.completed - timed_from[1]
+            if not estimated and seconds >= _MEASURED_S and work > 0.0:
+                estimated = True
+                left_s = (total - task.completed) * seconds / work
+                if left_s >= _LONG_S:
+                    sentence = f"The rest takes about {_long(left_s)}, as measured: {work:.3g} of {total} {what} took"
+                    console.print(f"{sentence} {seconds:.0f} s.", soft_wrap=True, markup=False, highlight=False)
             rate = task.speed or (task.completed - before) / max(task.elapsed or 0.0, 1e-9)
             rate_text = f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
             text = f"{int(task.completed)} of {total} {what}, {rate_text} {what}/s"
@@ -54,3 +70,12 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
 
         yield more
     raise_if_interrupted()
+
+
+def _long(seconds: float) -> str:
+    """A time in the unit that suits its length."""
+    minutes = seconds / 60.0
+    for amount, unit in ((minutes / 1440.0, "day"), (minutes / 60.0, "hour")):
+        if amount >= 2.0:
+            return f"{amount:.2g} {unit}s"
+    return how_many(round(minutes), "minute")

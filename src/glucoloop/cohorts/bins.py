@@ -19,6 +19,14 @@ GLUCOSE_BIN_MG_DL: Final = 1.0
 INSULIN_BIN_MU_MIN: Final = 0.25
 BAND_QUANTILES: Final = (0.01, 0.05, 0.10, 0.25, 0.50, 0.75, 0.90, 0.95, 0.99)
 """Quantiles of glucose and insulin over time."""
+_TIMES_MG_DL: Final = {
+    "time_below_54_pct": (0, 54),
+    "time_below_70_pct": (0, 70),
+    "time_70_180_pct": (70, 180),
+    "time_above_180_pct": (180, HIGHEST_GLUCOSE_MG_DL),
+    "time_above_250_pct": (250, HIGHEST_GLUCOSE_MG_DL),
+}
+"""Glucose from and to which the samples of a time in a range are counted."""
 
 
 def glucose_edges() -> Edges:
@@ -67,3 +75,16 @@ def quantiles_of_counts(
         found[row] = edges[number] + (edges[number + 1] - edges[number]) * share
     found[:, total == 0] = np.nan
     return found
+
+
+def times_pct(counts: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.float64]]:
+    """Shares of counts of glucose ``(rows, bins)`` in each range, by the name of the metric; NaN for a row without any.
+
+    They are of samples, while a metric looks at glucose between the samples too.
+    """
+    with np.errstate(invalid="ignore"):
+        share = 100.0 * counts / counts.sum(axis=1, keepdims=True)
+    per_mg_dl = round(1.0 / GLUCOSE_BIN_MG_DL)
+    return {
+        name: share[:, low * per_mg_dl : high * per_mg_dl].sum(axis=1) for name, (low, high) in _TIMES_MG_DL.items()
+    }

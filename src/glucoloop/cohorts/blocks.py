@@ -17,7 +17,10 @@ import numpy.typing as npt
 T = TypeVar("T")
 
 _SIZES: Final = {"native": 1024, "xla": 64}
-"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is."""
+"""Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is.
+
+Of trials that are long or slow it is less, see `cohorts.trial.Trial.people_a_block`.
+"""
 
 
 def block_size(engine: str) -> int:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from glucoloop.cohorts.bins import Edges, glucose_edges, insulin_edges, places
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import Trial, fingerprint, profile_columns
+from glucoloop.cohorts.trial import LEAST_BLOCK, Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
 from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
@@ -29,8 +29,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.held import held_of_people
-from glucoloop.simulation.plant import Held
+from glucoloop.simulation.held import HeldOfPeople
 from glucoloop.simulation.varying import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
@@ -44,6 +43,8 @@ class PeopleResult(PeopleRows):
     """(samples + 1, bins) numbers of people with a basal rate in each bin."""
     insulin_counts: npt.NDArray[np.int64]
     """(samples, bins) numbers of people with a basal rate in each bin."""
+    week_counts: npt.NDArray[np.int64]
+    """(weeks, bins) numbers of samples of these people with glucose in each bin; no week but in a long run."""
     glucose_mg_dl: npt.NDArray[np.float32] | None = None
     """(samples + 1, n) glucose without noise."""
     insulin_mU_min: npt.NDArray[np.float32] | None = None
@@ -175,13 +176,17 @@ def run_people(
     if not number.size:
         raise Refusal("nobody was asked for; give the number of at least one person")
     of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.trial.grid
-    counts = _Counts(trial)
+    counts, drawn_together = _Counts(trial), block_size(of_case.loop.engine)
+    few = max(LEAST_BLOCK, 1 << (number.size - 1).bit_length())
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
-            drawn, days = people_of(trial, block), trial.drawn_days(block)
-            alike = of_case.surroundings.of_people(of_case.alike, block.size) if of_case.alike else None
-            people = of_case.loop.people(drawn, surroundings=alike, **brought(trial, days))
+            # JAX always has the same number of people before it, for another one might have other last digits
+            filled = np.resize(block, drawn_together)
+            drawn, days = people_of(trial, filled), trial.drawn_days(block)
+            alike = of_case.surroundings.of_people(of_case.alike, filled.size) if of_case.alike else None
+            of_days = {**brought(trial, days), "key": keys_of_people(trial.seed, filled)}
+            people = of_case.loop.people(drawn, surroundings=alike, **of_days)
         feasible, kept, first = drawn.feasible[:n], [], 0
 
         def take(glucose: Array, insulin: Array) -> None:
@@ -192,7 +197,7 @@ def run_people(
                 kept.append((glucose[:, :n].astype(np.float32), insulin[:, :n].astype(np.float32)))
             done(n * len(glucose) / grid.samples)
 
-        fold, end, _ = of_case.loop.cohort.follow(people, take)
+        fold, end, _ = of_case.loop.cohort.follow(people, take, number=block.size)
         counts.end(end, feasible)
         with one_at_a_time:
             metrics: Metrics = prepared.fold.finish(
@@ -213,7 +218,7 @@ def run_people(
                 counts.add(first, glucose, insulin, unknown, -1)
                 first += len(glucose)
 
-            of_case.loop.cohort.follow(people, take_away)
+            of_case.loop.cohort.follow(people, take_away, number=block.size)
             counts.end(end, unknown, -1)
         kept.append((end[None, :n].astype(np.float32), np.zeros((0, n), np.float32)))
         glucose, insulin = (np.concatenate(parts) for parts in zip(*kept, strict=True))
@@ -226,21 +231,23 @@ def run_people(
             metrics=values,
             glucose_counts=counts.glucose,
             insulin_counts=counts.insulin,
+            week_counts=counts.weeks,
             glucose_mg_dl=glucose if traces else None,
             insulin_mU_min=insulin if traces else None,
         )
 
-    return _joined(in_blocks(run, number, block_size(of_case.loop.engine), threads))
+    return _joined(in_blocks(run, number, min(drawn_together, trial.people_a_block, few), threads))
 
 
 class _Counts:
     """Counts of glucose and insulin of people over time, to which the threads of a run add."""
 
     def __init__(self, trial: Trial) -> None:
-        self._rows, self._lock = trial.counted_samples, threading.Lock()
+        self._rows, self._week, self._lock = trial.counted_samples, trial.samples_a_week, threading.Lock()
         self._edges = glucose_edges(), insulin_edges(float(trial.limits.max_mU_min))
         self.glucose = np.zeros((self._rows + 1, self._edges[0].size - 1), np.int64)
         self.insulin = np.zeros((self._rows, self._edges[1].size - 1), np.int64)
+        self.weeks = np.zeros((trial.counted_weeks, self._edges[0].size - 1), np.int64)
 
     def add(self, first: int, glucose: Array, insulin: Array, whose: npt.NDArray[np.bool_], sign: int = 1) -> None:
         """Count a piece of a run from its first sample on, of some of its first people; with -1, take it away.
@@ -255,6 +262,12 @@ class _Counts:
         # the end of a day is the beginning of the next
         ends = (sample % self._rows == 0) & (sample > 0)
         self._count(self.glucose, _of(glucose[ends], there), self._edges[0], np.full(ends.sum(), self._rows), sign)
+        for week in np.unique(sample // self._week) if len(self.weeks) else ():
+            of_week = _of(glucose[sample // self._week == week], there)
+            place = places(of_week, self._edges[0], np.zeros(len(of_week), np.intp))
+            counts = np.bincount(place, minlength=self.weeks.shape[1])
+            with self._lock:
+                self.weeks[week] += sign * counts
 
     def end(self, glucose: Array, whose: npt.NDArray[np.bool_], sign: int = 1) -> None:
         """Count glucose at the end of the run."""
@@ -304,10 +317,10 @@ def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
     }
 
 
-def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> Held:
+def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> HeldOfPeople:
     """Exercise of people of a trial, and what its rhythms change in them, from the beginning of the warm-up on."""
     grid = dataclasses.replace(trial.grid, start_min=trial.start_min or 0.0)
-    return held_of_people(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)
+    return HeldOfPeople(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

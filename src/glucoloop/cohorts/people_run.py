@@ -28,8 +28,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid, usual_limits
 from glucoloop.simulation.cohort import CohortRun
-from glucoloop.simulation.held import held_of_people
-from glucoloop.simulation.plant import Held
+from glucoloop.simulation.held import HeldOfPeople
 from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]
@@ -123,10 +122,10 @@ def simulate_people(
     as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(told_min, meals.t_min)
     announced_otherwise = scenario.announced and not as_eaten
 
-    def held_by(person: npt.NDArray[np.int64]) -> Held:
+    def held_by(person: npt.NDArray[np.int64]) -> HeldOfPeople:
         bouts = draw_bouts(scenario.exercise, seed, person).later(grid.warm_up_min) if scenario.exercise else None
         at_clock = dataclasses.replace(grid, start_min=scenario.start_min or 0.0)
-        return held_of_people(at_clock.whole, bouts, scenario.rhythms, seed, person)
+        return HeldOfPeople(at_clock.whole, bouts, scenario.rhythms, seed, person)
 
     loop = PeopleLoop(
         Situation(

@@ -21,7 +21,7 @@ from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import FedSituation
 from glucoloop.situations.scenarios import USUAL_DAY
-from glucoloop.units import MIN_PER_DAY
+from glucoloop.units import MIN_PER_DAY, MIN_PER_WEEK
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,8 +37,6 @@ FORMAT: Final = 5
 SHARD_PATIENT_DAYS: Final = 16_384
 TRACED_PATIENT_DAYS: Final = 2048
 """Number of patient-days in a shard of which all traces are kept."""
-SLOW_PATIENT_DAYS: Final = 256
-"""Number of patient-days in a shard with a slow controller, so that the first results are soon kept."""
 LONGEST_COUNTED_MIN: Final = 28 * MIN_PER_DAY
 """Longest run of whole days in which glucose and insulin are counted at every sample."""
 _DIGITS: Final = 20
@@ -47,9 +45,14 @@ _meals = functools.partial(Option, panel=PATIENT_PANEL)
 _work = functools.partial(Option, panel=WORK_PANEL)
 _SHARDS_WANTED: Final = 16
 _BLOCK: Final = 1024
+LEAST_BLOCK: Final = 64
+"""Number of people in a block of a long run or with a slow controller: the vectors that native code takes in turn."""
+_BLOCK_PATIENT_DAYS: Final = 8192
 _LEAST_SHARD: Final = 2 * _BLOCK
-_LEAST_TRACED: Final = 64
-"""Least size of a shard with traces or a slow controller: that of a block of the slower engine."""
+_LEAST_LONG: Final = 4 * LEAST_BLOCK
+"""Number of people in the least shard of a run of more than four weeks, and in one with a slow controller."""
+_MOST_SHARDS: Final = 1024
+"""Number of shards from which on those of a run of more than four weeks have more people."""
 
 
 def _traces(given: object) -> Literal["none", "all"] | int:
@@ -263,6 +266,28 @@ class Trial(FedSituation):
         return round(MIN_PER_DAY / self.sample_time_min) if self.one_day_of_counts else self.samples
 
     @property
+    def samples_a_week(self) -> int:
+        """Number of samples of a week."""
+        return round(MIN_PER_WEEK / self.sample_time_min)
+
+    @property
+    def counted_weeks(self) -> int:
+        """Number of weeks by which glucose is counted too in a long run, the last of which may be cut short."""
+        return -(-self.samples // self.samples_a_week) if self.one_day_of_counts else 0
+
+    @property
+    def people_a_block(self) -> int:
+        """Largest number of people who are simulated together; fewer where they live long, or decisions take long.
+
+        So memory does not grow with the days, cores share the work of a shard, and few people do not take the time of
+        many. A person's results do not depend on it.
+        """
+        if any(case.controller.slow for case in self.cases):
+            return LEAST_BLOCK
+        most = _BLOCK_PATIENT_DAYS * MIN_PER_DAY / max(MIN_PER_DAY, self.horizon_min + self.warm_up_min)
+        return min(_BLOCK, max(LEAST_BLOCK, 1 << int(math.log2(most))))
+
+    @property
     def people_a_shard(self) -> int:
         """Number of people that are computed and written together."""
         return self.shard_people or SHARD_PATIENT_DAYS
@@ -289,18 +314,19 @@ class Trial(FedSituation):
 def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow: bool = False) -> int:
     """Default size of the shards, a power of two.
 
-    A shard is what is lost when a run is killed, what a worker does at a time, and what is in memory: at most some
-    16 000 patient-days, or 2000 of which all is kept, and fewer where there would be less than 16 shards, but no less
-    than a few blocks of people. With a slow controller it is some 256 patient-days, so that the first results are kept
-    within seconds.
+    A shard is what is lost when a run is killed, and what a worker does at a time: at most some 16 000 patient-days, or
+    2000 of which all is kept, and fewer where there would be less than 16 shards, but no less than a few blocks of
+    people. In a run of more than four weeks that is 256 people, or more where there would be more than a thousand
+    shards. With a slow controller it is 256 people, so that the first results are kept within seconds.
     """
     days = max(1.0, horizon_min / MIN_PER_DAY)
-    wanted = min(SHARD_PATIENT_DAYS / days, max(_LEAST_SHARD, people / _SHARDS_WANTED))
-    least = _BLOCK
+    wanted, least = min(SHARD_PATIENT_DAYS / days, max(_LEAST_SHARD, people / _SHARDS_WANTED)), _BLOCK
+    if horizon_min > LONGEST_COUNTED_MIN:
+        wanted, least = max(wanted, min(people / _MOST_SHARDS, _BLOCK)), _LEAST_LONG
     if traced:
-        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), _LEAST_TRACED
+        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), LEAST_BLOCK
     if slow:
-        wanted, least = min(SLOW_PATIENT_DAYS / days, wanted), _LEAST_TRACED
+        wanted, least = min(_LEAST_LONG, wanted), min(_LEAST_LONG, least)
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 

@@ -26,7 +26,8 @@ from glucoloop.profile import Profile, given_profile
 from glucoloop.simulation import Trace, simulate
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.plant import Held, Integrator, SampleGrid
+from glucoloop.simulation.held import HeldOfPeople
+from glucoloop.simulation.plant import Integrator, SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 
@@ -208,14 +209,14 @@ class PeopleLoop:
         meals: Eaten | None = None,
         announced_g: Array | None = None,
         announced_min: Array | None = None,
-        held: Held | None = None,
+        held: HeldOfPeople | None = None,
     ) -> People:
         """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
         `announced_g` and `announced_min`, ``(meals, people)``, are the carbohydrate that is announced of the meals [g]
-        and the times at which it is, by default what is eaten and when eating begins; `held`, ``(samples, points,
-        people)``, exercise and what rhythms change, in a loop made for them.
+        and the times at which it is, by default what is eaten and when eating begins; `held` is exercise and what
+        rhythms change, in a loop made for them.
         """
         number = people.basal_insulin_mU_min.shape[0]
 
@@ -236,7 +237,7 @@ class PeopleLoop:
             meals=meals,
             announced_g=announced_g,
             announced_min=announced_min,
-            held=Held() if held is None else held,
+            held=held,
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:

@@ -59,11 +59,9 @@ class LivedDays:
 
     def uniform(self, what: str = "") -> Array:
         """Numbers ``(meals, people)`` between 0 and 1, functions of seed, name, person, day and meal alone."""
-        name = f"{self.name} {what}".strip()
-        drawn = np.empty_like(self.t_min)
-        for row, (day, which) in enumerate(zip(self.day.tolist(), self.which.tolist(), strict=True)):
-            drawn[row] = uniforms(self.seed, name, self.person, day % DAY * DAY + which)
-        return drawn
+        index = np.repeat(self.day % DAY * DAY + self.which, self.person.size)
+        people = np.tile(self.person, self.day.size)
+        return uniforms(self.seed, f"{self.name} {what}".strip(), people, index).reshape(self.t_min.shape)
 
     def happens(self, probability: float, meal: int = 0) -> Array:
         """1 where something happens, else 0: to the meal of a number in its day, from 1, or for 0 to any."""

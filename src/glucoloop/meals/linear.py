@@ -8,6 +8,7 @@ to step; `carried_moments` does the same for a whole run of people who eat the s
 from __future__ import annotations
 
 import functools
+from typing import Final
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,9 @@ from glucoloop._pytree import pytree, static
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
 from glucoloop.sparse import Sparse
+
+_JUMPS: Final = 64
+"""Number of which that of the jumps in a piece of a run is a multiple."""
 
 
 @pytree
@@ -165,6 +169,8 @@ def jump_table(absorption: LinearAbsorption, *, steps: int, step_min: float, fir
         t_min = np.asarray(absorption.jumps.t_min)
         begin, end = step_min * np.array([first - 1, first + steps + 1])
         near = ((t_min >= begin) & (t_min < end)).any(axis=1)
+        # of few different numbers, for each of which the program below is compiled
+        near[np.flatnonzero(~near)[: -near.sum() % _JUMPS]] = True
         absorption = jax.tree.map(jnp.asarray, absorption)
         jumps = Jumps(t_min=absorption.jumps.t_min[near], size=absorption.jumps.size[:, near])
         absorption = LinearAbsorption(model=absorption.model, jumps=jumps)

@@ -1,18 +1,24 @@
 // @ts-check
 /** Marks of axes: round values, and round times. */
 
-const MIN_PER_H = 60;
-const LONGEST_IN_MIN = 12 * MIN_PER_H;
+/** @typedef {"min" | "h" | "weeks"} TimeUnit */
+
+/** @type {Record<TimeUnit, number>} */
+const MINUTES = { min: 1, h: 60, weeks: 10080 };
+const LONGEST_IN_MIN = 12 * MINUTES.h;
+const LONGEST_IN_H = 4 * MINUTES.weeks;
+/** @type {Record<TimeUnit, number[]>} */
 const STEPS = {
   min: [1, 2, 5, 10, 15, 20, 30, 60, 120, 180, 240],
   h: [0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 168, 336, 1008],
+  weeks: [1, 2, 4, 8, 13, 26, 52],
 };
 
-/** Unit in which times up to an end are told: minutes, or hours where there are many. @param {number} end in min @returns {"min" | "h"} */
-export const unitOfTime = (end) => (end <= LONGEST_IN_MIN ? "min" : "h");
+/** Unit in which times up to an end are told: minutes, hours where there are many, and weeks where these are many. @param {number} end in min @returns {TimeUnit} */
+export const unitOfTime = (end) => (end <= LONGEST_IN_MIN ? "min" : end <= LONGEST_IN_H ? "h" : "weeks");
 
-/** A time in a unit, as text. @param {number} t in min @param {"min" | "h"} unit */
-export const timeText = (t, unit) => `${Number((unit === "h" ? t / MIN_PER_H : t).toFixed(2))} ${unit}`;
+/** A time in a unit, as text. @param {number} t in min @param {TimeUnit} unit */
+export const timeText = (t, unit) => `${Number((t / MINUTES[unit]).toFixed(2))} ${unit}`;
 
 /** Round values over a range, about as many as asked for. @param {[number, number]} range @param {number} count */
 export function levels([low, high], count) {
@@ -26,12 +32,11 @@ export function levels([low, high], count) {
 
 /**
  * Round times from one to another in min, about as many as asked for at most.
- * @param {{from: number, to: number, unit: "min" | "h"}} view
+ * @param {{from: number, to: number, unit: TimeUnit}} view
  * @param {number} most
  */
 export function times({ from, to, unit }, most) {
-  const minutes = unit === "h" ? MIN_PER_H : 1;
-  const steps = STEPS[unit].map((step) => step * minutes);
+  const steps = STEPS[unit].map((step) => step * MINUTES[unit]);
   const last = steps[steps.length - 1];
   const every = steps.find((step) => (to - from) / step <= most) ?? last * Math.ceil((to - from) / most / last);
   const found = [];

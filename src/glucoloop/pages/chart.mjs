@@ -26,7 +26,7 @@ import { levels, times, timeText } from "./axes.mjs";
  * @property {boolean} [bare] without any axis
  */
 
-/** @typedef {{from: number, to: number, unit: "min" | "h"}} View times of the ends */
+/** @typedef {{from: number, to: number, unit: import("./axes.mjs").TimeUnit}} View times of the ends */
 /** @typedef {{left: number, top: number, width: number, height: number}} Inside of the axes, in pixels */
 
 /** Room around the inside of the axes, for their marks. */

@@ -50,7 +50,7 @@ function inUnits({ unit, other, factor, digits }, values) {
   return `${values.map((value) => value.toFixed(digits)).join(" – ")} ${unit}${second}`;
 }
 
-/** A panel in words, for those who do not see it. @param {Panel} panel @param {"min" | "h"} unit */
+/** A panel in words, for those who do not see it. @param {Panel} panel @param {import("./axes.mjs").TimeUnit} unit */
 function inWords(panel, unit) {
   const courses = told(panel).map((of) => {
     const [low, high] = [edges(of)[0], edges(of)[edges(of).length - 1]];

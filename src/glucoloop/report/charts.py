@@ -33,6 +33,7 @@ class PlottedQuantity(NamedTuple):
 
 GLUCOSE: Final = PlottedQuantity("Glucose", "mg/dl", "mmol/l", other_value(1.0, "mg/dl"), 0.1, 1)
 INSULIN: Final = PlottedQuantity("Insulin", "mU/min", "U/h", other_value(1.0, "mU/min"), 0.01, 2)
+TIME_IN_RANGE: Final = PlottedQuantity("Time in range", "%", "", 0.0, 0.1, 1)
 BOLUS: Final = PlottedQuantity("Boluses", "U", "", 0.0, 0.01, 2)
 
 

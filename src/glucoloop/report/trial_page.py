@@ -16,13 +16,14 @@ from glucoloop.metrics.settings import result_named
 from glucoloop.printable import NOT_AVAILABLE, percent
 from glucoloop.report._runs import exercise_in_words
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
-from glucoloop.report.charts import INSULIN, Panel, Plot, extent, thinned
+from glucoloop.report.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.report.columns import MetricRow
 from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
 from glucoloop.shown_units import OTHERS, other_value, shown_unit
+from glucoloop.units import MIN_PER_WEEK
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
 """Lower and upper quantile of each band."""
@@ -38,9 +39,9 @@ def trial_page(report: TrialReport) -> str:
     """A trial as a self-contained HTML page.
 
     The people who had low glucose; the headline numbers of each controller; percentiles of glucose and insulin over
-    time on axes that all controllers share and that zoom together; how the metrics are spread over the people; the time
-    in each range of glucose; the control-variability grid; the people with the worst outcomes, with their traces; and
-    the situation.
+    time on axes that all controllers share and that zoom together, and of a long run by week; how the metrics are
+    spread over the people; the time in each range of glucose; the control-variability grid; the people with the worst
+    outcomes, with their traces; and the situation.
 
     Returns
     -------
@@ -62,6 +63,7 @@ def trial_page(report: TrialReport) -> str:
         bin_text=f"{GLUCOSE_BIN_MG_DL:g} mg/dl or {INSULIN_BIN_MU_MIN:g} mU/min",
         responses=_responses(report, band_times),
         response_thinned=any(len(case.bands_t_min) > band_times for case in cases),
+        weeks=list(_weeks(report)),
         distributions=[_distribution(report, metric) for metric in cases[0].metric_counts],
         ranges=RANGES,
         range_colours=RANGE_COLOURS,
@@ -125,6 +127,27 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
             panel.line(t_min[drawn], shown[0.5], index, name="median")
         plots.append(Plot(label, report.horizon_min, panels))
     return plots
+
+
+def _weeks(report: TrialReport) -> Iterator[Plot]:
+    """Glucose and time in range of each controller by week, if they are told."""
+    ends = [[week[quantile] for week in case.weeks] for case in report.cases.values() for quantile in ("p5", "p95")]
+    for index, (label, case) in enumerate(report.cases.items()):
+        if not case.weeks:
+            continue
+        t_min = np.minimum(MIN_PER_WEEK * np.arange(len(case.weeks) + 1), report.length_min)
+        of = {name: np.array([week[name] for week in case.weeks]) for name in case.weeks[0]}
+        panels = (
+            glucose_panel([report.setpoint_mg_dl], report.lowest_glucose_mg_dl, list(map(np.array, ends)), height=240),
+            Panel(TIME_IN_RANGE, (0.0, 105.0), height=120),
+        )
+        for low, high in BANDS:
+            edges = of[f"p{100 * low:.0f}"], of[f"p{100 * high:.0f}"]
+            panels[0].area(t_min, *edges, index, f"{100 * (high - low):.0f} % of the time")
+        panels[0].line(t_min, of["p50"], index, name="median")
+        panels[1].line(t_min, of["time_70_180_pct"], index, name="70 to 180 mg/dl")
+        panels[1].line(t_min, of["time_below_70_pct"], index, dash=1, name="below 70 mg/dl")
+        yield Plot(label, report.length_min, panels)
 
 
 def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most: int) -> list[Plot]:

@@ -90,6 +90,9 @@ class CaseReport:
     """Number of people, and their share in percent, who were ever below a glucose, by that glucose [mg/dl]."""
     not_finite: int = 0
     """Number of people whose glucose or insulin did not stay finite; they are in none of the other numbers."""
+    weeks: Sequence[Mapping[str, float]] = ()
+    """Glucose of each week of a long run, all samples of all people together: quantiles p5 to p95, and shares of the
+    time in ranges by the names of the metrics; bands are then of one day, all days together."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,8 @@ class TrialReport:
     """Planned bouts of exercise."""
     faults: Sequence[str] = ()
     """Faults of sensor and pump under every controller."""
+    length_min: float = 0.0
+    """Length of the run, where weeks are told."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""
 

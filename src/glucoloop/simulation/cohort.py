@@ -10,7 +10,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -30,17 +30,20 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
-from glucoloop.simulation.held import refuse_held
+from glucoloop.simulation.held import HeldOfPeople, refuse_held
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
-from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.simulation.varying import chosen, replaced, varying
 from glucoloop.sparse import Sparse
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
+
+_PEOPLE_AT_ONCE: Final = 1024
+"""Number of people of whom a piece of a run in native code has `MOST_AT_ONCE` samples; of fewer it has more."""
 
 
 @pytree
@@ -83,9 +86,8 @@ class People:
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
-    held: Held = NOTHING_HELD
-    """(samples, points, people) exercise and what rhythms change, from the beginning of the warm-up on, in a cohort
-    that was made for them."""
+    held: HeldOfPeople | None = None
+    """Exercise and what rhythms change, from the beginning of the warm-up on, in a cohort that was made for them."""
     announced_min: Array | None = None
     """(meals, people) time at which each meal is announced, or None for that at which eating begins."""
 
@@ -267,23 +269,34 @@ class Cohort:
             reported_mU_min=reported,
         )
 
-    def follow(self, people: People, take: Callable[..., None], *, threads: int = 1) -> tuple[Any, Array, Array]:
+    def follow(
+        self, people: People, take: Callable[..., None], *, number: int | None = None, threads: int = 1
+    ) -> tuple[Any, Array, Array]:
         """Run the loop in pieces, so that memory does not grow with its length.
 
         `take` is called with the glucose ``(samples, people)`` and the insulin of each piece, and with readings,
         statuses and reported rates if the cohort returns them. The fold's state at the end comes back as float64, and
-        so do glucose at the end and the lower end of its valid range.
+        so do glucose at the end and the lower end of its valid range. Of a `number` only so many of the first people
+        are run, and meals, announcements and what is held are of them alone.
         """
-        samples = self._grid.samples
+        samples, everybody, most = self._grid.samples, people.insulin_mU_min.shape[0], MOST_AT_ONCE
+        number = everybody if number is None else number
+        if self.engine == "native":
+            most *= max(1, _PEOPLE_AT_ONCE // number)
+        again = np.arange(everybody) % number
         with one_at_a_time:
-            person, reaching_in = self._values_of(people), self._inputs_of(people)
-            reaching, first_announced = reaching_in(slice(0, min(samples, MOST_AT_ONCE)))
+            of_all, reaching_in = self._values_of(people), self._inputs_of(people, number)
+            reaching, first_announced = reaching_in(slice(0, min(samples, most)))
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
-            for computed in jax.tree.leaves((person, carry, keys)):
+            carry, keys = self._begin_people(of_all, x, insulin, jnp.asarray(first_announced[again]), people.key)
+            for computed in jax.tree.leaves((of_all, carry, keys)):
                 computed.block_until_ready()
-        for first in range(0, samples, MOST_AT_ONCE):
-            piece = slice(first, min(first + MOST_AT_ONCE, samples))
+            person = of_all
+            if number < everybody:
+                person, carry = jax.tree.map(lambda leaf: np.asarray(leaf)[..., :number], (person, carry))
+                keys = keys[:number]
+        for first in range(0, samples, most):
+            piece = slice(first, min(first + most, samples))
             if first:
                 with one_at_a_time:
                     reaching, _ = reaching_in(piece)
@@ -292,13 +305,13 @@ class Cohort:
             uncounted = max(0, self._warm_up - first)
             take(*(output[uncounted:] for output in outputs))
         with one_at_a_time:
-            end, lowest = map(np.asarray, self._end_people(person, carry.loop.x))
+            end, lowest = (np.asarray(of)[:number] for of in self._end_people(of_all, carry.loop.x[:, again]))
         return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.fold), end, lowest
 
     def begin(self, people: People) -> Begun:
         """People before their first sample, for the `lanes` of a stepped cohort."""
         with one_at_a_time:
-            person, reaching_in = self._values_of(people), self._inputs_of(people)
+            person, reaching_in = self._values_of(people), self._inputs_of(people, people.insulin_mU_min.shape[0])
             _, first_announced = reaching_in(slice(0, 1))
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
             carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
@@ -450,14 +463,14 @@ class Cohort:
         moments = np.asarray(absorption.moments(samples, self._substeps, self._plants.step_min))
         return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples)).dense()[:, 0]
 
-    def _inputs_of(self, people: People) -> Callable[[slice], tuple[Any, Array]]:
-        """Function of a piece of the run that gives the inputs of people in it, and what is announced first."""
-        n = people.insulin_mU_min.shape[0]
-        if people.held.names != self._held:
+    def _inputs_of(self, people: People, n: int) -> Callable[[slice], tuple[Any, Array]]:
+        """Function of a piece of the run that gives the inputs of the first people, and what is announced first."""
+        if (() if people.held is None else people.held.names) != self._held:
             raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
 
         def held(piece: slice) -> dict[str, Array]:
-            return {name: getattr(people.held, name)[piece] for name in self._held}
+            of_piece = Held() if people.held is None else people.held.of(piece)
+            return {name: getattr(of_piece, name) for name in self._held}
 
         if not (self._individual_meals or self._individual_announcements):
             return lambda piece: (
@@ -473,7 +486,10 @@ class Cohort:
         counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
         told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
         told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
-        gut = self._gut(people.patient)
+        everybody = people.insulin_mU_min.shape
+        gut = jax.tree.map(
+            lambda leaf: leaf[..., :n] if np.shape(leaf)[-1:] == everybody else leaf, self._gut(people.patient)
+        )
 
         def inputs(piece: slice) -> tuple[Any, Array]:
             samples = piece.stop - piece.start

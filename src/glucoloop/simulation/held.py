@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,33 @@ from glucoloop.rhythms.protocol import Rhythm, changes_of
 from glucoloop.simulation.plant import Held, SampleGrid
 
 
-def held_of_people(
-    grid: SampleGrid, bouts: Bouts | None, rhythms: Sequence[Rhythm], seed: int, person: npt.ArrayLike
-) -> Held:
-    """Inputs ``(samples, points, people)`` of people from their bouts and their rhythms."""
-    held, points = held_between(grid.fine_t_min, bouts, rhythms, seed, person, grid.start_min), grid.inside_min.size
-    return Held(**{name: getattr(held, name).reshape(grid.samples, points, -1) for name in held.names})
+@dataclass(frozen=True)
+class HeldOfPeople:
+    """Inputs of people from their bouts and their rhythms, made for a piece of a run at a time.
+
+    So memory does not grow with the length of the run.
+    """
+
+    grid: SampleGrid
+    bouts: Bouts | None
+    rhythms: Sequence[Rhythm]
+    seed: int
+    person: npt.ArrayLike
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs that are there."""
+        return self.of(slice(0, 1)).names
+
+    def of(self, piece: slice) -> Held:
+        """Inputs ``(samples, points, people)`` in samples of the run, all by default."""
+        if not self.rhythms and self.bouts is None:
+            return Held()
+        start, stop, _ = piece.indices(self.grid.samples)
+        points = self.grid.inside_min.size
+        edges_min = self.grid.fine_t_min[start * points : stop * points + 1]
+        held = held_between(edges_min, self.bouts, self.rhythms, self.seed, self.person, self.grid.start_min)
+        return Held(**{name: getattr(held, name).reshape(stop - start, points, -1) for name in held.names})
 
 
 def held_between(
@@ -45,7 +67,8 @@ def held_of(patient: Patient, scenario: Scenario, grid: SampleGrid) -> Held:
     Refused where the patient does not take them.
     """
     bouts = bouts_of_one(scenario.exercise).later(scenario.warm_up_min) if scenario.exercise else None
-    held = held_of_people(grid, bouts, scenario.rhythms, scenario.rhythm_seed, [scenario.rhythm_person])
+    of_person = HeldOfPeople(grid, bouts, scenario.rhythms, scenario.rhythm_seed, [scenario.rhythm_person])
+    held = of_person.of(slice(None))
     refuse_held(patient, held)
     return Held(**{name: getattr(held, name)[..., 0] for name in held.names})
 

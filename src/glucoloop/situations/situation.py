@@ -209,7 +209,7 @@ class Situation(Part):
     def _refuse_at_odds(self) -> None:
         from glucoloop.meals import meal_model_of
         from glucoloop.patients.capabilities import sites
-        from glucoloop.simulation.held import held_of_people, refuse_held
+        from glucoloop.simulation.held import HeldOfPeople, refuse_held
         from glucoloop.simulation.plant import SampleGrid
 
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
@@ -229,7 +229,9 @@ class Situation(Part):
                 "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
             )
         meal_model_of(self.nominal, self.gut)
-        refuse_held(self.nominal, held_of_people(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]), self.patient.called)
+        refuse_held(
+            self.nominal, HeldOfPeople(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)), self.patient.called
+        )
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
             raise Refusal(

@@ -15,6 +15,7 @@ from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial, profile_columns
 from glucoloop.refusal import Refusal
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet, refusing_damage
+from glucoloop.units import MIN_PER_WEEK
 
 if TYPE_CHECKING:
     from glucoloop.cohorts.engine import PeopleResult
@@ -23,9 +24,9 @@ PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"
 TRACES: Final = "traces.parquet"
 FILES: Final = (PEOPLE, BANDS, TRACES)
-QUANTITIES: Final = ("glucose", "insulin")
+BY_WEEK: Final = "glucose_by_week"
+"""Quantity of a long run: glucose at all samples of a week, which is told by the time at which it begins."""
 _MOST_COLUMNS: Final = 256
-_QUANTITY_BYTES: Final = 8
 NAME: Final = "name"
 """Column of the names of people who have one."""
 PROFILE: Final = "profile_"
@@ -45,13 +46,18 @@ def column_name(parameter: str) -> str:
 
 def edges(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
     """Edges of the bins in which glucose [mg/dl] and insulin [mU/min] are counted."""
-    return {"glucose": glucose_edges(), "insulin": insulin_edges(float(trial.limits.max_mU_min))}
+    low = glucose_edges()
+    return {"glucose": low, "insulin": insulin_edges(float(trial.limits.max_mU_min)), BY_WEEK: low}
 
 
 def times(trial: Trial) -> dict[str, npt.NDArray[np.float64]]:
-    """Times at which glucose and insulin are counted [min]; glucose also at the end. In a long run those of a day."""
+    """Times at which glucose and insulin are counted [min], glucose also at the end; in a long run of a day, and weeks.
+
+    They are the quantities of a trial.
+    """
     t_min = trial.sample_time_min * np.arange(trial.counted_samples + 1, dtype=np.float64)
-    return {"glucose": t_min, "insulin": t_min[:-1]}
+    weeks = {BY_WEEK: MIN_PER_WEEK * np.arange(trial.counted_weeks, dtype=np.float64)} if trial.counted_weeks else {}
+    return {"glucose": t_min, "insulin": t_min[:-1], **weeks}
 
 
 def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
@@ -64,7 +70,7 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
     rows = person.size * cases
     found = {
         PEOPLE: TableBounds(least_rows=rows, most_rows=rows, columns=_MOST_COLUMNS, longest_text=label),
-        BANDS: TableBounds(least_rows=0, most_rows=counted * cases, columns=7, longest_text=label + _QUANTITY_BYTES),
+        BANDS: TableBounds(least_rows=0, most_rows=counted * cases, columns=7, longest_text=label + len(BY_WEEK)),
     }
     if traced:
         rows = traced * (trial.samples + 1) * cases
@@ -117,7 +123,9 @@ def _count_tables(trial: Trial, results: Mapping[str, PeopleResult]) -> Iterator
     """Tables of the bins with a count above zero."""
     low, t_min = edges(trial), times(trial)
     for label, result in results.items():
-        for quantity, counts in zip(QUANTITIES, (result.glucose_counts, result.insulin_counts), strict=True):
+        counted = {"glucose": result.glucose_counts, "insulin": result.insulin_counts, BY_WEEK: result.week_counts}
+        for quantity in t_min:
+            counts = counted[quantity]
             when, number = np.nonzero(counts)
             yield pl.DataFrame(
                 {
@@ -205,7 +213,7 @@ def no_counts(trial: Trial) -> dict[str, Counts]:
     """Counts of zero, by controller."""
     bins, t_min = edges(trial), times(trial)
     return {
-        case.label: {name: np.zeros((t_min[name].size, bins[name].size - 1), np.int64) for name in QUANTITIES}
+        case.label: {name: np.zeros((of.size, bins[name].size - 1), np.int64) for name, of in t_min.items()}
         for case in trial.cases
     }
 
@@ -214,11 +222,12 @@ def add_counts(folder: Path, trial: Trial, index: int, total: dict[str, Counts])
     """Add the counts of a shard to those of others; ValueError if they are not counts of its people."""
     place = folder / BANDS
     table = read_parquet(place, bounds(trial, index)[BANDS])
-    most = trial.shard(index).size * (trial.samples // trial.counted_samples)
+    most = trial.shard(index).size * (trial.samples_a_week if trial.counted_weeks else 1)
     with refusing_damage(place):
         for (label, quantity), part in table.partition_by("controller", "quantity", as_dict=True).items():
             counts: Any = total[str(label)][str(quantity)]
-            when = np.rint(part["t_min"].to_numpy() / trial.sample_time_min).astype(np.intp)
+            every_min = MIN_PER_WEEK if quantity == BY_WEEK else trial.sample_time_min
+            when = np.rint(part["t_min"].to_numpy() / every_min).astype(np.intp)
             number, count = part["bin"].to_numpy(), part["count"].to_numpy()
             if min(when.min(), number.min()) < 0 or not 0 <= count.min() <= count.max() <= most:
                 raise Refusal("it counts people who cannot be")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -15,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.setting import Default
@@ -53,7 +50,7 @@ if TYPE_CHECKING:
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
 _SLOW_PATIENT_DAYS_S: Final = 300.0
-"""Time of a design, and the patient-days a second of a processor, for the estimate of the time."""
+"""Time of a design, and patient-days a second of a processor, which weigh the work of which progress tells."""
 _SAID: Final = ("engine", "lacks", "reason")
 """Texts of a row, by its names."""
 _LONGEST_TEXT: Final = 4000
@@ -82,12 +79,10 @@ class Line(NamedTuple):
         """Length of the run in days."""
         return 0.0 if self.trial is None else self.trial.horizon_min / MIN_PER_DAY
 
-    def estimated_s(self, people: int) -> float:
-        """Time that some people take in one go, on all cores; rough."""
+    def work(self, people: int) -> float:
+        """Units of work of some people, of which one is about a second of a processor."""
         slow = self.trial is not None and any(case.controller.slow for case in self.trial.cases)
-        size = block_size("native")
-        rounds = math.ceil(math.ceil(people / size) / (os.cpu_count() or 1))
-        return rounds * size * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
+        return people * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
 
 
 class ShardResult(NamedTuple):
@@ -135,14 +130,12 @@ def shards_of(asked: League) -> list[tuple[Line, int, npt.NDArray[np.int64]]]:
 
 
 def notes(asked: League) -> Iterator[str]:
-    """Notes on the amount of work and the time that it may take, and on controllers that take no part."""
-    kind, lines = rows(asked), lines_of(asked)
-    minutes = max(1, round(kind.amount(kind.wanted) / 60.0))
+    """Notes on the amount of work, and on controllers that take no part."""
+    lines = lines_of(asked)
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
     yield (
-        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days: about "
-        f"{how_many(minutes, 'minute')} on {how_many(os.cpu_count() or 1, 'idle core')}, or as the "
-        "progress tells."
+        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days; if that takes "
+        "long, it is said how long once the first are timed."
     )
     yield from _left_out(asked)
 
@@ -191,7 +184,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         every_s=15.0,  # since all people are written each time
         unit="units of work",
         rate_over_s=600.0,  # one controller may take ten times as long as another
-        work=lambda number: max(1, round(_DESIGN_S + shards[number][0].estimated_s(shards[number][2].size))),
+        work=lambda number: max(1, round(_DESIGN_S + shards[number][0].work(shards[number][2].size))),
     )
 
 

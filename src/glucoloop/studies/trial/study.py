@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from glucoloop.cohorts import engine
-from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts
+from glucoloop.cohorts.bins import BAND_QUANTILES, quantiles_of_counts, times_pct
 from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
@@ -29,7 +29,7 @@ from glucoloop.report.trial_report import ranges_pct
 from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
-from glucoloop.storage.trials.shard import Counts, add_counts, edges, no_counts, times
+from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -83,11 +83,14 @@ def notes(asked: Trial) -> tuple[str, ...]:
 def found(asked: Trial, folder: TrialFolder) -> Findings:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
     summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
-    bands, origin, prepared = _bands(folder), folder.recorded, engine.prepare(asked)
+    counts, origin, prepared = _counts(folder), folder.recorded, engine.prepare(asked)
+    bands = _bands(asked, counts)
     numbers, designed = summary.plain, prepared.computed_settings
     for label, of_label in numbers["controllers"].items():
         of_label |= {**prepared.engines[label], "settled": designed[label]}
         of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
+        if BY_WEEK in counts[label]:
+            of_label["weeks"] = list(_weeks(bands[label][BY_WEEK], counts[label][BY_WEEK]))
     plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **numbers}
     report = TrialReport(
         title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
@@ -99,6 +102,7 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
         exercise=asked.bouts,
         faults=asked.fault_texts,
+        length_min=asked.horizon_min,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
         cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )
@@ -118,16 +122,27 @@ def tables(asked: Trial, found: Findings) -> Iterator[object]:
     yield lines_table("Over the people", found.plain["controllers"], list(_rows(asked, found.plain)))
 
 
-def _bands(folder: TrialFolder) -> Bands:
-    trial = folder.trial
-    total: dict[str, Counts] = no_counts(trial)
-    for index in range(trial.shards):
-        add_counts(folder.shard(index), trial, index, total)
+def _counts(folder: TrialFolder) -> dict[str, Counts]:
+    total = no_counts(folder.trial)
+    for index in range(folder.trial.shards):
+        add_counts(folder.shard(index), folder.trial, index, total)
+    return total
+
+
+def _bands(trial: Trial, counts: Mapping[str, Counts]) -> Bands:
     bins = edges(trial)
     return {
-        label: {quantity: quantiles_of_counts(bins[quantity], counts) for quantity, counts in of_label.items()}
-        for label, of_label in total.items()
+        label: {quantity: quantiles_of_counts(bins[quantity], found) for quantity, found in of_label.items()}
+        for label, of_label in counts.items()
     }
+
+
+def _weeks(quantiles: Any, counts: Any) -> Iterator[dict[str, float]]:
+    """Glucose of each week, all samples of all people together: quantiles, and shares of the time in ranges."""
+    shares = times_pct(counts)
+    for week in range(len(counts)):
+        found = {f"p{100 * q:.0f}": of[week] for q, of in zip(BAND_QUANTILES, quantiles, strict=True)}
+        yield {"week": week + 1, **found, **{name: share[week] for name, share in shares.items()}}
 
 
 def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
@@ -163,6 +178,7 @@ def _case_report(trial: Trial, label: str, summary: TrialSummary, bands: Mapping
         worst=_worst(trial, label, plain["worst"]),
         ever_below={limit: (share["people"], share["share_pct"]) for limit, share in low.items()},
         not_finite=plain["not_finite"]["count"],
+        weeks=plain.get("weeks", ()),
     )
 
 
@@ -194,26 +210,37 @@ def _page_numbers(trial: Trial, plain: Mapping[str, Any]) -> Iterator[tuple[tupl
 
 
 def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> list[WorstPerson]:
-    """People with the worst outcomes, with their traces; a person is the same in every simulation."""
+    """People with the worst outcomes, with their traces; a person is the same in every simulation.
+
+    Of a long run they have the week with the least glucose.
+    """
     if not people:
         return []
     worst = np.array([person["person"] for person in people], np.int64)
     again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
-    t_min = times(trial)
-    return [
-        WorstPerson(
-            person=person["person"],
-            minimum_mg_dl=person["metrics"]["minimum_mg_dl"],
-            t_min=t_min["glucose"],
-            glucose_mg_dl=again.glucose_mg_dl[:, column].astype(np.float64),
-            insulin_t_min=t_min["insulin"],
-            insulin_mU_min=again.insulin_mU_min[:, column].astype(np.float64),
-            note=person_in_words(trial.population, person, trial.seed),
+    found = []
+    for column, person in enumerate(people):
+        glucose, insulin = (of[:, column].astype(np.float64) for of in (again.glucose_mg_dl, again.insulin_mU_min))
+        note = person_in_words(trial.population, person, trial.seed)
+        if trial.counted_weeks:
+            week = int(np.nanargmin(glucose[:-1])) // trial.samples_a_week
+            first, last = week * trial.samples_a_week, min((week + 1) * trial.samples_a_week, trial.samples)
+            glucose, insulin, note = glucose[first : last + 1], insulin[first:last], f"week {week + 1}; {note}"
+        t_min = trial.sample_time_min * np.arange(glucose.size, dtype=np.float64)
+        found.append(
+            WorstPerson(
+                person=person["person"],
+                minimum_mg_dl=person["metrics"]["minimum_mg_dl"],
+                t_min=t_min,
+                glucose_mg_dl=glucose,
+                insulin_t_min=t_min[:-1],
+                insulin_mU_min=insulin,
+                note=note,
+            )
         )
-        for column, person in enumerate(people)
-    ]
+    return found
 
 
 def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:
