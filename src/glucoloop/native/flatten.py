@@ -209,7 +209,7 @@ class Flattener:
         do = functools.partial(self.program.apply, operation)
 
         def total(row: Values) -> Value:
-            terms = row.tolist() or [self.program.constant(start)]
+            terms: list[Value] = row.tolist() or [self.program.constant(start)]
             while operation in ("and", "or") and len(terms) > 1:  # in pairs, which do not wait for one another
                 terms = [functools.reduce(do, terms[i : i + 2]) for i in range(0, len(terms), 2)]
             return functools.reduce(do, terms)

@@ -3,8 +3,9 @@
 Every value is a number, by its place in the program. Equal operations are one value, operations on constants are
 carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
 with zero and a quotient of zero are zero, whatever the other number, so that the zeros of a matrix cost nothing; and
-constant factors are gathered, which may change the last digit (but not through `exact_sub`). A program *as written* takes only the first, so
-that its bits depend neither on which of its inputs are constants nor on what else is computed beside.
+constant factors are gathered, which may change the last digit (but not through `exact_sub`). A program *as written*
+takes only the first, so that its bits depend neither on which of its inputs are constants nor on what else is computed
+beside.
 
 A target carries these operations out, each rounded to nearest in the program's precision:
 
