@@ -55,10 +55,15 @@ def carried_on(
         Variance of a reading, positive.
     """
 
-    def step(packed: jax.Array, _: None) -> tuple[jax.Array, None]:
-        seen = whole(packed) @ C
-        filtered = whole(packed - triangle(seen[:, None] * (seen / (C @ seen + R))))
+    def step(P: jax.Array, _: None) -> tuple[jax.Array, None]:
+        seen = P @ C
+        filtered = _mirrored(P - seen[:, None] * (seen / (C @ seen + R)))
         # The rows of insulin, which end in zeros, from the left: so fewer products are needed for the triangle.
-        return triangle(Phi @ (Phi @ filtered).T + Q), None
+        return _mirrored(Phi @ (Phi @ filtered).T + Q), None
 
-    return jax.lax.scan(step, packed, None, length=steps)[0]
+    return triangle(jax.lax.scan(step, whole(packed), None, length=steps)[0])
+
+
+def _mirrored(P: jax.Array) -> jax.Array:
+    """The symmetric matrix with the lower triangle of another."""
+    return jnp.tril(P) + jnp.tril(P, -1).T
