@@ -50,7 +50,6 @@ class Emitter:
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
         self._member: str | None = None
-        self._alone: Rounds | None = None
         self._lengths: dict[str, int] = {}
         self._vector = self._column = self._own = ""
 
@@ -194,13 +193,12 @@ class Emitter:
     def _loop(self, name: str, body: Callable[[], None]) -> None:
         say = self._out.say
         self._names = {}
-        if self._group == 1 or self._alone:  # no loop: places in memory are then constants, or those of one vector
+        if self._group == 1:  # no loop: places in memory are then constants
             say(f"  br label %{name}_end")
             say(f"{name}_end:")
-            if not self._alone:
-                self._member, self._vector, self._column = None, "%b", f"%{name}_column"
-                if not self._apart:
-                    say(f"  %{name}_column = mul i64 %b, {self._lanes}")
+            if not self._apart:
+                say(f"  %{name}_column = mul i64 %b, {self._lanes}")
+            self._member, self._vector, self._column = None, "%b", f"%{name}_column"
             body()
             return
         say(f"  br label %{name}_enter")
@@ -257,17 +255,6 @@ class Emitter:
     def _begin_rounds(self, rounds: Rounds) -> None:
         """Begin a loop of chunks, which reads what is carried in one place and writes it in another, in turns."""
         say, label = self._out.say, rounds.label
-        chunks = self._plan.chunks[rounds.first : rounds.last + 1]
-        if self._group > 1 and not self._alone and sum(len(chunk.values) for chunk in chunks) <= FITS_THE_CACHE:
-            self._alone = rounds
-            say(f"  br label %{label}_vectors")
-            say(f"{label}_vectors:")
-            say(f"  br label %{label}_of")
-            say(f"{label}_of:")
-            say(f"  %{label}_m = phi i64 [ 0, %{label}_vectors ], [ %{label}_m_next, %{label}_left ]")
-            say(f"  %{label}_vector = add i64 %b, %{label}_m")
-            say(f"  %{label}_column = mul i64 %{label}_vector, {self._lanes}")
-            self._member, self._vector, self._column = f"%{label}_m", f"%{label}_vector", f"%{label}_column"
         if rounds.loop.over:
             self._loop(f"{label}_asked", functools.partial(self._ask, rounds, "start"))
         say(f"  br label %{label}_enter")
@@ -312,14 +299,6 @@ class Emitter:
         if rounds.loop.over:
             say(f"  %{label}_end_at = phi ptr [ %{label}_start, %{label}_enter ], [ %{label}_new, %{label}_again ]")
             self._loop(f"{label}_close", functools.partial(self._bring, rounds))
-        if self._alone is rounds:
-            self._alone = None
-            say(f"  br label %{label}_left")
-            say(f"{label}_left:")
-            say(f"  %{label}_m_next = add i64 %{label}_m, 1")
-            say(f"  %{label}_m_more = icmp slt i64 %{label}_m_next, %members")
-            say(f"  br i1 %{label}_m_more, label %{label}_of, label %{label}_done")
-            say(f"{label}_done:")
 
     def _bring(self, rounds: Rounds) -> None:
         """Bring what is carried at the end of a loop to the place in which it was at the beginning."""
