@@ -1,7 +1,5 @@
 """Loops that stay loops: what the rounds compute does not depend on whether they are written out."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -47,9 +45,20 @@ def until(x, rows):
     return jax.lax.while_loop(goes_on, lambda c: (c[0] * pace, c[1] + 1, x[1]), (jnp.abs(rows).sum() - 9.0, 0, x[1]))
 
 
+def settling(x, rows):
+    """A fixed number of rounds, of which each person needs fewer, and some none."""
+
+    def one(carried, _):
+        x, settled = carried
+        new = 0.5 * (x + rows[0, 0] ** 2 / x)
+        return (jnp.where(settled, x, new), jnp.where(settled, settled, jnp.abs(new - x) < 1e-3)), None
+
+    return jax.lax.scan(one, (1.0 + x[0] ** 2, x[1] > 0.0), None, length=9)[0]
+
+
 def everything(x, rows):
-    """Both."""
-    return rounds(x, rows), until(x, rows)
+    """All of them."""
+    return rounds(x, rows), until(x, rows), settling(x, rows)
 
 
 def numbers(seed=0):
@@ -85,11 +94,14 @@ def test_loops_are_those_of_jax(looping, native, by_jax):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("size", [7, 2000])
-def test_native_code_is_the_interpreter_to_the_bit_however_it_is_cut(looping, native, monkeypatch, precision, size):
-    if size < 10:  # several vectors go through each chunk
-        monkeypatch.setattr(emit, "FITS_THE_CACHE", 10)
-        monkeypatch.setattr(emit, "plan_chunks", functools.partial(emit.plan_chunks, size=size))
+@pytest.mark.parametrize(("size", "fits"), [(7, 10), (2000, 6000)])
+def test_native_code_is_the_interpreter_to_the_bit_however_it_is_cut(
+    looping, native, monkeypatch, precision, size, fits
+):
+    """Several vectors go in turn through each chunk, and one after the other."""
+    monkeypatch.setattr(emit, "FITS_THE_CACHE", fits)
+    for name in ("OPERATIONS_A_CHUNK", "OPERATIONS_OF_SEVERAL"):
+        monkeypatch.setattr(emit, name, size)
     given = [x.astype(precision) for x in numbers()]
     found = native(everything, *numbers(), precision=precision, products="strict")(*given)
     _, wanted = interpret(lowered(everything, precision=precision), own=flat(given))
@@ -106,12 +118,21 @@ def test_rounds_as_written_are_the_same_written_out(looping, monkeypatch):
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_the_bits_of_a_person_do_not_depend_on_how_long_others_go_on(looping, native):
+def test_rounds_end_where_all_have_settled(looping):
+    whole, [settled] = lowered(rounds), lowered(settling).program.loops.values()
+    assert settled.length == 9
+    assert settled.over == (1, True)
+    assert all(loop.over is None for loop in whole.program.loops.values())
+
+
+@pytest.mark.parametrize("function", [until, settling])
+def test_the_bits_of_a_person_do_not_depend_on_how_long_others_go_on(looping, native, function):
     x, rows = numbers()
-    carried_out = native(until, x, rows)
-    _, count, _ = carried_out(x, rows)
-    assert count.min() == 0.0
-    assert len(set(count.tolist())) > 4
+    carried_out = native(function, x, rows)
+    if function is until:
+        _, count, _ = carried_out(x, rows)
+        assert count.min() == 0.0
+        assert len(set(count.tolist())) > 4
     alone = [carried_out(x[:, [i]], rows[..., [i]]) for i in range(PEOPLE)]
     np.testing.assert_array_equal(flat(carried_out(x, rows)), np.concatenate([flat_one(one) for one in alone], axis=1))
 

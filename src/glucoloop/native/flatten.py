@@ -31,7 +31,7 @@ LONGEST_LOOP: Final = 64
 """Largest number of rounds that are written out one by one."""
 LARGEST_LOOP: Final = 30_000
 """Largest number of operations, about, of all rounds of a loop that is written out so."""
-FEW_ROUNDS: Final = 5
+FEW_ROUNDS: Final = 3
 """Number of rounds that are written out however long they are: more is then known of each."""
 LONGEST_TABLE: Final = 256
 """Largest number of places in an array among which a computed one is chosen."""
@@ -206,10 +206,13 @@ class Flattener:
         rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
         start = {"add": 0.0, "and": True, "or": False, "max": -np.inf, "min": np.inf}[operation]
 
+        do = functools.partial(self.program.apply, operation)
+
         def total(row: Values) -> Value:
-            if row.size == 0:
-                return self.program.constant(start)
-            return functools.reduce(functools.partial(self.program.apply, operation), (int(e) for e in row))
+            terms: list[Value] = row.tolist() or [self.program.constant(start)]
+            while operation in ("and", "or") and len(terms) > 1:  # in pairs, which do not wait for one another
+                terms = [functools.reduce(do, terms[i : i + 2]) for i in range(0, len(terms), 2)]
+            return functools.reduce(do, terms)
 
         flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
         return np.array(flat, np.int64).reshape(rows.shape[:-1])
@@ -467,7 +470,10 @@ class Flattener:
         self._home = outside
         results = _joined(given)
         changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)
-        loop = LoopForm(home, length, tuple(carried.values()), tuple(row_inputs.values()))
+        over = (len(carried) - 1, False) if length is None else None
+        if not changing:
+            over = over or self._settling(list(carried.values()), [after[n] for n in carried])
+        loop = LoopForm(home, length, over, tuple(carried.values()), tuple(row_inputs.values()))
         arguments = [
             *(int(first[n]) for n in carried),
             *(after[n] for n in carried),
@@ -486,6 +492,14 @@ class Flattener:
         of_rounds = [_apart(at(k), given) for k in range(length or 0)]
         stacked = [np.stack(parts) for parts in zip(*of_rounds, strict=True)]
         return _apart(np.array(ends, np.int64), start), stacked
+
+    def _settling(self, carried: Sequence[Value], following: Sequence[Value]) -> tuple[int, bool] | None:
+        """Place of a truth, and that it holds, with which a round leaves all that is carried as it is."""
+        formed = [self.program.operations[v] for v in following]
+        for place, truth in enumerate(carried):
+            if all(form[0] == "select" and form[1][:2] == (truth, v) for form, v in zip(formed, carried, strict=True)):
+                return place, True
+        return None
 
 
 def _joined(arrays: Sequence[Values]) -> Values:

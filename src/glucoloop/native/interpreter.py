@@ -108,6 +108,8 @@ def _go_round(
     (carried, row), (start, following, rows, given) = inputs, groups
     last, made = [values[at] for at in start], list[Any]()
     for k in itertools.count():
+        if k == loop.length or (loop.over and np.all(last[loop.over[0]] == loop.over[1])):
+            break
         for at, value in zip(carried, last, strict=True):
             values[at] = value
         for at, source in zip(row, rows[k * len(row) :], strict=False):
@@ -115,8 +117,6 @@ def _go_round(
         _carry_out(steps, values)
         last = [values[at] for at in following]
         made += [values[at] for at in given]
-        if k + 1 == loop.length or (loop.length is None and not np.any(last[-1])):
-            break
     return [*last, *made]
 
 

@@ -2,9 +2,10 @@
 
 Every value is a number, by its place in the program. Equal operations are one value, operations on constants are
 carried out, and what is the same at every sample is computed once. Two liberties are taken with arithmetic: a product
-with zero is zero, whatever the other factor, so that the zeros of a matrix cost nothing; and constant factors are
-gathered, which may change the last digit (but not through `exact_sub`). A program *as written* takes only the first, so
-that its bits depend neither on which of its inputs are constants nor on what else is computed beside.
+with zero and a quotient of zero are zero, whatever the other number, so that the zeros of a matrix cost nothing; and
+constant factors are gathered, which may change the last digit (but not through `exact_sub`). A program *as written*
+takes only the first, so that its bits depend neither on which of its inputs are constants nor on what else is computed
+beside.
 
 A target carries these operations out, each rounded to nearest in the program's precision:
 
@@ -94,9 +95,11 @@ class LoopForm:
 
     home: Home
     length: int | None
-    """Number of rounds; None if there are rounds until the last of what is carried, a truth, is false for everybody.
+    """Largest number of rounds; None if only `over` ends them."""
+    over: tuple[int, bool] | None
+    """Place of a truth among what is carried, and its value for whom the operations leave all that is carried as it is.
 
-    For whom it is false before, the operations leave all as it is.
+    Before the first round and after each the rounds end if it has that value for everybody. None: all are carried out.
     """
     carried: tuple[Value, ...]
     rows: tuple[Value, ...]
@@ -217,7 +220,7 @@ class Program:
                 return self.apply("neg", b)
             case "max" | "min" if of_a != of_a or of_b != of_b:  # not a number
                 return self.constant(math.nan)
-            case "mul" if of_a == 0.0 or of_b == 0.0:
+            case "mul" | "div" if of_a == 0.0 or (of_b == 0.0 and operation == "mul"):
                 return self.constant(0.0)
             case "mul" if of_a == 1.0:
                 return b

@@ -1,6 +1,5 @@
 """A loop as native code: what is handed on, who stands in which lane, how the work is cut, and by how many threads."""
 
-import functools
 import gc
 
 import jax
@@ -10,7 +9,7 @@ import pytest
 
 from glucoloop.native import divisions
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.llvm import chunks, emit, kernel
+from glucoloop.native.targets.llvm import emit, kernel
 from glucoloop.native.targets.llvm.kernel import compile_kernel, lanes, vectors_at_once
 from glucoloop.patients import Inputs
 from glucoloop.patients.sorensen import equations as sorensen
@@ -120,7 +119,7 @@ def test_threads_make_no_difference(compiled, numbers, threads):
 @pytest.mark.long
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
 def test_how_the_work_is_cut_makes_no_difference(lowered, compiled, numbers, monkeypatch, size):
-    monkeypatch.setattr(emit, "plan_chunks", functools.partial(chunks.plan_chunks, size=size))
+    monkeypatch.setattr(emit, "OPERATIONS_A_CHUNK", size)
     cut = compile_kernel(lowered["float64"])
     assert cut.text.count("chunk") > compiled["float64"].text.count("chunk")
     for a, b in zip(run(cut, numbers), run(compiled["float64"], numbers), strict=True):

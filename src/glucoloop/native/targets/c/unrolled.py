@@ -135,8 +135,11 @@ class _Writer:
             lines.append(f"const {real} {label}_rows[{len(rows)}] = {{ {numbers} }};")
         if given:
             lines.append(f"{real} {label}_given[{length * len(given)}];")
-        endless = loop.length is None
-        lines += ["do" if endless else f"for (int32_t {label} = 0; {label} < {length}; {label}++)", "{"]
+        goes_on = [f"{label} < {length}"] if length else []
+        if loop.over:
+            goes_on.append(f"{'!' if loop.over[1] else ''}c{loop.carried[loop.over[0]]}")
+        lasts = " && ".join(f"({condition})" for condition in goes_on) if len(goes_on) > 1 else goes_on[0]
+        lines += [f"for (int32_t {label} = 0; {lasts}; {label}++)" if length else f"while ({lasts})", "{"]
         self._names.update({v: f"c{v}" for v in loop.carried})
         for i, row in enumerate(loop.rows):
             text = self._of_number(row, f"{label}_rows[({len(loop.rows)} * {label}) + {i}]")
@@ -147,7 +150,7 @@ class _Writer:
         pairs = [(v, to) for v, to in zip(following, loop.carried, strict=True) if v != to]
         lines += [self._local("const ", v, f"n{to}", self.name(v)) for v, to in pairs]
         lines += [f"c{to} = n{to};" for _, to in pairs]
-        return [*lines, f"}} while ({self._names[loop.carried[-1]]});" if endless else "}"]
+        return [*lines, "}"]
 
     def _part(self, value: Value, of: Value, number: Value) -> str:
         loop, place = self._p.loops[of], int(self._p.constants[number])

@@ -16,9 +16,11 @@ from typing import Final
 from glucoloop.native.lower import Layout
 from glucoloop.native.program import SAMPLE, Block, LoopForm, Program, Value
 
+FITS_THE_CACHE: Final = 6000
+"""Number of operations, about, whose instructions fit the processor's first-level cache."""
 OPERATIONS_A_CHUNK: Final = 2000
-OPERATIONS_BESIDE_LOOPS: Final = 500
-"""The same in a program with loops, which measured a fifth faster so."""
+OPERATIONS_OF_SEVERAL: Final = 500
+"""The same in a program that does not fit the cache: then what one vector of people needs of memory fits it."""
 
 Cell = tuple[str, int, str | None]
 """Name of an array of a loop, a place in it, and the name of a number that is added to the place."""
@@ -47,8 +49,6 @@ class Rounds:
     first: int
     """Number of its first chunk."""
     last: int
-    following: Sequence[Value]
-    """Values that a round carries on; the last is the truth that ends a loop without length."""
     given: int
     """Number of values that each round gives."""
 
@@ -97,7 +97,7 @@ class _Cutter:
     def _loop(self, body: Block) -> None:
         assert body.value is not None
         loop, first = self._p.loops[body.value], len(self.chunks)
-        label = "loop" + "_".join(map(str, loop.home))
+        label = _label(loop)
         start, following, rows, given = loop.groups(self._p.operations[body.value][1])
         self.cells.update({v: (f"%{label}_old", i, None) for i, v in enumerate(loop.carried)})
         self.cells.update({v: (f"%{label}_rows", i, f"%{label}_row") for i, v in enumerate(loop.rows)})
@@ -106,7 +106,7 @@ class _Cutter:
         self.cut(body)
         self._pass(following, (f"%{label}_new", 0, None), loop.home)
         self._pass(given, (f"%{label}_given", 0, f"%{label}_at"), loop.home)
-        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, following, len(given)))
+        self.loops.append(Rounds(label, loop, first, len(self.chunks) - 1, len(given)))
 
     def _pass(self, values: Sequence[Value], to: Cell, home: tuple[int, ...]) -> None:
         """Pass values to places that follow one another: from the chunk of a value, or from the last one so far."""
@@ -117,11 +117,17 @@ class _Cutter:
     def _find(self, part: Value) -> None:
         value, number = self._p.operations[part][1]
         loop, place = self._p.loops[value], int(self._p.constants[number])
-        label = "%loop" + "_".join(map(str, loop.home))
-        carried = len(loop.carried)
+        carried, label = len(loop.carried), _label(loop)
+        # Rounds write in one place and in the other, in turns; what ends early is brought to the first.
+        last = "start" if loop.over or loop.length is None or loop.length % 2 == 0 else "next"
         self.cells[part] = (
-            (f"{label}_new", place, None) if place < carried else (f"{label}_given", place - carried, None)
+            (f"%{label}_{last}", place, None) if place < carried else (f"%{label}_given", place - carried, None)
         )
+
+
+def _label(loop: LoopForm) -> str:
+    """Beginning of the names of a loop's code and memory."""
+    return "loop" + "_".join(map(str, loop.home))
 
 
 def plan_chunks(
@@ -129,15 +135,15 @@ def plan_chunks(
     layout: Layout,
     body: Block,
     fused: Mapping[Value, Value],
-    size: int | None = None,
+    size: int,
     vectors: Mapping[Value, Sequence[Value]] | None = None,
 ) -> ChunkPlan:
-    """Divide values that are computed at every sample into chunks.
+    """Divide values that are computed at every sample into chunks of a size.
 
     `fused` are the products that are computed together with a sum; `vectors` the values that are needed where a loop
     over rows begins, by the first of its sums.
     """
-    cutter = _Cutter(program, size or (OPERATIONS_BESIDE_LOOPS if program.loops else OPERATIONS_A_CHUNK))
+    cutter = _Cutter(program, size)
     cutter.cut(body)
     chunks, home = cutter.chunks, cutter.home
     last_use: dict[Value, int] = {}

@@ -13,13 +13,19 @@ from typing import Final
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
-from glucoloop.native.targets.llvm.chunks import Cell, Chunk, Rounds, plan_chunks
+from glucoloop.native.targets.llvm.chunks import (
+    FITS_THE_CACHE,
+    OPERATIONS_A_CHUNK,
+    OPERATIONS_OF_SEVERAL,
+    Cell,
+    Chunk,
+    Rounds,
+    plan_chunks,
+)
 from glucoloop.native.targets.llvm.rows import MatrixRows, find_rows
 from glucoloop.native.targets.llvm.vectors import VectorCode
 from glucoloop.native.targets.products import FUSED, fused_products
 
-FITS_THE_CACHE: Final = 6000
-"""Number of operations, about, whose instructions fit the processor's first-level cache."""
 VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
 
@@ -44,6 +50,7 @@ class Emitter:
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
         self._member: str | None = None
+        self._lengths: dict[str, int] = {}
         self._vector = self._column = self._own = ""
 
         results = layout.results
@@ -69,9 +76,11 @@ class Emitter:
         """Place of each row's value, which waits in memory."""
         inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
-        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
+        fits = len(values) <= FITS_THE_CACHE
+        self._group = 1 if apart or vectors > 1 or fits else VECTORS_A_BLOCK
         factors = {first: row.factors for first, row in self._rows.items()}
-        self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, vectors=factors)
+        size = OPERATIONS_A_CHUNK if fits else OPERATIONS_OF_SEVERAL
+        self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, size, vectors=factors)
 
     @property
     def held(self) -> int:
@@ -128,6 +137,7 @@ class Emitter:
         """Room for the state before and after a sample, and for what waits between chunks."""
         states = len(self._layout.carry)
         inside = {"before": states, "after": states, "slots": self._plan.slots}
+        places = dict.fromkeys(("old", "new", "final"), states)
         if self._sums:
             inside["sums"] = len(self._sums)
         for rounds in self._plan.loops:
@@ -135,10 +145,13 @@ class Emitter:
             given, label = (rounds.loop.length or 0) * rounds.given, rounds.label
             inside |= {f"{label}_start": carried, f"{label}_next": carried}
             inside |= {f"{label}_rows": rows, f"{label}_given": given}
-            if rounds.loop.length is None:
+            places |= dict.fromkeys((f"{label}_old", f"{label}_new", f"{label}_end_at"), carried)
+            if rounds.loop.over:
                 self._out.say(f"  %{label}_going = alloca i1")
+                self._out.say(f"  store i1 0, ptr %{label}_going")
         for name, size in {**sizes, **inside}.items():
             self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._out.vector}], align 64")
+        self._lengths |= {f"%{name}": size for name, size in {**sizes, **inside, **places}.items()}
 
     def _samples(self) -> None:
         """Carry the people of a block through all samples."""
@@ -234,9 +247,6 @@ class Emitter:
             self._out.store(self._as_number(value), self._cell("%slots", slot))
         for value, cell in chunk.passed:
             self._out.store(self._as_number(value), self._cell_of(cell))
-        for rounds in self._plan.loops:
-            if rounds.loop.length is None and chunk is self._plan.chunks[rounds.last]:
-                self._out.note(self._name(rounds.following[-1]), f"%{rounds.label}_going")
         for value, i in chunk.carried:
             self._out.store(self._as_number(value), self._cell("%new", i))
         for value, i in chunk.written:
@@ -245,9 +255,11 @@ class Emitter:
     def _begin_rounds(self, rounds: Rounds) -> None:
         """Begin a loop of chunks, which reads what is carried in one place and writes it in another, in turns."""
         say, label = self._out.say, rounds.label
+        if rounds.loop.over:
+            self._loop(f"{label}_asked", functools.partial(self._ask, rounds, "start"))
         say(f"  br label %{label}_enter")
         say(f"{label}_enter:")
-        say(f"  br label %{label}")
+        self._branch(rounds, "true")
         say(f"{label}:")
         for name, kind, first, then in (
             ("k", "i64", "0", "more"),
@@ -257,30 +269,49 @@ class Emitter:
             say(f"  %{label}_{name} = phi {kind} [ {first}, %{label}_enter ], [ %{label}_{then}, %{label}_again ]")
         say(f"  %{label}_row = mul i64 %{label}_k, {len(rounds.loop.rows)}")
         say(f"  %{label}_at = mul i64 %{label}_k, {rounds.given}")
-        if rounds.loop.length is None:
-            say(f"  store i1 0, ptr %{label}_going")
+
+    def _ask(self, rounds: Rounds, place: str) -> None:
+        """Note whether the rounds are not over for one of the people."""
+        assert rounds.loop.over
+        truth, value = rounds.loop.over
+        is_ = self._out.truth(self._out.load(self._cell(f"%{rounds.label}_{place}", truth)))
+        self._out.note(is_, not value, f"%{rounds.label}_going")
+
+    def _branch(self, rounds: Rounds, more: str) -> None:
+        """Go through a round if there are more and they are not over for everybody; leave the loop otherwise."""
+        label = rounds.label
+        if rounds.loop.over:
+            going = self._out(f"load i1, ptr %{label}_going")
+            self._out.say(f"  store i1 0, ptr %{label}_going")
+            more = self._out(f"and i1 {more}, {going}")
+        self._out.say(f"  br i1 {more}, label %{label}, label %{label}_end")
 
     def _end_rounds(self, rounds: Rounds) -> None:
         say, label = self._out.say, rounds.label
+        if rounds.loop.over:
+            self._loop(f"{label}_asked_again", functools.partial(self._ask, rounds, "new"))
         say(f"  br label %{label}_again")
         say(f"{label}_again:")
         say(f"  %{label}_more = add i64 %{label}_k, 1")
-        if rounds.loop.length is None:
-            say(f"  %{label}_goes = load i1, ptr %{label}_going")
-        else:
-            say(f"  %{label}_goes = icmp slt i64 %{label}_more, {rounds.loop.length}")
-        say(f"  br i1 %{label}_goes, label %{label}, label %{label}_end")
+        length = rounds.loop.length
+        self._branch(rounds, "true" if length is None else self._out(f"icmp slt i64 %{label}_more, {length}"))
         say(f"{label}_end:")
+        if rounds.loop.over:
+            say(f"  %{label}_end_at = phi ptr [ %{label}_start, %{label}_enter ], [ %{label}_new, %{label}_again ]")
+            self._loop(f"{label}_close", functools.partial(self._bring, rounds))
+
+    def _bring(self, rounds: Rounds) -> None:
+        """Bring what is carried at the end of a loop to the place in which it was at the beginning."""
+        for i in range(len(rounds.loop.carried)):
+            found = self._out.load(self._cell(f"%{rounds.label}_end_at", i))
+            self._out.store(found, self._cell(f"%{rounds.label}_start", i))
 
     def _cell_of(self, cell: Cell) -> str:
         """Address of a vector in the memory of a loop."""
         array, i, more = cell
         if more is None:
             return self._cell(array, i)
-        at = self._out(f"add i64 {more}, {i}")
-        if self._member is not None:
-            at = self._out(f"add i64 {self._member}, {self._out(f'mul i64 {at}, {self._group}')}")
-        return self._out.vector_at(array, at)
+        return self._cell(array, self._out(f"add i64 {more}, {i}"))
 
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
@@ -317,10 +348,15 @@ class Emitter:
 
     # memory
 
-    def _cell(self, array: str, i: int) -> str:
-        """Address of a vector among those that belong to this function, or to its caller if it is apart."""
-        at = i if self._member is None else self._out(f"add i64 {self._member}, {i * self._group}")
-        return self._out.vector_at(array, at)
+    def _cell(self, array: str, i: int | str) -> str:
+        """Address of a vector among those that belong to this function, or to its caller if it is apart.
+
+        Those of one vector of people lie side by side.
+        """
+        if self._member is None:
+            return self._out.vector_at(array, i)
+        first = self._out(f"mul i64 {self._member}, {self._lengths[array]}")
+        return self._out.vector_at(array, self._out(f"add i64 {first}, {i}"))
 
     def _own_of_vector(self) -> str:
         """Address of what reaches a vector of people at a sample; that of all samples lies together."""

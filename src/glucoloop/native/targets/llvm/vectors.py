@@ -67,10 +67,10 @@ class VectorCode:
         """Write a vector to an address."""
         self.say(f"  store {self.vector} {name}, ptr {at}, align {self.alignment}")
 
-    def note(self, truth: str, at: str) -> None:
-        """Write to an address that a truth holds in one of the lanes, if it does; what was there stays otherwise."""
+    def note(self, truth: str, value: bool, at: str) -> None:
+        """Write to an address that a truth has a value in one of the lanes, if so; what was there stays otherwise."""
         bits = self(f"bitcast {self._mask} {truth} to i{self._lanes}")
-        any_ = self(f"icmp ne i{self._lanes} {bits}, 0")
+        any_ = self(f"icmp ne i{self._lanes} {bits}, {0 if value else -1}")
         before = self(f"load i1, ptr {at}")
         self.say(f"  store i1 {self(f'or i1 {before}, {any_}')}, ptr {at}")
 
@@ -101,7 +101,7 @@ class VectorCode:
         return self._everywhere(f"{self.scalar} 0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}")
 
     def _everywhere(self, scalar: str) -> str:
-        return "<" + ", ".join([scalar] * self._lanes) + ">"
+        return f"splat ({scalar})"
 
     def truth(self, number: str) -> str:
         """Whether a number is not zero."""
