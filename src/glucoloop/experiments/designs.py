@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,10 +18,12 @@ from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.experiments.titration import profile_of
 from glucoloop.identification import FirstOrderModel, Identification
+from glucoloop.kept import kept_result
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
+from glucoloop.parts.code import outside_code
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
@@ -189,7 +192,9 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    found = identified_model(situation, case, situation.nominal)
+    asked = _asked_of(situation, case, situation.nominal)
+    own = type(situation.patient).__module__.startswith("glucoloop.") and not outside_code(situation.patient.tree())
+    found = kept_result(identify, **asked) if own else identify(**asked)
     reasons = found.doubts()
     if reasons and not situation.allow_unusual:
         asked = case.identified
@@ -211,18 +216,23 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
+    return identify(**_asked_of(situation, case, patient))
+
+
+def _asked_of(situation: Situation, case: Case, patient: Patient) -> dict[str, Any]:
+    """Arguments of the identification of the model of a case."""
     asked = case.identified
-    return identify(
-        patient,
-        record_sensor(situation, asked.noise_variance or 0.0),
-        record_key(situation.seed),
-        memory=asked.memory or 0,
-        amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
-        laguerre_pole=asked.laguerre_pole or 0.0,
-        laguerre_functions=asked.laguerre_functions or None,
-        under_the_skin=situation.patient.under_the_skin,
-        sample_time_min=situation.sample_time_min,
-    )
+    return {
+        "patient": patient,
+        "sensor": record_sensor(situation, asked.noise_variance or 0.0),
+        "key": record_key(situation.seed),
+        "memory": asked.memory or 0,
+        "amplitude_mU_min": pulse_of(situation, float(patient.basal_insulin_mU_min)),
+        "laguerre_pole": asked.laguerre_pole or 0.0,
+        "laguerre_functions": asked.laguerre_functions or None,
+        "under_the_skin": situation.patient.under_the_skin,
+        "sample_time_min": situation.sample_time_min,
+    }
 
 
 def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:

@@ -11,11 +11,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.kept import kept
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import SAMPLE
 from glucoloop.native.targets.llvm.emit import Emitter
-from glucoloop.native.targets.llvm.kept import kept
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.refusal import Refusal
 

@@ -1,13 +1,13 @@
-"""Machine code is kept where JAX keeps its own: found again, never run when damaged, and made anew for another program."""
+"""Machine code is kept where JAX keeps its own: found again, never run when damaged, made anew for other programs."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.kept import SUFFIX
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
-from glucoloop.native.targets.llvm.kept import SUFFIX
 
 
 @pytest.fixture
