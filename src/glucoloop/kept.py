@@ -10,15 +10,14 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import inspect
 import os
 import pickle
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FunctionType
 from typing import Any, Final, TypeVar
-
-import jax
-import numpy as np
 
 from glucoloop.arithmetic import identity
 
@@ -26,8 +25,18 @@ T = TypeVar("T")
 
 SUFFIX: Final = ".kept"
 """End of the names of the files."""
-_PLACES: Final = " at 0x"
-"""Mark of an object that prints its place in memory, and not what it is."""
+_LARGEST: Final = 10_000
+"""Most numbers of an array of which a result is kept."""
+_MOST: Final = 16
+"""Most results that a process adds: those of a start are few, and who asks for many has no use for a file of each."""
+_left = 0
+"""Number of results that may still be kept."""
+
+
+def keep_results() -> None:
+    """Have `kept_result` keep results from here on, in a process in which nobody replaces functions of glucoloop."""
+    global _left
+    _left = _MOST
 
 
 def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
@@ -49,30 +58,83 @@ def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
     return data
 
 
-def kept_result(function: Callable[..., T], **arguments: Any) -> T:
-    """Result of a function of glucoloop, for trees of numbers as arguments; to the bit as it would be computed.
+def kept_result(function: Callable[..., T], *arguments: Any) -> T:
+    """Result of a function of glucoloop, to the bit as it would be computed.
 
-    It is kept by the source of the whole package, the arithmetic of the process, and the arguments. A tree that tells
-    the place of a function in memory is no name for what the function does, so nothing is kept.
+    Where results are kept, they are so by the source of the whole package, the arithmetic of the process, and the
+    arguments: trees of numbers of glucoloop's own classes. Code of others has no name that tells what it does, so what
+    depends on it is not kept, and neither is what depends on large arrays.
     """
+    if not _left or _folder() is None:
+        return function(*arguments)
+    import jax
+
     leaves, structure = jax.tree.flatten(arguments)
-    numbers = [np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf) for leaf in leaves]
-    told = repr((structure, [(type(leaf), number.dtype, number.shape) for leaf, number in zip(leaves, numbers, strict=True)]))
-    if _PLACES in told or any(number.dtype.hasobject for number in numbers) or _folder() is None:
-        return function(**arguments)
-    name = f"{function.__module__}.{function.__qualname__}"
-    made_from = (name, _source(), repr(sorted(identity().items())), told, *(number.tobytes() for number in numbers))
-    result: T = pickle.loads(kept(made_from, lambda: pickle.dumps(function(**arguments))))
+    try:
+        named = _named(inspect.unwrap(function)), _told(structure)
+        numbers = [_told_number(leaf) for leaf in leaves]
+    except _NoNameError:
+        return function(*arguments)
+
+    def made() -> bytes:
+        global _left
+        _left -= 1
+        return pickle.dumps(function(*arguments))
+
+    made_from = (repr((named, sorted(identity().items()))), _source(), *(part for told in numbers for part in told))
+    result: T = pickle.loads(kept(made_from, made))
     return result
 
 
+class _NoNameError(Exception):
+    """Something whose name does not tell all that it does."""
+
+
+def _told(structure: Any) -> Any:
+    """Classes and static fields of a tree, in words that another process finds again."""
+    node = structure.node_data()
+    return (
+        None if node is None else (_named(node[0]), _static(node[1]), [_told(child) for child in structure.children()])
+    )
+
+
+def _static(value: Any) -> Any:
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if type(value) in (tuple, list):
+        return [_static(part) for part in value]
+    return _named(value)
+
+
+def _named(value: Any) -> str:
+    """Name of a class or function of a module of glucoloop or of Python itself."""
+    if not isinstance(value, (type, FunctionType)) or "<" in value.__qualname__:
+        raise _NoNameError
+    if value.__module__.partition(".")[0] not in ("glucoloop", "builtins"):
+        raise _NoNameError
+    return f"{value.__module__}.{value.__qualname__}"
+
+
+def _told_number(leaf: Any) -> tuple[str, bytes]:
+    """Kind of a number or an array, and its bytes."""
+    import jax
+    import numpy as np
+
+    if not isinstance(leaf, (bool, int, float, np.ndarray, np.generic, jax.Array)) or isinstance(leaf, jax.core.Tracer):
+        raise _NoNameError
+    is_key = isinstance(leaf, jax.Array) and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+    array = np.asarray(jax.random.key_data(leaf) if is_key else leaf)
+    if array.size > _LARGEST or array.dtype.hasobject:
+        raise _NoNameError
+    kind = type(leaf).__name__, is_key, getattr(leaf, "weak_type", False), array.dtype.str, array.shape
+    return repr(kind), array.tobytes()
+
+
 def _folder() -> Path | None:
+    import jax
+
     folder = jax.config.jax_compilation_cache_dir if jax.config.jax_enable_compilation_cache else None
     return None if not folder or "://" in folder else Path(folder)  # JAX alone reaches other computers
-
-
-def _is_key(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array) and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
 
 
 @functools.cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,6 @@ from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.code import outside_code
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.plausible import CONFIRM_OPTION
@@ -192,9 +191,7 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    asked = _asked_of(situation, case, situation.nominal)
-    own = type(situation.patient).__module__.startswith("glucoloop.") and not outside_code(situation.patient.tree())
-    found = kept_result(identify, **asked) if own else identify(**asked)
+    found = kept_result(_identified, _asked_of(situation, case, situation.nominal))
     reasons = found.doubts()
     if reasons and not situation.allow_unusual:
         asked = case.identified
@@ -216,7 +213,11 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
 
 def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
-    return identify(**_asked_of(situation, case, patient))
+    return _identified(_asked_of(situation, case, patient))
+
+
+def _identified(asked: Mapping[str, Any]) -> Identification:
+    return identify(**asked)
 
 
 def _asked_of(situation: Situation, case: Case, patient: Patient) -> dict[str, Any]:
