@@ -1,13 +1,18 @@
-"""Machine code is kept where JAX keeps its own: found again, never run when damaged, made anew for other programs."""
+"""Machine code and results are kept where JAX keeps its own: found again, and not used when damaged or of others."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop import kept
 from glucoloop.kept import SUFFIX
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
+from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999
+from glucoloop.patients.sorensen.rest import infusion_for
 
 
 @pytest.fixture
@@ -94,3 +99,54 @@ def test_nothing_is_kept_without_a_folder(folder, computed, compiled, place):
     assert np.array_equal(computed(), computed())
     assert len(compiled) == 2
     assert not list(folder.glob(f"*{SUFFIX}"))
+
+
+@pytest.fixture
+def keeping(folder, monkeypatch):
+    monkeypatch.setattr(kept, "_left", 2)
+    return lambda: len(list(folder.glob(f"*{SUFFIX}")))
+
+
+def test_result_is_found_again_to_the_bit(keeping):
+    computed = infusion_for(PARKER_1999, jnp.asarray(81.1))
+    for _ in range(2):
+        found = kept.kept_result(infusion_for, PARKER_1999, jnp.asarray(81.1))
+        assert (type(found), found.dtype, found.weak_type) == (type(computed), computed.dtype, computed.weak_type)
+        assert np.array_equal(found, computed)
+    assert keeping() == 1
+    assert kept.kept_result(infusion_for, PARKER_1999, jnp.asarray(90.0)) < computed
+    assert keeping() == 2
+    kept.kept_result(infusion_for, PARKER_1999, jnp.asarray(91.0))
+    assert keeping() == 2  # as many as a process adds
+
+
+@dataclasses.dataclass(frozen=True)
+class Mine:
+    p: object = PARKER_1999
+
+
+jax.tree_util.register_dataclass(Mine)
+
+
+@pytest.mark.parametrize(
+    ("function", "given"),
+    [
+        (lambda p, _: p, (PARKER_1999, 81.1)),
+        (np.hypot, (3.0, 4.0)),
+        (infusion_for, (PARKER_1999, jnp.full(10_001, 81.1))),
+        (repr, (Mine(),)),
+    ],
+)
+def test_what_has_no_name_of_its_own_is_not_kept(keeping, function, given):
+    kept.kept_result(function, *given)
+    assert keeping() == 0
+
+
+def test_results_are_kept_only_where_it_is_asked_for(folder):
+    kept.kept_result(infusion_for, PARKER_1999, jnp.asarray(81.1))
+    assert not list(folder.glob(f"*{SUFFIX}"))
+
+
+def test_traced_arguments_are_computed(keeping):
+    jax.jit(lambda glucose: kept.kept_result(infusion_for, PARKER_1999, glucose))(81.1)
+    assert keeping() == 0

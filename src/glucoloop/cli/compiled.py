@@ -17,7 +17,7 @@ VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache and `glucoloop.kept` on, unless the environment says ``off`` in place of the folder.
+    """Switch JAX's persistent cache and `glucoloop.kept` on, unless the environment says ``off`` for the folder.
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
