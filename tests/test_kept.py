@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop import kept
-from glucoloop.kept import SUFFIX
+from glucoloop import _kept as kept
+from glucoloop._kept import SUFFIX
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
 from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999

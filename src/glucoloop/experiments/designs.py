@@ -12,13 +12,13 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept import kept_result
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerPart
 from glucoloop.experiments.random_keys import record_key
 from glucoloop.experiments.surroundings import record_sensor
 from glucoloop.experiments.titration import profile_of
 from glucoloop.identification import FirstOrderModel, Identification
-from glucoloop.kept import kept_result
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag
 from glucoloop.models.state_space import LinearModel

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree, static
-from glucoloop.kept import kept_result
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
 from glucoloop.sparse import Sparse

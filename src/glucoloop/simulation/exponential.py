@@ -28,9 +28,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.kept import kept_result
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, SemilinearPatient

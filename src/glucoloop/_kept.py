@@ -1,4 +1,4 @@
-"""What was computed once and is kept for other processes, where JAX keeps what it compiles, if it keeps anything.
+"""Data that were computed once and are kept for other processes, where JAX keeps what it compiles, if it does.
 
 The name of a file is the digest of all that it was made from. The file begins with a digest of its name and its data,
 so that what is damaged, or was meant for another name, is computed again. `storage.programs` keeps the command line's
@@ -118,12 +118,14 @@ def _named(value: Any) -> str:
 def _told_number(leaf: Any) -> tuple[str, bytes]:
     """Kind of a number or an array, and its bytes."""
     import jax
+    import jax.numpy as jnp
     import numpy as np
 
     if not isinstance(leaf, (bool, int, float, np.ndarray, np.generic, jax.Array)) or isinstance(leaf, jax.core.Tracer):
         raise _NoNameError
-    is_key = isinstance(leaf, jax.Array) and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-    array = np.asarray(jax.random.key_data(leaf) if is_key else leaf)
+    data: Any = leaf
+    is_key = isinstance(data, jax.Array) and bool(jnp.issubdtype(data.dtype, jax.dtypes.prng_key))
+    array = np.asarray(jax.random.key_data(data) if is_key else data)
     if array.size > _LARGEST or array.dtype.hasobject:
         raise _NoNameError
     kind = type(leaf).__name__, is_key, getattr(leaf, "weak_type", False), array.dtype.str, array.shape
@@ -133,8 +135,8 @@ def _told_number(leaf: Any) -> tuple[str, bytes]:
 def _folder() -> Path | None:
     import jax
 
-    folder = jax.config.jax_compilation_cache_dir if jax.config.jax_enable_compilation_cache else None
-    return None if not folder or "://" in folder else Path(folder)  # JAX alone reaches other computers
+    on, folder = (jax.config.values[f"jax_{name}"] for name in ("enable_compilation_cache", "compilation_cache_dir"))
+    return Path(folder) if on and folder and "://" not in folder else None  # JAX alone reaches other computers
 
 
 @functools.cache
