@@ -18,7 +18,6 @@ import tempfile
 from pathlib import Path
 
 COMMANDS = {
-    "run, no files": ["run"],
     "run": ["run", "--out", "run", "--overwrite"],
     "trial of one person": ["trial", "--people", "1", "--out", "trial", "--overwrite"],
 }

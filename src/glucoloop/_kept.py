@@ -58,7 +58,7 @@ def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
     return data
 
 
-def kept_result(function: Callable[..., T], *arguments: Any) -> T:
+def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
     """Result of a function of glucoloop, to the bit as it would be computed.
 
     Where results are kept, they are so by the source of the whole package, the arithmetic of the process, and the
@@ -66,22 +66,22 @@ def kept_result(function: Callable[..., T], *arguments: Any) -> T:
     depends on it is not kept, and neither is what depends on large arrays.
     """
     if not _left or _folder() is None:
-        return function(*arguments)
+        return function(*arguments, **named)
     import jax
 
-    leaves, structure = jax.tree.flatten(arguments)
+    leaves, structure = jax.tree.flatten((arguments, named))
     try:
-        named = _named(inspect.unwrap(function)), _told(structure)
+        told = _named(inspect.unwrap(function)), _told(structure)
         numbers = [_told_number(leaf) for leaf in leaves]
     except _NoNameError:
-        return function(*arguments)
+        return function(*arguments, **named)
 
     def made() -> bytes:
         global _left
         _left -= 1
-        return pickle.dumps(function(*arguments))
+        return pickle.dumps(function(*arguments, **named))
 
-    made_from = (repr((named, sorted(identity().items()))), _source(), *(part for told in numbers for part in told))
+    made_from = (repr((told, sorted(identity().items()))), _source(), *(part for number in numbers for part in number))
     result: T = pickle.loads(kept(made_from, made))
     return result
 

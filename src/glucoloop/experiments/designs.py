@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
@@ -191,7 +190,7 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    found = kept_result(_identified, _asked_of(situation, case, situation.nominal))
+    found = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
     reasons = found.doubts()
     if reasons and not situation.allow_unusual:
         asked = case.identified
@@ -211,29 +210,22 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     return found
 
 
-def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
+def identified_model(
+    situation: Situation, case: Case, patient: Patient, identified: Callable[..., Identification] = identify
+) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
-    return _identified(_asked_of(situation, case, patient))
-
-
-def _identified(asked: Mapping[str, Any]) -> Identification:
-    return identify(**asked)
-
-
-def _asked_of(situation: Situation, case: Case, patient: Patient) -> dict[str, Any]:
-    """Arguments of the identification of the model of a case."""
     asked = case.identified
-    return {
-        "patient": patient,
-        "sensor": record_sensor(situation, asked.noise_variance or 0.0),
-        "key": record_key(situation.seed),
-        "memory": asked.memory or 0,
-        "amplitude_mU_min": pulse_of(situation, float(patient.basal_insulin_mU_min)),
-        "laguerre_pole": asked.laguerre_pole or 0.0,
-        "laguerre_functions": asked.laguerre_functions or None,
-        "under_the_skin": situation.patient.under_the_skin,
-        "sample_time_min": situation.sample_time_min,
-    }
+    return identified(
+        patient,
+        record_sensor(situation, asked.noise_variance or 0.0),
+        record_key(situation.seed),
+        memory=asked.memory or 0,
+        amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
+        laguerre_pole=asked.laguerre_pole or 0.0,
+        laguerre_functions=asked.laguerre_functions or None,
+        under_the_skin=situation.patient.under_the_skin,
+        sample_time_min=situation.sample_time_min,
+    )
 
 
 def pulse_of(situation: Situation, basal_insulin_mU_min: float) -> float:
