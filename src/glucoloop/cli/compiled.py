@@ -1,4 +1,4 @@
-"""Persistent cache of compiled programs for the command line."""
+"""Persistent cache of compiled programs, and of models of nominal patients, for the command line."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache on, unless the environment says ``off`` in place of its folder.
+    """Switch JAX's persistent cache and `glucoloop._kept` on, unless the environment says ``off`` for the folder.
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
     import platformdirs
+
+    from glucoloop._kept import keep_results
 
     configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
     value = os.environ.get(VARIABLE, "").strip()
@@ -35,6 +37,7 @@ def keep_compiled() -> None:
             "jax_persistent_cache_min_entry_size_bytes": -1,
         }
     )
+    keep_results()
     warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 

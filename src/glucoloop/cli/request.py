@@ -237,11 +237,11 @@ def completed(request: Request, root: type[P]) -> P:
     with stage("Importing the simulator"):
         from glucoloop.cli.compiled import keep_compiled
 
+        keep_compiled()  # before the patient's rest is computed
         asked = asked_for(root, request.tree)
         if request.used is not None:
             with contextlib.suppress(Refusal):  # a file that does not stand alone
                 _note_changes(request, asked_for(root, request.of_file).tree(whole=True))
-    keep_compiled()
     return asked
 
 

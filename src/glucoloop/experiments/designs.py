@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept import kept_result
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerPart
 from glucoloop.experiments.random_keys import record_key
@@ -189,7 +190,7 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    found = identified_model(situation, case, situation.nominal)
+    found = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
     reasons = found.doubts()
     if reasons and not situation.allow_unusual:
         asked = case.identified
@@ -209,10 +210,12 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
     return found
 
 
-def identified_model(situation: Situation, case: Case, patient: Patient) -> Identification:
+def identified_model(
+    situation: Situation, case: Case, patient: Patient, identified: Callable[..., Identification] = identify
+) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
     asked = case.identified
-    return identify(
+    return identified(
         patient,
         record_sensor(situation, asked.noise_variance or 0.0),
         record_key(situation.seed),

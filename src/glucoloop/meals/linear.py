@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
@@ -42,7 +43,7 @@ class LinearAbsorption:
     def moments(self, samples: int, substeps: int, step_min: float) -> jax.Array:
         """Exact moments of the appearance over every step of a run, ``(samples, substeps, 3, ...)``."""
         starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
-        moments: jax.Array = _moments(starts, step_min, self)
+        moments: jax.Array = kept_result(_moments, starts, step_min, self)
         return moments
 
     def at_sample(self, index: jax.Array, substeps: int, step_min: float) -> tuple[jax.Array, None]:

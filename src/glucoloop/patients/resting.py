@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
+from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, is_traced
 from glucoloop.refusal import Refusal
@@ -50,7 +51,7 @@ class Rest:
                     f"an insulin infusion of {u[~possible].flat[0]:g} mU/min is not possible; "
                     "give a finite rate of 0 or more"
                 )
-            x = self.under(p, jnp.asarray(u))
+            x = kept_result(self.under, p, jnp.asarray(u))
             above = np.asarray(self.glucose_mg_dl(p, x)) > 0.0
             if not np.all(above):
                 raise Refusal(
@@ -65,7 +66,7 @@ class Rest:
             return self.holding(p, jnp.asarray(glucose_mg_dl, float))
         with at_once():
             glucose = np.asarray(glucose_mg_dl, float)
-            u = self.holding(p, jnp.asarray(glucose))
+            u = kept_result(self.holding, p, jnp.asarray(glucose))
             held = np.isfinite(np.asarray(u)) & (glucose > 0.0)
             if not np.all(held):
                 raise Refusal(

@@ -108,7 +108,10 @@ def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
     """A figure as PNG, SVG and PDF, by the names of the files; the same for the same run, and laid out once for all."""
     layout = figure.get_layout_engine()
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # positions stay where they are
+    with matplotlib.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        figure.set_layout_engine(
+            None
+        )  # positions stay where they are; even an engine that does nothing draws once more
     try:
         return {f"{name}.{kind}": figure_bytes(figure, kind) for kind in KINDS}
     finally:

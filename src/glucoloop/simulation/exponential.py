@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
@@ -127,7 +128,7 @@ def design(
     wanted. `contained` are the entries of the Jacobian of the kinetics, ``(n, n)``, that the exponentials contain, all
     of them by default; the others are left to the Runge-Kutta method, at the same order.
     """
-    T, K, A, b, row = (np.asarray(part) for part in _linearisation(patient, state))
+    T, K, A, b, row = (np.asarray(part) for part in kept_result(_linearisation, patient, state))
     K = K if contained is None else np.where(contained, K, 0.0)
     return _design(Content((T, K, A, b, row)), step_min, Content(tuple(dense_times_min)))
 

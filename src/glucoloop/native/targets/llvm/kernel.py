@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._kept import kept
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import SAMPLE
@@ -20,6 +21,8 @@ from glucoloop.refusal import Refusal
 
 Array = npt.NDArray[Any]
 
+_OPTIMISATION: Final = 2
+"""Level of LLVM's code generation."""
 _DIVISION: Final = 4
 """Time of a division in that of a product."""
 _BESIDE: Final = 9.0
@@ -46,7 +49,7 @@ def _machine() -> Any:
 
     name, features, _ = _processor()
     target = binding.Target.from_default_triple()
-    return target.create_target_machine(cpu=name, features=features, opt=2, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=_OPTIMISATION, jit=True)
 
 
 def lanes(precision: str) -> int:
@@ -57,11 +60,23 @@ def lanes(precision: str) -> int:
 @functools.lru_cache(maxsize=8)
 def _compiled(text: str) -> tuple[Any, int]:
     """Owner of the machine code, and its address; it is cached, since one process often makes the same loop again."""
+    import llvmlite
     from llvmlite import binding
 
-    module = binding.parse_assembly(text)
-    module.verify()
-    engine = binding.create_mcjit_compiler(module, _machine())
+    name, features, _ = _processor()
+    machine = _machine()
+
+    def compiled() -> bytes:
+        module = binding.parse_assembly(text)
+        module.verify()
+        code: bytes = machine.emit_object(module)
+        return code
+
+    llvm, triple = ".".join(map(str, binding.llvm_version_info)), machine.triple
+    made_from = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION))
+    code = binding.ObjectFileRef.from_data(kept(made_from, compiled))
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+    engine.add_object_file(code)
     engine.finalize_object()
     return engine, engine.get_function_address("kernel")
 
