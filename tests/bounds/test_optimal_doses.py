@@ -136,6 +136,7 @@ def test_other_objectives(best, scenario, objective):
         assert sse(plan) < sse(middle)
 
 
+@pytest.mark.long
 def test_second_meal_changes_nothing_before_it_is_known(best):
     meals = [gl.Meal(50.0, 20.0), gl.Meal(30.0, 110.0)]
     both = optimal_doses(gl.patient(), gl.Scenario(meals, 200.0), known_after_min=10.0)

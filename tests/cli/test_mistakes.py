@@ -221,6 +221,7 @@ def test_model_that_was_changed_is_refused(refused, tmp_path, model_text, key):
     assert "m.json" in answer
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", ["step_response", "operating_point", "provenance", "sample_time_min"])
 def test_model_that_lacks_a_key_is_refused(refused, tmp_path, model_text, key):
     model = json.loads(model_text)

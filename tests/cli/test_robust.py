@@ -196,6 +196,7 @@ def test_mistakes(refused, tmp_path, arguments, sentence):
     assert not (tmp_path / "a").exists()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_plain")
 def test_every_objective_has_a_column(glucoloop, tmp_path):
     assert glucoloop("robust", *SMALL, "--sampler", "random", "--out", "a").code == 0

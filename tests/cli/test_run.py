@@ -53,6 +53,7 @@ def test_default_run_is_the_papers_noise_free_loop(glucoloop):
     assert "identified from a record of 72 samples free of noise" in answer.err
 
 
+@pytest.mark.long
 def test_run_says_what_the_library_says(glucoloop):
     """The command and the five lines of Python are one thing."""
     patient = gl.patient()
@@ -122,6 +123,7 @@ def test_tables_hold_the_run(glucoloop, tmp_path):
     assert 'src="http' not in page
 
 
+@pytest.mark.long
 def test_known_dead_time_reaches_the_controller(glucoloop):
     unknown = glucoloop("run", "--dead-time", 10, "--json")
     known = glucoloop("run", "--dead-time", 10, "--controller", "known_dead_time=true", "--json")
@@ -161,6 +163,7 @@ def test_command_line_overrides_the_file(glucoloop, tmp_path):
     assert config["controller"]["model"]["laguerre_pole"] == 0.8
 
 
+@pytest.mark.long
 def test_fasting_and_a_start_off_the_setpoint(glucoloop):
     report = glucoloop(
         "run", "--meal", "none", "--initial-glucose", 120, "--controller", "constraints=qp", "--json"

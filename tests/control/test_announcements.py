@@ -104,6 +104,7 @@ def last_told(controller, *observations):
     return state.inner
 
 
+@pytest.mark.long
 def test_a_guard_passes_the_time_on_and_nothing_impossible():
     controller = guarded(Told(), basal_mU_min=10.0)
     assert float(last_told(controller, told(), told(40.0, 20.0)).announced_in_min) == 20.0

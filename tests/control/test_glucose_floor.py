@@ -75,6 +75,7 @@ def test_no_floor_leaves_the_controller_as_it_was(design, constraints):
     np.testing.assert_array_equal(in_a_row(plain, FALLING), in_a_row(none, FALLING))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("design", [linear, estimating])
 def test_a_floor_far_below_leaves_the_best_moves(design):
     np.testing.assert_allclose(
@@ -153,6 +154,7 @@ def test_the_nonlinear_controller_keeps_a_floor(imagined):
     np.testing.assert_array_equal(padded(controller, 2, 7).floor.weight, [10.0] * 5 + [0.0] * 2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("design", [linear, estimating])
 def test_a_padded_controller_keeps_its_floor(design):
     controller = design(glucose_floor_mg_dl=70.0)

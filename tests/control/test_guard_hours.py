@@ -146,6 +146,7 @@ def test_no_window_of_an_hour_and_no_moment_passes_its_cap(every, boluses):
     holds()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [5.0, 15.0, 40.0])
 def test_a_bolus_counts_whole_at_once(every):
     guard = guard_of("skin", every, boluses=True, change=16.7)

@@ -71,6 +71,7 @@ def test_a_realisation_that_begins_late_keeps_what_comes_before():
     np.testing.assert_allclose(kept[0], endless[0], rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_realisation_makes_room_for_a_longer_horizon():
     model, tuning = of_functions(100)[0], MPCTuning(2, 10, 1.0, 3.0)
     short, long = (design_linear_mpc(model, dataclasses.replace(tuning, prediction_horizon=p)) for p in (10, 30))

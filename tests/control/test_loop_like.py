@@ -159,6 +159,7 @@ def test_its_forecast_is_that_of_pyloopkit():
         np.testing.assert_allclose(own[:number], found[:number], atol=1e-6)
 
 
+@pytest.mark.long
 def test_at_rest_the_forecast_is_the_reading():
     np.testing.assert_allclose(forecast(AUTOMATIC, state_after(AUTOMATIC, *rest(12))), TARGET, rtol=1e-12)
 
@@ -360,6 +361,7 @@ def test_old_readings_give_no_dose_but_the_basal_rate():
     assert float(decision.bolus_mU) == pytest.approx(3000.0)
 
 
+@pytest.mark.long
 def test_people_trail_and_each_is_as_alone():
     people = AUTOMATIC.with_profile(
         Profile(

@@ -207,6 +207,7 @@ def test_a_reading_that_is_no_number_is_bridged(controller):
     assert float(decision.insulin_mU_min) > BASAL + 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("readings", [(1.7e308, -1.7e308), (1e300, 1e300), (-1e200,)])
 def test_an_estimate_that_is_lost_starts_anew_at_the_operating_point(controller, readings):
     state, delivered = controller.init(observe(81.1)), BASAL

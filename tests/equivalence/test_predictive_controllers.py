@@ -92,6 +92,7 @@ def closed_loop(controller, samples, *, seed=0, insulin=INSULIN, setpoint=GLUCOS
 # ------------------------------------------------------------------------------------------- without limits
 
 
+@pytest.mark.long
 def test_the_dynamic_matrix_is_the_toeplitz_matrix_of_the_step_response():
     S = np.array([-1.0, -3.0, -4.0, -4.5, -4.6])
     expected = scipy.linalg.toeplitz(S, [S[0], 0.0, 0.0])
@@ -214,6 +215,7 @@ def first_moves(controller, states, insulin, setpoint):
     return np.array(moves)
 
 
+@pytest.mark.long
 def test_with_long_horizons_the_first_move_is_the_linear_quadratic_one():
     K, radius = lqr(0.3)
     assert 0.8 < radius < 0.9

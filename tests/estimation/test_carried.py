@@ -22,6 +22,7 @@ def steady(Phi, C, Q, R):
     return scipy.linalg.solve_discrete_are(Phi.T, C[:, None], Q, np.array([[R]]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 3, 20])
 def test_the_triangle_is_the_whole(n):
     root = np.random.default_rng(n).normal(size=(n, n))
@@ -40,6 +41,7 @@ def test_it_takes_steps_of_the_riccati_equation(seed):
     np.testing.assert_allclose(whole(carried_on(triangle(jnp.asarray(P)), Phi, C, Q, R)), expected, rtol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_it_comes_to_rest_at_the_steady_covariance_and_follows_a_model_that_changes(seed):
     Phi, C, Q, R = a_model(seed)

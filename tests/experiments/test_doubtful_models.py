@@ -12,6 +12,7 @@ from glucoloop.situations.situation import Situation, usual_situation
 NOISY = Situation(sensor=(WhiteNoiseSettings(variance=25.0, bound_mg_dl=30.0),), seed=1)
 
 
+@pytest.mark.long
 def test_a_gain_that_noise_has_made_doubtful_is_refused_with_the_mend():
     case = usual_case("mpc", NOISY)
     with pytest.raises(

@@ -65,6 +65,7 @@ def test_the_chip_gives_the_bits_of_the_controller_without_a_chip(undisturbed):
     assert Status.NO_ANSWER not in np.asarray(undisturbed.trace.status)
 
 
+@pytest.mark.long
 def test_disturbances_change_no_bit_of_the_run(on_chip, undisturbed, tmp_path):
     disturbances = Disturbances(power_cuts=40, hangs=1, damaged=15, lost=6, doubled=8, late=8)
     run = on_chip.run(on_chip.link(tmp_path), disturbances=disturbances, seed=5)

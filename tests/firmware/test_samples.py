@@ -42,6 +42,7 @@ def test_a_run_begins_with_a_waking_controller(on_chip, runs):
     assert dataclasses.replace(both, run=2 * SAMPLES).wrong_step(*arithmetic(on_chip.exported)) == SAMPLES - 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["decisions", "states"])
 def test_one_changed_bit_is_found(on_chip, runs, what):
     leaves = [list(sample) for sample in getattr(runs[0], what)]

@@ -193,6 +193,7 @@ def test_the_same_seed_gives_the_same_people_and_another_seed_others():
     np.testing.assert_array_equal(later["person"], np.arange(5, 10))
 
 
+@pytest.mark.long
 def test_observations_tell_what_happened():
     env = vector(1, start="06:00", sensor=["ideal"])
     assert env.observation_names == (

@@ -81,6 +81,7 @@ def test_numbers_of_a_run_are_those_of_its_readings(trace):
     assert float(found.mard_pct) > 1.0
 
 
+@pytest.mark.long
 def test_it_is_computed_where_it_is_asked_for(trace):
     assert "mard_pct" not in gl.summarise(trace).names
 

@@ -124,6 +124,7 @@ def test_insulin_that_is_not_finite_satisfies_nothing(make_trace):
     assert found.undershoot_mg_dl == 0.0
 
 
+@pytest.mark.long
 def test_many_people_are_summarised_as_one_by_one(make_trace):
     rng = np.random.default_rng(2)
     glucose, insulin = rng.normal(100.0, 40.0, (61, 2, 3)), rng.uniform(0.0, 40.0, (12, 2, 3))
@@ -134,6 +135,7 @@ def test_many_people_are_summarised_as_one_by_one(make_trace):
         assert of_many.as_dict() == pytest.approx(alone.as_dict())
 
 
+@pytest.mark.long
 def test_runs_stacked_on_a_leading_axis_can_be_mapped(make_trace):
     runs = [make_trace(np.random.default_rng(i).normal(90.0, 20.0, 61), meal_sample=i) for i in range(3)]
     mapped = jax.vmap(summarise)(jax.tree.map(lambda *values: jnp.stack(values), *runs))

@@ -84,6 +84,7 @@ def test_both_models_of_a_patient_have_the_same_linearisation(patient_81):
     np.testing.assert_allclose(step_response(linear, 36), step_response(without, 36), rtol=1e-10)
 
 
+@pytest.mark.long
 def test_the_nonlinear_reading_follows_the_differential_equation(patient_81):
     """It is off by no more than glucose is off a line within a sample, under the largest moves of a pump."""
     model = behind_lag(nonlinear_model(patient_81), LAG)

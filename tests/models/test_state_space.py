@@ -49,6 +49,7 @@ def discrete(continuous):
     return discretise(continuous, 5.0)
 
 
+@pytest.mark.long
 def test_linearisation_is_the_derivative(continuous):
     for found, truth in ((continuous.A, A), (continuous.B, B), (continuous.C, C), (continuous.E, E)):
         np.testing.assert_allclose(found, truth, rtol=1e-14, atol=1e-15)
@@ -57,6 +58,7 @@ def test_linearisation_is_the_derivative(continuous):
     assert continuous.insulin_mU_min == U0
 
 
+@pytest.mark.long
 def test_without_a_disturbance_there_is_no_disturbance_matrix():
     model = linearise(derivative, output, X0, U0)
     assert model.E is None

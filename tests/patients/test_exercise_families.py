@@ -61,6 +61,7 @@ def roy_parker(u_1):
     return rates
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "bouts",
     [[(40.0, 60.0, 60.0)], [(60.0, 30.0, 120.0)], [(30.0, 20.0, 40.0), (70.0, 75.0, 60.0)], [(90.0, 10.0, 30.0)]],
@@ -153,6 +154,7 @@ def mcgill(u_1, basal):
     return rates
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bouts", [[(30.0, 30.0, 90.0)], [(70.0, 60.0, 60.0), (20.0, 150.0, 30.0)]])
 def test_the_person_of_mcgill_is_the_programs(bouts):
     basal = 0.53 * 70.0 * 0.48 / 24.0

@@ -88,6 +88,7 @@ def test_whom_no_rate_holds_is_nan_where_it_is_traced_and_refused_otherwise():
         person.steady_state(-1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("near", [(90.0, 0.015, 25.0), (5.0, 1.0, 900.0), (600.0, 1e-4, 0.1)])
 def test_no_spurious_rest_beyond_zero_is_taken(near):
     class Rough(Frozen):

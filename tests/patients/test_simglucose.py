@@ -165,6 +165,7 @@ def test_the_table_keeps_the_identities_of_the_paper(people):
     np.testing.assert_allclose(c["V_m0"], (produced - c["F_cns"]) * (c["K_m0"] + G_t) / G_t, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_people_of_a_trial_rest_at_its_target_and_have_the_profile_of_the_table(people):
     found = virtual_people(people, 0, np.arange(30), setpoint_mg_dl=120.0)
     assert found.feasible.all()

@@ -160,6 +160,7 @@ def test_a_figure_can_be_written_without_a_display(quiet, form):
     assert pyplot is None or not pyplot.get_fignums()
 
 
+@pytest.mark.long
 def test_fonts_of_a_pdf_are_truetype_and_the_file_is_the_same_again(quiet):
     pdf = figure_bytes(plot(quiet), "pdf")
     assert b"/FontFile2" in pdf  # TrueType

@@ -61,6 +61,7 @@ def test_an_estimate_left_as_it_is_has_no_projection():
     assert legend(plot_identification(raw)) == ["estimated coefficients"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", ["single", "double"])
 @pytest.mark.parametrize("insulin", [None, INPUT])
 def test_the_validation_may_stand_beside_the_response(identified, validation, width, insulin):

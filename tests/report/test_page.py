@@ -205,6 +205,7 @@ def test_a_run_that_left_the_numbers_makes_a_page(make_trace, reader, drawn):
     assert "n/a" in reader(page).text["span"]
 
 
+@pytest.mark.long
 def test_a_long_run_keeps_its_extremes_and_stays_small(make_trace, drawn):
     t = np.arange(14 * 1440 + 1.0)
     glucose = 100.0 + 30.0 * np.sin(t / 200.0)

@@ -215,6 +215,7 @@ def test_a_key_gives_one_course_and_another_gives_another():
         assert np.any(parts(first[name])[0] != parts(other[name])[0]), name
 
 
+@pytest.mark.long
 def test_many_people_are_each_alone():
     starts, lengths = np.array([0.0, 5.0, 9.0]), np.array([4.0, np.inf, 3.0])
     glucose = WALK[:, None] + np.array([0.0, 20.0, -15.0])
@@ -231,6 +232,7 @@ def test_many_people_are_each_alone():
                 np.testing.assert_array_equal([values[:, i], valid[:, i]], parts(alone[name]), err_msg=name)
 
 
+@pytest.mark.long
 def test_mapped_people_are_each_alone():
     sensor = out_of_order(4, recurring(0.3, 3), missing(recurring(0.1, key=1), NOISY))
     keys = jax.random.split(KEY, 4)
@@ -255,6 +257,7 @@ def test_each_of_the_latest_readings_is_told_as_often_as_the_others():
 CHAINS = [("stuck", "missing", "spikes"), ("drift", "late", "saturation"), ("missing", "repeated", "compression")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("chain", CHAINS, ids=" in ".join)
 @settings(max_examples=20)
 @given(st.lists(st.tuples(st.integers(0, SAMPLES), st.integers(1, SAMPLES)), min_size=3, max_size=3))

@@ -121,6 +121,7 @@ def assert_moments(sensor, expected_mean, expected_covariance, people, most_erro
 NOISE_ALONE = ALONE + ", drift=false, warm_up_min=0"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ALIKE)
 def test_noise_has_the_moments_of_its_closed_form(name):
     sensor, expected = of(name + NOISE_ALONE), at_samples(ALIKE[name], 5.0, 8)
@@ -189,6 +190,7 @@ def test_noise_of_simglucose_goes_through_the_points_of_breton(sample_time_min):
     np.testing.assert_allclose(theirs[every - 1 :: every], found[1:], rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["breton-2008", "dexcom-g6"])
 def test_between_two_points_the_noise_is_on_a_straight_line(name):
     step = int(ALIKE[name].step_min)
@@ -452,6 +454,7 @@ def test_the_numbers_of_a_monitor_equal_themselves(name):  # by which loops of m
         np.testing.assert_array_equal(np.asarray(one) == np.asarray(other), True)
 
 
+@pytest.mark.long
 def test_a_key_gives_one_course_and_another_gives_another():
     sensor = of("vettoretti-2019")
     glucose = np.full(30, 120.0)

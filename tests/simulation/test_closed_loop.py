@@ -56,6 +56,7 @@ def test_the_trace_is_what_happened(loop, patient_81):
     assert float(trace.setpoint_mg_dl) == 81.1
 
 
+@pytest.mark.long
 def test_at_rest_without_a_meal_nothing_happens(patient_81, identified_81):
     trace = simulate(patient_81, design_linear_mpc(identified_81.model), scenario=Scenario([], 900.0))
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, 81.1, rtol=1e-11)

@@ -441,6 +441,7 @@ def test_unknown_engines_are_refused(nominal, varied, mpc):
         day_cohort(nominal, varied, mpc, engine="gpu")
 
 
+@pytest.mark.long
 def test_native_code_that_is_not_possible_is_refused_and_else_not_taken(nominal, varied):
     @pytree
     class Sorting:

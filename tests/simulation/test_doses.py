@@ -109,6 +109,7 @@ def test_the_controller_learns_what_the_pump_says_of_a_bolus():
     assert float(told.command_bolus_mU[10]) == 2000.0
 
 
+@pytest.mark.long
 def test_stepping_with_boluses_is_the_simulation_to_the_bit(trace):
     stepper = gl.Stepper(PATIENT, start_min=1410.0)
     seen = stepper.observation()

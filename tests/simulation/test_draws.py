@@ -38,6 +38,7 @@ class Guesses:
         return state, Decision(insulin_mU_min=rate, status=jnp.full(rate.shape, int(Status.OK)))
 
 
+@pytest.mark.long
 def test_the_same_key_gives_the_same_numbers_and_another_one_others():
     patient = gl.patient()
     controller = Guesses(basal_mU_min=patient.basal_insulin_mU_min)
@@ -49,6 +50,7 @@ def test_the_same_key_gives_the_same_numbers_and_another_one_others():
     np.testing.assert_array_equal(runs[0].command_mU_min[:12], runs[2].command_mU_min[:12])
 
 
+@pytest.mark.long
 def test_a_guard_and_a_pace_hand_the_key_on():
     patient = gl.patient()
     controller = Guesses(basal_mU_min=patient.basal_insulin_mU_min)

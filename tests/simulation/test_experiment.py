@@ -43,6 +43,7 @@ def test_at_the_basal_rate_nothing_happens(patient_81):
     np.testing.assert_allclose(record.glucose_mg_dl, 81.1, rtol=1e-11)
 
 
+@pytest.mark.long
 def test_the_sensor_and_the_key_decide_what_is_read(patient_81):
     rates = np.full(72, float(patient_81.basal_insulin_mU_min))
     first, again, other = (excite(patient_81, rates, white_noise(2.0), key).glucose_mg_dl for key in (1, 1, 2))

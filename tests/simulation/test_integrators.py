@@ -187,6 +187,7 @@ def test_a_patient_without_a_linear_block_runs_and_matches_his_closed_form(scrip
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, truth, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_his_meal_is_its_convolution(script, meal_by_hand):
     trace = simulate(OneCompartment(), script(20.0), scenario=Scenario([Meal(15.0, 11.7)], 150.0))
     kinks = [11.7, 41.7, 11.7 + 15000 / 360, 41.7 + 15000 / 360]

@@ -77,6 +77,7 @@ def test_the_linear_model_rests_where_the_nonlinear_one_does(patient_81):
         linear_model(patient_81, insulin_mU_min=20.0, setpoint_mg_dl=125.0)
 
 
+@pytest.mark.long
 def test_mpc_se_is_designed_where_its_setpoint_is():
     """At rest there it does nothing: its model knows the glucose, so that nothing is left to be corrected."""
     trial = configured(Trial, controller="mpc-se", setpoint_mg_dl=125.0)

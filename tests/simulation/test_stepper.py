@@ -88,6 +88,7 @@ def test_there_is_room_for_any_number_of_meals(stepper):
     assert stepper.save() == after
 
 
+@pytest.mark.long
 def test_resetting_forgets_everything_but_the_key(stepper):
     first = stepper.reset(key=5)
     start = stepper.save()

@@ -94,11 +94,13 @@ class Clock:
         return time, Decision(insulin_mU_min=time, status=jnp.asarray(int(Status.OK)))
 
 
+@pytest.mark.long
 def test_the_time_of_day_is_that_of_the_end_of_the_warm_up(patient_81):
     trace = simulate(patient_81, Clock(), scenario=Scenario((), 60.0, start_min=10.0, warm_up_min=2880.0 + 30.0))
     np.testing.assert_allclose(trace.command_mU_min, 10.0 + 5.0 * np.arange(12))
 
 
+@pytest.mark.long
 def test_a_planned_fault_counts_from_the_end_of_the_warm_up():
     keys = {"controller": ["basal"], "duration_min": 120.0, "meals": [], "faults": ["missing, start_min=30"]}
     warm = configured(Run, keys, warm_up_min=60.0)

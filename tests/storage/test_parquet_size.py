@@ -101,6 +101,7 @@ def test_damaged_file_is_a_sentence_or_a_number(at, bytes_there):
         assert size.bytes >= 0
 
 
+@pytest.mark.long
 @given(st.binary(max_size=300))
 @example(b"")
 @example(b"\x19\xfc\xff\xff\xff\xff\x0f")

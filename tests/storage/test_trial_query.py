@@ -67,6 +67,7 @@ def test_answers(finished, sql, rows):
     assert ask(finished, sql)[1] == rows
 
 
+@pytest.mark.long
 def test_many_rows_come_in_parts(finished):
     columns, rows = ask(finished, "select range as n from range(25000)")
     assert columns == ["n"]
@@ -132,6 +133,7 @@ def test_time_with_a_time_zone_is_told_in_a_sentence(finished, monkeypatch, valu
     assert len(ask(finished, "select now()::varchar")[1]) == 1
 
 
+@pytest.mark.long
 def test_tables_are_described_and_summarised(finished):
     columns, rows = ask(finished, "describe people")
     assert columns[:2] == ["column_name", "column_type"]
@@ -153,6 +155,7 @@ def test_ctrl_c_ends_a_question_that_listens_to_nobody(finished):
         assert running.wait(timeout=5.0) in (-signal.SIGINT, 130)  # or it had not begun
 
 
+@pytest.mark.long
 def test_what_does_not_fit_in_memory_is_refused(finished, monkeypatch):
     monkeypatch.setattr("glucoloop.storage.trials.query._MEMORY", "50MB")
     with pytest.raises(ValueError, match="needs more than 50MB of memory; ask for fewer rows"):

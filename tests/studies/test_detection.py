@@ -197,6 +197,7 @@ def test_a_test_is_read_again_from_its_tree(asked):
         assert again.tree(whole=True) == detection.tree(whole=True)
 
 
+@pytest.mark.long
 def test_usual_days_are_a_hundred_of_one_person_or_one_of_many():
     one, many = configured(Detection), configured(Detection, people=30, population="parker2000", seed=3)
     assert (one.people, one.number_of_days, list(one.tried)) == (1, 100, ["moving-horizon", "kalman"])

@@ -27,6 +27,7 @@ def drawn(dia, seed):
     return np.round(temps + boluses, 4), basal
 
 
+@pytest.mark.long
 @needs_oref0
 @pytest.mark.parametrize(("dia", "kind", "peak"), CURVES)
 def test_insulin_on_board_and_activity_are_those_of_the_package(dia, kind, peak):

@@ -110,6 +110,7 @@ def test_a_meal_at_an_unusual_hour_is_found_later_and_at_a_usual_one_as_without_
     assert night.eating[at_rest].max() < 0.1 * day.eating[at_rest].mean()
 
 
+@pytest.mark.long
 def test_the_hour_counts_at_the_moment_of_which_a_late_reading_speaks(two_states, record):
     by_time = design_meal_horizon(two_states, MealHabits(0.3, 24.0, "0.6@06:30 0.02@12:00"))
     late = estimate_meals(two_states, by_time, *record, start_min=DAY, dead_time_samples=1)
@@ -117,6 +118,7 @@ def test_the_hour_counts_at_the_moment_of_which_a_late_reading_speaks(two_states
     np.testing.assert_allclose(late.eating, prompt.eating, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_without_a_clock_the_rate_is_that_of_all_hours(two_states, record):
     table = estimate_meals(two_states, design_meal_horizon(two_states, MealHabits(0.3, 24.0, TABLE)), *record)
     plain = estimate_meals(two_states, design_meal_horizon(two_states, MealHabits(0.3, 24.0)), *record)

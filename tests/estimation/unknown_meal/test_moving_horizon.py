@@ -137,6 +137,7 @@ def test_any_readings_leave_probabilities(two_states, readings, insulin):
     assert (estimate.carbs_g <= N * 1.8 + 1e-9).all()
 
 
+@pytest.mark.long
 def test_much_insulin_without_an_effect_is_not_met_with_glucose(two_states):
     """Readings rise far above the model under three times the basal rate: the disturbance stays within its bound."""
     estimator = design_meal_horizon(two_states, RARE, largest_disturbance_mg_min=40.0)
@@ -250,6 +251,7 @@ def test_without_readings_a_meal_is_taken_to_end(two_states, record_of, quiet):
     np.testing.assert_allclose(eating[19:40], eating[19] * 0.7 ** np.arange(21), atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_noisier_the_sensor_the_more_of_a_meal_is_expected_at_rest(two_states):
     expected = expectation(design_meal_horizon(two_states, noise_patience=0.0), two_states)
     assert expected.eating.shape == (len(LEVELS_MG_DL),)
@@ -321,6 +323,7 @@ def test_habits_that_cannot_be_are_refused(arguments, sentence):
         MealHabits(**arguments)
 
 
+@pytest.mark.long
 def test_probabilities_of_a_sample_follow_from_habits():
     habits = MealHabits(0.6, 36.0)  # a meal of 36 g is served in 100 min
     assert habits.begins(60.0) == pytest.approx(1.0 - np.exp(-0.6))

@@ -78,6 +78,7 @@ def test_behind_a_known_lag_of_the_sensor_glucose_itself_is_estimated(two_states
     np.testing.assert_allclose(told.glucose_mg_dl, glucose, atol=0.2)
 
 
+@pytest.mark.long
 def test_what_came_before_is_told_by_its_rate(two_states, filtered):
     # at rest under half the basal rate, glucose is where the model says it is, and nothing appears
     rest = 3.0 - 0.25 * 10.0 / 0.2, 80.0 + 0.6 * 0.25 * 10.0 / 0.2 / 0.08

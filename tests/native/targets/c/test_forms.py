@@ -227,6 +227,7 @@ def test_auto_takes_loops_to_the_compact_form():
         write_source(traced(scalars, "float32"), ["A test"], "tiny")
 
 
+@pytest.mark.long
 def test_a_saved_state_comes_back_and_a_damaged_one_does_not():
     of = traced(scalars, "float64")
     library = Library(write_source(of, ["A test"], COMPACT), "float64")
