@@ -4,7 +4,7 @@
 
 People, meals, sensors and profiles are those of `under_the_skin`. `reckless` always asks for ten times the basal rate,
 and `basal` for the basal rate: no controller with a guard should be worse than that. The settings of the guard were
-chosen on people of seeds 11 and 12; none has seen those of seed 31.
+chosen on people of seeds 11 and 12; none has seen those of seeds 31 and 47.
 """
 
 from __future__ import annotations

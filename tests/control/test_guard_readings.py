@@ -132,13 +132,25 @@ def test_a_reading_that_stays_the_same_to_its_last_digit_soon_allows_no_more_tha
     doses, statuses, states = follow(guarded(Wants(rate=30.0)), [*rising, *[150.0] * 5, 151.0])
     assert bool(states[10].inner.valid)
     # it is told first in sample 6, and for the third time after it in sample 9
-    np.testing.assert_allclose(doses[6:], [30.0, 30.0, 30.0, BASAL, BASAL, 30.0])
-    assert statuses[6:].tolist() == [Status.OK] * 3 + [Status.DOSE_LIMITED] * 2 + [Status.OK]
+    np.testing.assert_allclose(doses[6:], [30.0, 1.2 * BASAL, 1.2 * BASAL, BASAL, BASAL, 30.0])
+    assert statuses[6:].tolist() == [Status.OK] + [Status.DOSE_LIMITED] * 4 + [Status.OK]
+
+
+def test_a_reading_that_stays_the_same_calls_for_no_more_insulin_than_is_on_board():
+    limits = GuardSettings(held_min=1000.0, stuck_min=1000.0, max_hour=10.0)
+    rising = [100.0 + 5.0 * k for k in range(12)]
+    doses, _, states = follow(guarded(Wants(rate=60.0), limits), [*rising, *[155.0] * 20, 156.0])
+    on_board = np.array([float(state.given.on_board) for state in states])
+    # the first dose on a held reading may have to come down from a higher one
+    assert on_board[13] > 0.5
+    np.testing.assert_allclose(on_board[13:33], on_board[13], rtol=1e-6)
+    np.testing.assert_allclose(doses[13:32], (1.0 + on_board[13]) * BASAL, rtol=1e-6)
+    assert doses[32] > 1.2 * doses[31]
 
 
 def test_in_a_gap_the_controller_gets_at_most_basal_then_basal_is_given_then_a_part_of_it():
     limits = GuardSettings(gap_min=20.0, long_gap_min=60.0, reduced_fraction=0.4)
-    readings = [150.0] * 3 + [math.nan] * 20 + [151.0, 150.0]
+    readings = [150.0, 150.1, 150.0] + [math.nan] * 20 + [151.0, 150.0]
     doses, statuses, _ = follow(guarded(Wants(rate=30.0), limits), readings)
     expected = [BASAL] + [30.0] * 2 + [BASAL] * 4 + [BASAL] * 8 + [0.4 * BASAL] * 8 + [0.4 * BASAL + 16.7, 30.0]
     np.testing.assert_allclose(doses, expected, rtol=1e-14)

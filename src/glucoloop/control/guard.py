@@ -185,7 +185,7 @@ class Guard:
         lowest = jnp.where(is_possible, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
         given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, own, settings, every)
-        allowed = most(given, above, own, settings, self.limits.max_change_mU_min, every)
+        allowed = most(given, above, seen.held_min > 0.0, own, settings, self.limits.max_change_mU_min, every)
         trusted = believed & (seen.held_min <= settings.held_min)
         allowed = jnp.where(trusted, allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
@@ -363,7 +363,8 @@ def guarded(
     2. The controller decides. If its memory or its dose is not finite or absurd, it is restarted and the basal rate is
        given. A memory is absurd beyond the controller's `memory_bound`, by default 1e6.
     3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
-       but not below the basal rate. ``B' = min(B + (y - r - e - d) / F, B_max)`` is the insulin that may be on board.
+       but not below the basal rate. ``B' = min((y - r - e - d) / F, B_max)`` is the insulin that may be on board, and
+       at most ``B`` of it while the reading stays the same.
     4. After some time without a believed reading the dose is the basal rate, and later a part of it.
     5. The dose is 0 while ``y + t y'`` is below the bound.
     6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.

@@ -221,6 +221,7 @@ def take_in(
 def most(
     given: Given,
     above_setpoint_mg_dl: jax.Array,
+    held: jax.Array,
     own: OwnLimits,
     settings: GuardSettings,
     max_change_mU_min: jax.Array | float,
@@ -229,12 +230,14 @@ def most(
     """Largest rate that is allowed for the coming sample, never less than the basal rate.
 
     Insulin on board may reach the amount that lowers glucose to the setpoint if the sensor reads too high by its error
-    and by the doubted part. A little more than the basal rate is always allowed, as long as insulin on board is no more
-    than that.
+    and by the doubted part. A reading that is held, the same as the one before, calls for no more than is on board:
+    where a sensor is stuck, glucose falls unseen. A little more than the basal rate is always allowed, as long as
+    insulin on board is no more than that.
     """
     left_share = _left_share(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / own.fall_mg_dl), own.max_on_board)
+    target = jnp.where(held, jnp.minimum(target, given.counted), target)
     by_reading = _most_beyond(target, given, max_change_mU_min, left_share)
     little = jnp.minimum(settings.always_basal - 1.0, own.max_on_board)
     always = jnp.minimum(little, (little - left_share * given.counted) * (1.0 / (1.0 - left_share)))
