@@ -1,7 +1,7 @@
 """Measure what controllers reach with insulin under the skin, on people whose profiles are titrated and 15 % wrong.
 
     python benchmarks/under_the_skin.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
-                                        [--announce-before MIN]
+                                        [--announce-before MIN] [--days N]
 
 Three days of 45, 70 and 60 g, the sizes of which spread by 30 % and the times by 30 min. Announced meals are counted
 with an error of 30 %. Readings have white noise of variance 1.45 (white), or lag by 10 min and have a correlated error
@@ -119,7 +119,7 @@ def measured(case: str, people: int, seeds: list[int], text: str, **more: Any) -
                 "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
                 "below_54_pct": metrics["time_below_54_pct"],
                 "engine": loop.engine,
-                "patient_days_s": prepared.trial.people * DAYS / taken,
+                "patient_days_s": prepared.trial.people * prepared.trial.days / taken,
             }
         )
     return rows
@@ -151,6 +151,7 @@ def main() -> None:
     parser.add_argument(
         "--announce-before", type=float, default=0.0, metavar="MIN", help="announce meals so long before eating"
     )
+    parser.add_argument("--days", type=int, default=DAYS, help="by default the three; fewer are the first of them")
     asked = parser.parse_args()
     if not asked.json:
         print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % | longer < 54, % |")
@@ -160,7 +161,9 @@ def main() -> None:
         if not any(case.startswith(wanted) for wanted in asked.case or [""]):
             continue
         controllers = asked.controller or [TUNED[case.split(", ")[2]], "basal-bolus"]
-        more = {"announce_before_min": asked.announce_before} if ", announced" in case else {}
+        more: dict[str, Any] = {"days": asked.days}
+        if ", announced" in case:
+            more["announce_before_min"] = asked.announce_before
         found = [measured(case, asked.people, asked.seed or [1, 4], text, **more) for text in controllers]
         compared(found)
         rows += [row for of_controller in found for row in of_controller]

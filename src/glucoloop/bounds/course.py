@@ -82,12 +82,13 @@ class RunModel:
     def _of_each(self, function: Callable[..., jax.Array], insulin_mU_min: Values) -> Values:
         """Values of a function of the run for one member after the other, side by side."""
         one = (
-            function(self.plant, self._exogenous(member), self.state, insulin_mU_min[:, [member]])
+            function(self.plant, self.exogenous(member), self.state, insulin_mU_min[:, [member]])
             for member in range(self.members)
         )
         return np.concatenate(list(one), axis=1)
 
-    def _exogenous(self, member: int) -> Exogenous:
+    def exogenous(self, member: int) -> Exogenous:
+        """Meals of a circumstance, exercise and rhythms, sample by sample."""
         moments = jnp.asarray(self.moments[..., [member]])
         return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=moments, held=self.held)
 

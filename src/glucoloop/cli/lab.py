@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 from glucoloop.cli.command import Command
@@ -30,6 +31,12 @@ _OPTIONS: Final = (
         metavar="NAME",
     ),
     CommandOption("patient", "--patient", "Patient around whom the population is.", metavar="NAME"),
+    CommandOption(
+        "language",
+        "--language",
+        "Module with the page's texts in another language; what it leaves out stays English.",
+        metavar="FILE",
+    ),
 )
 
 
@@ -42,8 +49,11 @@ def _lab(given: Given) -> None:
     if patient is not None and population is None:
         raise Refusal("--patient is of no use without --population; give that too, or choose the patient on the page")
     from glucoloop.lab.pack import page
+    from glucoloop.storage.files import read_text
 
-    text = page(None if population is None else (patient or USUAL_PATIENT.name, population)).encode()
+    language = given.get("language")
+    code = None if language is None else read_text(Path(language), "a module with texts")
+    text = page(None if population is None else (patient or USUAL_PATIENT.name, population), code).encode()
     write_file(place, text)
     print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
 

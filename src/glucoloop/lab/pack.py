@@ -16,17 +16,22 @@ from pathlib import Path
 from typing import Final
 
 import glucoloop
-from glucoloop.pages.script import colours, program
+from glucoloop.pages.script import colours, exports, program
+from glucoloop.refusal import Refusal
 
 PAGE: Final = Path(str(files("glucoloop.lab"))) / "page"
 MODULE: Final = PAGE / "lab.wasm"
 DATA: Final = PAGE / "lab.json"
 _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
+_LANGUAGE: Final = PAGE / "language.mjs"
 
 
-def page(people: tuple[str, str] | None = None) -> str:
-    """The whole page as the text of an HTML file; with a family of patients and a population, with these people."""
+def page(people: tuple[str, str] | None = None, language: str | None = None) -> str:
+    """The whole page as the text of an HTML file; with a family of patients and a population, with these people.
+
+    `language` is the code of a module in the place of ``language.mjs``; Refusal for one that has another form.
+    """
     data = DATA.read_bytes()
     if people is not None:
         from glucoloop.lab.own_people import with_people
@@ -36,12 +41,27 @@ def page(people: tuple[str, str] | None = None) -> str:
         "VERSION": html.escape(glucoloop.__version__),
         "STYLE": colours() + _read("lab.css"),
         "START": _read("start.js"),
-        "CODE": _packed(program(_FIRST).encode()),
+        "CODE": _packed(_program(language).encode()),
         "MODULE": _packed(MODULE.read_bytes()),
         "DATA": _packed(data),
     }
     template = _read("lab.html")
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], template)
+
+
+def _program(language: str | None) -> str:
+    if language is None:
+        return program(_FIRST)
+    missing = sorted({"language", "own", "sentences"} - set(exports(language)))
+    if missing:
+        raise Refusal(
+            f"the file of the language exports no {' and no '.join(map(repr, missing))}; begin each with a line like "
+            "'export const language = \"de\";'"
+        )
+    try:
+        return program(_FIRST, {_LANGUAGE: language})
+    except ValueError as error:
+        raise Refusal(f"the file of the language does not fit the page: {error}") from None
 
 
 def _read(name: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
@@ -21,14 +21,22 @@ _COMMENT: Final = re.compile(r"^ *(?:/\*\*(?:(?!\*/).)*\*/|//[^\n]*)\n", re.MULT
 _LEFT: Final = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 
 
-def program(first: Iterable[Path]) -> str:
-    """The first modules and all that they import as one script, in which ``need(name)`` gives what a module exports."""
+def exports(code: str) -> list[str]:
+    """Names that a module exports."""
+    return _EXPORT.findall(code)
+
+
+def program(first: Iterable[Path], others: Mapping[Path, str] | None = None) -> str:
+    """The first modules and all that they import as one script, in which ``need(name)`` gives what a module exports.
+
+    `others` has the code of modules in the place of that of their files.
+    """
     waiting = list(first)
     known = set(waiting)
     functions = []
     while waiting:
         path = waiting.pop(0)
-        code = path.read_text(encoding="utf-8")
+        code = (others or {}).get(path) or path.read_text(encoding="utf-8")
         for found in _IMPORT.finditer(code):
             other = (path.parent / found["path"]).resolve()
             if other not in known:
@@ -41,7 +49,7 @@ def program(first: Iterable[Path]) -> str:
 
 def _as_function(code: str, path: Path) -> str:
     """Body of a function that does what a module does and returns what it exports."""
-    exported = ", ".join(_EXPORT.findall(code))
+    exported = ", ".join(exports(code))
     body = _EXPORT.sub(
         "", _IMPORT.sub(lambda match: f'const {match["names"]} = need("{Path(match["path"]).stem}");', code)
     )

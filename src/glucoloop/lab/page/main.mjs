@@ -5,10 +5,11 @@ import { load } from "../../native/targets/wasm/kernels.mjs";
 import { fillTexts, say } from "./dom.mjs";
 import { fromLink, link } from "./links.mjs";
 import { Lab } from "./lab.mjs";
+import { language } from "./language.mjs";
 import { Many } from "./many.mjs";
 import { Session } from "./session.mjs";
 import { familyOf, usual } from "./situation.mjs";
-import { texts } from "./texts.mjs";
+import { dataInWords, texts, unknown } from "./texts.mjs";
 import { controlsView } from "./views/controls.mjs";
 import { crowdView } from "./views/challenge.mjs";
 import { folderView } from "./views/folder.mjs";
@@ -31,11 +32,13 @@ const LINK_MS = 320;
 const WORKERS_MS = 1500;
 
 export async function start() {
+  document.documentElement.lang = language;
   fillTexts();
   const { content: version } = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=glucoloop-version]"));
   const [module, packed] = await Promise.all([unpacked("module").then((bytes) => WebAssembly.compile(/** @type {BufferSource} */ (bytes))), unpacked("data")]);
   /** @type {import("./situation.mjs").Data} */
-  const data = JSON.parse(new TextDecoder().decode(packed));
+  const data = dataInWords(new TextDecoder().decode(packed));
+  if (unknown.length > 0) return say(texts.unknownTexts(unknown), true);
   const session = new Session(new Lab(await load(module, "float64"), data), data, version);
   const many = new Many({ module, data }, worker);
   const tryOnPeople = crowdView(session, many);

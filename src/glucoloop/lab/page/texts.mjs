@@ -1,9 +1,14 @@
 // @ts-check
-/** The page's texts in English, in one place; names of settings, patients and statuses come with the data. */
+/**
+ * The page's texts in English, in one place, and those of another language in theirs; sentences on settings, patients and
+ * statuses come with the data.
+ */
+
+import { own, sentences } from "./language.mjs";
 
 const MOST_TIMES = 8;
 
-export const texts = {
+const english = {
   /** Texts of the elements that name them in lab.html. */
   page: {
     picture: "Picture",
@@ -67,6 +72,8 @@ export const texts = {
     remark: "The same definitions as the program, compiled to WebAssembly with portable arithmetic; this page asks the network nothing.",
   },
   ready: "Change anything; the picture follows at once.",
+  unknownTexts: (/** @type {string[]} */ names) =>
+    `The file of the language has what this page does not have: ${names.join("; ")}. Correct or delete it, and write the page again.`,
   fromLink: "This is the situation of the link.",
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
@@ -327,3 +334,32 @@ export const texts = {
     `Glucose goes from ${of.minimum} to ${of.peak} ${of.unit}, with a mean of ${of.mean}; ${of.inside} % of the time it is ` +
     `in the band. ${of.insulin} U of insulin are delivered.`,
 };
+
+/** Texts and sentences of the language that the page does not have. @type {string[]} */
+export const unknown = [];
+
+export const texts = /** @type {typeof english} */ (inPlace(english, own, ""));
+
+/** Some texts with others in the place of those of the same name and form. @param {any} there @param {any} others @param {string} within */
+function inPlace(there, others, within) {
+  const found = Array.isArray(there) ? [...there] : { ...there };
+  for (const [name, text] of Object.entries(others)) {
+    const now = there[name];
+    if (typeof text !== typeof now || Array.isArray(text) !== Array.isArray(now)) unknown.push(within + name);
+    else found[name] = typeof text === "object" ? inPlace(now, text, `${within}${name}.`) : text;
+  }
+  return found;
+}
+
+/** The page's data from their text, with their sentences in the page's language. @param {string} text @returns {any} */
+export function dataInWords(text) {
+  const left = new Set(Object.keys(sentences));
+  if (left.size === 0) return JSON.parse(text); // a reviver is called for each of many numbers
+  const data = JSON.parse(text, (_, value) => {
+    if (typeof value !== "string" || !Object.hasOwn(sentences, value)) return value;
+    left.delete(value);
+    return sentences[value];
+  });
+  unknown.push(...left);
+  return data;
+}
