@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -145,13 +146,29 @@ def _offered(
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
     """A fault with its settings."""
     usual = {name: setting.default.noise_free for name, setting in entry.effect_settings().items()}
-    bounds = {name: SLIDERS["faults"][name] for name in usual}
+    bounds = {name: _slider(entry, name) for name in usual}
     return {
         "part": entry.part,
         "summary": entry.summary,
         "timed": entry.timed,
         "settings": _offered(entry, bounds, usual),
     }
+
+
+def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
+    """Least and largest value and step of a fault's setting on the page, by default hundredths from bound to bound."""
+    if name in SLIDERS["faults"]:
+        return cast(tuple[float, float, float], SLIDERS["faults"][name])
+    setting = entry.setting(name)
+    about = setting.about
+    low, high = max(about.at_least, about.above), min(about.at_most, about.below)
+    if not math.isfinite(high - low):
+        raise Refusal(
+            f"the setting {name} of the fault {entry.name} has no bounds; give it some, or a line under [faults] in "
+            "lab/sliders.toml"
+        )
+    step = (high - low) / 100.0 if setting.kind is float else max(1, round((high - low) / 100.0))
+    return low + step * (about.above == low), high - step * (about.below == high), step
 
 
 def _monitor(name: str) -> dict[str, Any]:
