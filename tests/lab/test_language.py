@@ -50,9 +50,10 @@ def test_what_is_left_out_stays_english(told):
     assert (data, unknown) == ({}, [])
 
 
-def test_sentences_of_the_data_are_put_into_words(told):
+@pytest.mark.parametrize("shown", ["Largest dose.", "Largest dose"])
+def test_sentences_of_the_data_are_put_into_words(told, shown):
     data = {"summary": "Largest dose.", "name": "usual", "least": 1.5}
-    language = begun(sentences='"Largest dose.": "Größte Dosis."')
+    language = begun(sentences=f'"{shown}": "Größte Dosis."')
     assert told(language, json.dumps(data))[3:] == [{**data, "summary": "Größte Dosis."}, []]
 
 

@@ -356,9 +356,12 @@ export function dataInWords(text) {
   const left = new Set(Object.keys(sentences));
   if (left.size === 0) return JSON.parse(text); // a reviver is called for each of many numbers
   const data = JSON.parse(text, (_, value) => {
-    if (typeof value !== "string" || !Object.hasOwn(sentences, value)) return value;
-    left.delete(value);
-    return sentences[value];
+    if (typeof value !== "string") return value;
+    // a label is shown without the full stop of its sentence
+    const known = [value, value.replace(/\.$/, "")].find((text) => Object.hasOwn(sentences, text));
+    if (known === undefined) return value;
+    left.delete(known);
+    return sentences[known];
   });
   unknown.push(...left);
   return data;
