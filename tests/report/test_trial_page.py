@@ -218,6 +218,7 @@ def test_a_long_run_is_told_by_week(report, drawn):
     cases = {label: dataclasses.replace(case, weeks=weeks) for label, case in report.cases.items()}
     page = trial_page(dataclasses.replace(report, cases=cases, length_min=31 * 1440.0))
     assert "Week by week" in page
+    assert drawn(page)[0][0].name == "90 % of the people's days"
     curves = {curve.name: curve for curve in drawn(page)[2]}
     assert curves["median"].held
     np.testing.assert_allclose(curves["median"].t_min, 1440.0 * np.array([0, 7, 14, 21, 28, 31]))

@@ -113,7 +113,7 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     insulin = [case.insulin_quantiles[BANDS[0][1]] for case in cases]
     plots = []
     for index, (label, case) in enumerate(report.cases.items()):
-        panels = _panels(report, glucose, insulin)
+        panels, whose = _panels(report, glucose, insulin), "people's days" if case.weeks else "people"
         # each rate is held until the next, the last until the end
         held_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
         for panel, t_min, quantiles in (
@@ -123,7 +123,7 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
             drawn = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
             shown = {q: values[drawn[drawn < len(values)]] for q, values in quantiles.items()}
             for low, high in BANDS:
-                panel.area(t_min[drawn], shown[low], shown[high], index, f"{100 * (high - low):.0f} % of the people")
+                panel.area(t_min[drawn], shown[low], shown[high], index, f"{100 * (high - low):.0f} % of the {whose}")
             panel.line(t_min[drawn], shown[0.5], index, name="median")
         plots.append(Plot(label, report.horizon_min, panels))
     return plots
