@@ -34,7 +34,12 @@ from glucoloop.estimation.unknown_meal.expectation import Expectation, expectati
 from glucoloop.estimation.unknown_meal.habits import earlier
 from glucoloop.estimation.unknown_meal.settings import EstimatorPart, MovingHorizonSettings
 from glucoloop.meals.stomach import Announced, Gut, Stomach, announce, digest, gut_of, serve
-from glucoloop.models.nonlinear import FedModel, IndividualModel, individual_model
+from glucoloop.models.nonlinear import (
+    FedModel,
+    IndividualModel,
+    advance_with_rough_tangents,
+    individual_model,
+)
 from glucoloop.optimize.moves_qp import limit_moves
 from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -236,7 +241,7 @@ class MealMPC:
         eating = at.eating * goes_on
         announced, served = serve(at.announced, h)
         stomach, appearance = digest(at.stomach, eating + served, h, at.gut)
-        x = self.model.advance_fed(at.x, insulin, appearance.at[0].add(at.disturbance))
+        x = advance_with_rough_tangents(self.model, at.x, insulin, appearance.at[0].add(at.disturbance))
         disturbance = fading(at.disturbance, at.stomach, stomach)
         return dataclasses.replace(
             at, x=x, stomach=stomach, announced=announced, eating=eating, disturbance=disturbance

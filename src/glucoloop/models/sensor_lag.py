@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
-from glucoloop.models.nonlinear import FedModel
+from glucoloop.models.nonlinear import FedModel, roughly
 from glucoloop.models.state_space import ContinuousModel
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.delay import lagged
@@ -44,6 +44,10 @@ class LaggedModel:
         """State at rest at the operating point, where the reading is glucose."""
         rest = self.inner.state
         return jnp.append(rest, self.inner.glucose_mg_dl(rest))
+
+    def roughly(self) -> LaggedModel:
+        """The same model by a less accurate integrator."""
+        return dataclasses.replace(self, inner=roughly(self.inner))
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the state, per minute."""

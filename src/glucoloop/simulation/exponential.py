@@ -16,6 +16,7 @@ M. Hochbruck, A. Ostermann, "Exponential integrators", Acta Numerica 19, 2010.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from glucoloop._kept import kept_result
-from glucoloop._pytree import pytree
+from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
@@ -51,6 +52,7 @@ def _legendre(x: Matrix) -> Matrix:
 
 # A quadratic over the step is carried by its values at the start, the middle and the end.
 _FROM_GAUSS: Final = _legendre(np.array([-1.0, 0.0, 1.0])) @ np.linalg.inv(_legendre(_GAUSS_NODES))
+_MEAN_OF_GAUSS: Final = np.polynomial.legendre.leggauss(3)[1] / 2.0
 _PROJECT_ON_GAUSS: Final = (
     _legendre(_GAUSS_NODES) * np.array([1.0, 3.0, 5.0]) @ (_legendre(_FINE_NODES) * _FINE_WEIGHTS[:, None] / 2.0).T
 )
@@ -177,27 +179,69 @@ def step(
     the meal's appearance, ``(3, ...)`` [mg/min]. The infusion is held over the step.
     """
     y, z = patient.split(x)
-    drive = jnp.concatenate([z, insulin_mU_min[None]])
-    path = jnp.stack([patient.effects(at_node @ drive) for at_node in matrices.driven_gauss])
+    drive, path = _driven(patient, matrices, z, insulin_mU_min)
     effects_0, effects_m, effects_1 = jnp.tensordot(jnp.asarray(_FROM_GAUSS, path.dtype), path, 1)
     meal_0, meal_m, meal_1 = at_start_middle_end(moments)
 
-    def source(y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-        rest = patient.kinetics(y, effects, meal_mg_min) - matrices.beyond_transport @ y
-        return rest if matrices.transport is None else rest + patient.transport(y) - matrices.transport @ y
-
-    s_0 = source(y, effects_0, meal_0)
+    s_0 = _source(patient, matrices, y, effects_0, meal_0)
     base = matrices.half[0] @ y + matrices.half[1] @ s_0
-    s_a = source(base, effects_m, meal_m)
-    s_b = source(base + matrices.half[2] @ (s_a - s_0), effects_m, meal_m)
+    s_a = _source(patient, matrices, base, effects_m, meal_m)
+    s_b = _source(patient, matrices, base + matrices.half[2] @ (s_a - s_0), effects_m, meal_m)
     base = matrices.full[0] @ y
-    s_1 = source(base + matrices.full[1] @ s_0 + matrices.full[2] @ (s_b - s_0), effects_1, meal_1)
+    y_1 = base + matrices.full[1] @ s_0 + matrices.full[2] @ (s_b - s_0)
+    s_1 = _source(patient, matrices, y_1, effects_1, meal_1)
     s_m = (s_a + s_b) / 2.0
     y_end = base + matrices.end[0] @ s_0 + matrices.end[1] @ s_m + matrices.end[2] @ s_1
-    glucose = dense[:, 0] @ y + dense[:, 1] @ s_0 + dense[:, 2] @ s_m + dense[:, 3] @ s_1
+    glucose = _read(patient, matrices, dense, x, (s_0, s_m, s_1))
+    return patient.join(y_end, matrices.driven_end @ drive), glucose
+
+
+def rough_step(
+    patient: SemilinearPatient,
+    matrices: Matrices,
+    dense: jax.Array,
+    x: jax.Array,
+    insulin_mU_min: jax.Array,
+    moments: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """`step` with one stage in place of four, the exponential Euler method: for derivatives of forecasts.
+
+    The source stays as it is at the start, under the means of effects and meal over the step.
+    """
+    y, z = patient.split(x)
+    drive, path = _driven(patient, matrices, z, insulin_mU_min)
+    s = _source(patient, matrices, y, jnp.tensordot(jnp.asarray(_MEAN_OF_GAUSS, path.dtype), path, 1), moments[0])
+    y_end = matrices.full[0] @ y + matrices.full[1] @ s
+    return patient.join(y_end, matrices.driven_end @ drive), _read(patient, matrices, dense, x, (s, s, s))
+
+
+def _driven(
+    patient: SemilinearPatient, matrices: Matrices, z: jax.Array, insulin_mU_min: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """What drives the driven block, ``(d + 1, ...)``, and its effects at the Gauss nodes, ``(3, effects, ...)``."""
+    drive = jnp.concatenate([z, insulin_mU_min[None]])
+    return drive, jnp.stack([patient.effects(at_node @ drive) for at_node in matrices.driven_gauss])
+
+
+def _source(
+    patient: SemilinearPatient, matrices: Matrices, y: jax.Array, effects: jax.Array, meal_mg_min: jax.Array
+) -> jax.Array:
+    """Rate of change of the slow block beyond what the exponentials contain."""
+    rest = patient.kinetics(y, effects, meal_mg_min) - matrices.beyond_transport @ y
+    return rest if matrices.transport is None else rest + patient.transport(y) - matrices.transport @ y
+
+
+def _read(
+    patient: SemilinearPatient, matrices: Matrices, dense: jax.Array, x: jax.Array, source: tuple[jax.Array, ...]
+) -> jax.Array:
+    """Glucose inside a step that begins at x, of a source at its start, middle and end."""
+    y, z = patient.split(x)
+    glucose = dense[:, 0] @ y
+    for i, s in enumerate(source, start=1):
+        glucose = glucose + dense[:, i] @ s
     if matrices.probe is not None:
         glucose = glucose * patient.glucose_mg_dl(patient.join(matrices.probe, jnp.zeros_like(z)))
-    return patient.join(y_end, matrices.driven_end @ drive), glucose
+    return glucose
 
 
 @pytree
@@ -206,6 +250,12 @@ class ExponentialPlant:
 
     patient: SemilinearPatient
     matrices: Matrices
+    rough: bool = static(default=False)
+    """Whether it goes by `rough_step`."""
+
+    def roughly(self) -> ExponentialPlant:
+        """The same plant by `rough_step`."""
+        return dataclasses.replace(self, rough=True)
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
@@ -216,12 +266,13 @@ class ExponentialPlant:
                 "the exponential integrator has matrices for a patient whose constants stay, and knows no exercise; "
                 "leave the integrator out, or take Explicit() or Adaptive()"
             )
+        one = rough_step if self.rough else step
         if dense.shape[0] == 1:
-            return step(self.patient, self.matrices, dense[0], x, insulin_mU_min, moments[0])
+            return one(self.patient, self.matrices, dense[0], x, insulin_mU_min, moments[0])
 
         def substep(x: jax.Array, entry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
             rows, moments = entry
-            return step(self.patient, self.matrices, rows, x, insulin_mU_min, moments)
+            return one(self.patient, self.matrices, rows, x, insulin_mU_min, moments)
 
         x, inside = jax.lax.scan(substep, x, (dense, moments))
         return x, inside.reshape(-1, *inside.shape[2:])[self.matrices.wanted]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -17,7 +18,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.explicit import Explicit
-from glucoloop.simulation.exponential import Exponential
+from glucoloop.simulation.exponential import Exponential, ExponentialPlant
 from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
 
@@ -97,6 +98,12 @@ class InternalModel:
     sample_time_min: float = static()
     steps: int = static(default=1)
     """Steps of the integrator in a sample."""
+
+    def roughly(self) -> InternalModel:
+        """The same model with rough steps where its integrator has them."""
+        if not isinstance(self.plant, ExponentialPlant):
+            return self
+        return dataclasses.replace(self, plant=self.plant.roughly())
 
     def derivative(self, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Rate of change of the patient's state without a meal."""
