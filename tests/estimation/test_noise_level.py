@@ -1,7 +1,5 @@
 """Filters for correlated noise against the normal distribution of a whole record, and what they learn from it."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.estimation.noise_level import HASTE_LEFT, LEVELS_MG_DL, noisy_filters
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, noisy_filters
 
 PHI, C, Q, R = np.array([[0.9, 0.3], [0.0, 1.0]]), np.array([1.0, 0.0]), np.diag([0.0, 0.05]), 1.45
 FILTERS = noisy_filters(PHI, C, Q, R)
@@ -116,43 +114,3 @@ def test_any_innovations_leave_a_size_within_the_designs(innovations):
 def test_a_design_that_is_not_possible_is_refused(bad, sentence):
     with pytest.raises(ValueError, match=sentence):
         noisy_filters(PHI, C, Q, R, **bad)
-
-
-# In haste at first ----------------------------------------------------------------------------------------------------
-
-
-def learned_in_haste(deviation, samples, pace=0.05, seed=2):
-    """Sizes after some readings of a sensor, whose predictions are those of the true filter."""
-    rng = np.random.default_rng(seed)
-    filters = dataclasses.replace(FILTERS, pace=jnp.asarray(pace))
-    scale = np.sqrt(float(filters.at(jnp.asarray(float(deviation)))[1]))
-    noise, haste = filters.first_deviation, jnp.ones(())
-    for _ in range(samples):
-        innovation = scale * rng.normal() / jnp.sqrt(filters.at(noise)[1])
-        noise = in_haste(filters, noise, innovation, jnp.asarray(True), haste)
-        haste = HASTE_LEFT * haste
-    return float(noise)
-
-
-in_haste = jax.jit(lambda filters, *told: filters.learn_in_haste(*told))
-
-
-def test_ten_readings_tell_a_good_sensor_from_a_bad_one():
-    good = [learned_in_haste(0.0, 10, seed=seed) for seed in range(20)]
-    bad = [learned_in_haste(4.0, 10, seed=seed) for seed in range(20)]
-    assert np.median(good) < 1.5 < 2.5 < np.median(bad)  # from 1.5 at first
-
-
-def test_a_small_innovation_to_either_side_lowers_the_size_and_a_rise_leaves_it():
-    known, calm = jnp.asarray(True), jnp.zeros(())
-    at = [float(in_haste(FILTERS, jnp.asarray(2.0), jnp.asarray(z), known, calm)) for z in (-3.0, -0.5, 0.5, 3.0)]
-    assert at[0] > 2.0 > at[1] == at[2]
-    assert at[3] == 2.0
-    assert float(FILTERS.fixed(2.0).first_deviation) == 0.0
-
-
-def test_the_size_falls_as_quickly_as_it_rises_at_first_and_half_as_quickly_later():
-    pace = float(FILTERS.pace)
-    for haste, fall in ((1.0, 0.3), (0.0, 0.5 * pace)):
-        at = in_haste(FILTERS, jnp.asarray(2.0), jnp.asarray(0.0), jnp.asarray(True), jnp.asarray(haste))
-        assert 2.0 - float(at) == pytest.approx(fall)

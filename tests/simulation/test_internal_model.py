@@ -10,7 +10,9 @@ import scipy.linalg
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_open_loop
 from glucoloop.experiments.designs import controller_of
+from glucoloop.models.nonlinear import advance_with_rough_tangents, individual_model, roughly
 from glucoloop.models.state_space import step_response
+from glucoloop.patients import patient
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.situations.situation import configured
 
@@ -135,6 +137,34 @@ def test_both_models_agree_on_small_changes(imagined, patient_81):
     linear = linear_model(patient_81)
     moved = imagined.advance(imagined.state, imagined.insulin_mU_min + 1e-3)
     np.testing.assert_allclose((moved - imagined.state) / 1e-3, linear.Gamma, atol=1e-4)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("insulin", [10.0, 24.0, 60.0])
+def test_rough_derivatives_of_an_hour_are_near_those_of_the_forecast_whose_values_stay(patient_81, insulin):
+    model = individual_model(nonlinear_model(patient_81), 24.0)
+
+    def forecast(advance):
+        def glucose(moves):
+            x, seen = model.state, []
+            for rate in insulin + jnp.append(moves[:1], jnp.full(11, jnp.sum(moves))):
+                x = advance(x, rate, jnp.array([150.0, 20.0, 0.0]))
+                seen.append(model.glucose_mg_dl(x))
+            return jnp.stack(seen)
+
+        return glucose(jnp.zeros(2)), jax.jacfwd(glucose)(jnp.zeros(2))
+
+    value, exact = forecast(model.advance_fed)
+    kept, rough = forecast(lambda *at: advance_with_rough_tangents(model, *at))
+    np.testing.assert_array_equal(kept, value)
+    far = np.abs(rough - exact).max(axis=0) / np.abs(exact).max(axis=0)
+    assert (far > 1e-4).all()
+    assert (far < 0.05).all()
+
+
+def test_a_model_whose_integrator_has_no_rough_step_is_linearised_by_it():
+    model = nonlinear_model(patient("uva-padova-2008"))
+    assert roughly(model) is model
 
 
 def test_the_sample_time_is_that_of_the_model(patient_81, imagined):

@@ -344,7 +344,7 @@ def design_meal_mpc(
     *,
     habits: MealHabits | None = None,
     estimator: EstimatorPart | None = None,
-    disturbance_variance: float = 8.0,
+    disturbance_variance: float = 10.0,
     measurement_variance: float = 1.45,
     dead_time_samples: int = 0,
 ) -> MealMPC:
@@ -453,5 +453,5 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
 
 def _variance_told(noise_variance: float, estimator: EstimatorPart) -> float:
     """Variance R for a sensor with white noise: what is beyond a bound is left to an estimator that learns noise."""
-    learns = getattr(estimator, "noise_pace", 0.0) > 0.0
+    learns = getattr(estimator, "noise_drift", 0.0) > 0.0
     return min(max(noise_variance, _LEAST_VARIANCE), _MOST_VARIANCE if learns else math.inf)

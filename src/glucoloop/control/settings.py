@@ -284,10 +284,10 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
             "which they hold, like '0.6@06:30 0.02@22:00', or 24 numbers, one for each hour; empty: always the same."
         ),
     ] = ""
-    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0, quantity=MEAL)] = 24.0
+    mean_carbs_g: Annotated[float, About("Mean size of a meal, in g.", above=0.0, quantity=MEAL)] = 20.0
     disturbance_variance: Annotated[
         float, About("Variance of the change of unexplained glucose per sample, (mg/min)².", at_least=0.0)
-    ] = 8.0
+    ] = 10.0
     measurement_variance: Annotated[
         float,
         About(

@@ -30,10 +30,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.refusal import Refusal
+
+Numbers = npt.NDArray[np.float64]
 
 LEVELS_MG_DL: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Standard deviations s for which filters are designed, 1 mg/dl apart."""
@@ -41,16 +44,6 @@ CORRELATION: Final = 0.7
 """Correlation c of the error between samples of 5 min, as Breton and Kovatchev (2008) found it."""
 _MOST: Final = 9.0
 """Most that the square of an innovation counts."""
-_FIRST_MG_DL: Final = 1.5
-"""Estimate of s before the first reading, where it is learned in haste."""
-_FIRST_PACE: Final = 0.3
-"""Pace of the first readings there, mg/dl."""
-_FALL_SHARE: Final = 0.5
-"""Share of the pace at which s falls once the haste is over: noise thought too small costs more than noise thought too
-large.
-"""
-HASTE_LEFT: Final = 0.9
-"""Share of the haste that is left after a reading."""
 
 
 @pytree
@@ -126,29 +119,9 @@ class NoisyFilters:
             pace=jnp.zeros(()),
         )
 
-    @property
-    def first_deviation(self) -> jax.Array:
-        """Estimate of s before the first reading: 0 if it is not learned."""
-        return jnp.where(jnp.asarray(self.pace) > 0.0, _FIRST_MG_DL, LEVELS_MG_DL[0])
-
     def learn(self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array) -> jax.Array:
         """Estimate of s after an innovation, which is given in its standard deviations."""
         return learned(deviation_mg_dl, innovation, known, self.pace)
-
-    def learn_in_haste(
-        self, deviation_mg_dl: jax.Array, innovation: jax.Array, known: jax.Array, haste: jax.Array
-    ) -> jax.Array:
-        """Estimate of s after an innovation, which is given in its standard deviations.
-
-        A small innovation to either side says that s is too large, and a large one below the prediction, which counts
-        twice, that it is too small. `haste` is the share of the pace for the first readings. Without it s falls at half
-        the pace, so that it stays above its true value on average.
-        """
-        pace = jnp.where(jnp.asarray(self.pace) > 0.0, self.pace + haste * (_FIRST_PACE - self.pace), 0.0)
-        change = jnp.minimum(innovation**2, _MOST) - 1.0
-        falls = haste + (1.0 - haste) * _FALL_SHARE
-        change = jnp.where(change <= 0.0, falls * change, jnp.where(innovation < 0.0, 2.0 * change, 0.0))
-        return jnp.clip(deviation_mg_dl + jnp.where(known, pace * change, 0.0), LEVELS_MG_DL[0], LEVELS_MG_DL[-1])
 
 
 def noisy_filters(
@@ -168,15 +141,10 @@ def noisy_filters(
         raise Refusal(f"a correlation of {correlation:g} is not possible; give 0 or more and less than 1")
     check_pace(pace)
     Phi, C, Q = (np.asarray(a, float) for a in (Phi, C, Q))
-    n = C.size
-    wide, drive = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
-    wide[:n, :n], wide[n, n] = Phi, correlation
-    drive[:n, :n] = Q
     without = steady_state_gain(Phi, C, Q, R)
     gains, variances = [np.append(without.gain, 0.0)], [float(without.innovation_covariance)]
     for deviation in LEVELS_MG_DL[1:]:
-        drive[n, n] = (1.0 - correlation**2) * deviation**2
-        steady = steady_state_gain(wide, np.append(C, 1.0), drive, R)
+        steady = steady_state_gain(*with_error(Phi, C, Q, deviation, correlation), R)
         gains.append(np.asarray(steady.gain))
         variances.append(float(steady.innovation_covariance))
     return NoisyFilters(
@@ -185,3 +153,11 @@ def noisy_filters(
         correlation=correlation,
         pace=pace,
     )
+
+
+def with_error(
+    Phi: Numbers, C: Numbers, Q: Numbers, deviation_mg_dl: float, correlation: float
+) -> tuple[Numbers, Numbers, Numbers]:
+    """The matrices of a model whose last state is an error of the sensor with a standard deviation."""
+    drives = (1.0 - correlation**2) * deviation_mg_dl**2
+    return scipy.linalg.block_diag(Phi, correlation), np.append(C, 1.0), scipy.linalg.block_diag(Q, drives)

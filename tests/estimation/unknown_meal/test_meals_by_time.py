@@ -83,13 +83,11 @@ def test_an_earlier_time_of_day_is_one(time, minutes):
 
 
 @pytest.fixture(scope="module")
-def record(two_states, linear):
-    """A person at rest for an hour, in whom glucose then appears as from a meal, with noise."""
-    (A, _, G), x, glucose = map(np.asarray, linear), np.zeros(2), []
-    for k in range(30):
-        glucose.append(80.0 + x[0])
-        x = A @ x + G * (0.0 if k < 12 else 300.0)
-    return 5.0 * np.arange(30), np.array(glucose) + np.random.default_rng(4).normal(0.0, 0.8, 30), np.full(30, 20.0)
+def record(record_of):
+    """A person at rest for an hour, who then eats for an hour and a half, with noise."""
+    insulin = np.full(30, 20.0)
+    readings = np.append(80.0, record_of(np.repeat([0.0, 1.0], [12, 18]), insulin))[:30]
+    return 5.0 * np.arange(30), readings + np.random.default_rng(4).normal(0.0, 0.8, 30), insulin
 
 
 def found_min(told):

@@ -98,7 +98,7 @@ class MealHabits:
     """
 
     meals_per_h: float = 0.57
-    mean_carbs_g: float = 24.0
+    mean_carbs_g: float = 20.0
     by_time: str = ""
 
     def __post_init__(self) -> None:

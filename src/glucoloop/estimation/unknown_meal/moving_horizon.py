@@ -13,9 +13,10 @@ Events older than L samples no longer distinguish hypotheses: those that meet ar
 through a gut that passes it on in half the time; that it rises and ends faster tells the two guts apart. In the last
 two the line is blocked or the pump has stopped, whatever it reports. They are entered from all others and left to those
 without a recent event, so that the state then has no insulin on board that never came.
-Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor whose
-size is learned; see `estimation.noise_level`. The disturbance is glucose that appears for no known reason; it takes up
-what the model gets wrong, within a bound.
+Within a hypothesis a steady Kalman gain corrects the state, a disturbance, and a correlated error of the sensor. Its
+size is one of a few levels, and each reading judges each hypothesis with each level together, since a meal that begins
+and an error that grows explain the same readings; see `estimation.noise_sizes`. The disturbance is glucose that appears
+for no known reason; it takes up what the model gets wrong, within a bound.
 
 With the events of the horizon enumerated and the merged state as what is known before it, this is moving-horizon
 estimation with a discrete decision; with the weights kept in place of the best alone, it is the interacting
@@ -44,7 +45,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
-from glucoloop.estimation.noise_level import HASTE_LEFT, LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
+from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
+from glucoloop.estimation.noise_sizes import Innovations, drifting, innovations_of, mean_size
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
@@ -77,7 +79,7 @@ Numbers = npt.NDArray[np.float64]
 LONGEST_HORIZON: Final = 100
 _LEAST_GUT_MG: Final = 60.0
 """Content of a gut that is small beside a meal's and counts as that of Lehmann and Deutsch."""
-_LEAST: Final = 1e-12
+_LEAST: Final = 1e-30
 """Probability below which no hypothesis falls, so that each can come back."""
 _FAILS_UNREPORTED: Final = 0.5
 """Probability that insulin ceases to arrive in a sample of which the pump reports no rate."""
@@ -97,6 +99,8 @@ class Hypothesis:
     """Carbohydrate served so far of the meal that the hypothesis is about, the latest one."""
     error_mg_dl: jax.Array
     """Correlated error of the sensor."""
+    innovation_mg_dl: jax.Array
+    """What the last reading was above its prediction."""
 
 
 @pytree
@@ -105,12 +109,8 @@ class MealHorizonState:
 
     hypotheses: Hypothesis
     probability: jax.Array
-    """(2 L + 2 F + 5,) probability of each hypothesis."""
+    """(levels, 2 L + 2 F + 5) probability of each size of the sensor's error together with each hypothesis."""
     announced: Announced
-    noise_mg_dl: jax.Array
-    """Estimated standard deviation of the correlated error of the sensor."""
-    haste: jax.Array
-    """Share, 1 at first, of the pace at which that is learned from the first readings."""
 
 
 @pytree
@@ -119,6 +119,11 @@ class MealHorizon:
 
     filters: NoisyFilters
     """Gains for the state, the disturbance and the sensor's error, at each size of the error."""
+    innovations: Innovations
+    first_sizes: jax.Array
+    """(levels,) probability of each size before the first reading."""
+    drift: jax.Array
+    """(levels, levels) matrix by which the probabilities of the sizes pass from sample to sample."""
     largest_disturbance_mg_min: jax.Array | float
     """Largest disturbance that is believed, to either side."""
     begins: jax.Array
@@ -149,9 +154,17 @@ class MealHorizon:
 
     def at_noise(self, deviation_mg_dl: float) -> MealHorizon:
         """The same estimator for a sensor whose correlated error has a known standard deviation."""
-        begins = jnp.sum(shares(jnp.asarray(deviation_mg_dl)) * self.begins, axis=-1, keepdims=True)
-        begins = jnp.broadcast_to(begins, self.begins.shape)
-        return dataclasses.replace(self, filters=self.filters.fixed(deviation_mg_dl), begins=begins)
+        share = shares(jnp.asarray(deviation_mg_dl))
+        begins = jnp.broadcast_to(jnp.sum(share * self.begins, axis=-1, keepdims=True), self.begins.shape)
+        filters = self.filters.fixed(deviation_mg_dl)
+        return dataclasses.replace(
+            self,
+            filters=filters,
+            innovations=self.innovations.fixed(filters.innovation_variance[0]),
+            first_sizes=share,
+            drift=jnp.eye(share.size),
+            begins=begins,
+        )
 
     def init(self, model: FedModel, sensed: Sensed) -> MealHorizonState:
         """State of a fasting person at rest."""
@@ -162,14 +175,13 @@ class MealHorizon:
             disturbance_mg_min=disturbance,
             carbs_g=jnp.zeros_like(disturbance),
             error_mg_dl=jnp.zeros_like(disturbance),
+            innovation_mg_dl=jnp.zeros_like(disturbance),
         )
         number = self._hypotheses
         return MealHorizonState(
             hypotheses=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[..., None], (*leaf.shape, number)), fasting),
-            probability=jnp.asarray(np.append(1.0, np.full(number - 1, _LEAST))),
+            probability=self.first_sizes[:, None] * np.append(1.0, np.full(number - 1, _LEAST)),
             announced=nothing_announced(disturbance),
-            noise_mg_dl=jnp.full_like(disturbance, self.filters.first_deviation),
-            haste=jnp.ones_like(disturbance),
         )
 
     def step(self, model: FedModel, state: MealHorizonState, sensed: Sensed) -> tuple[MealHorizonState, MealEstimate]:
@@ -178,21 +190,18 @@ class MealHorizon:
         # Without a reading nothing may tell that a meal has begun; that one may have ended is the safe side. And who is
         # being served an announced meal does not begin another one.
         at_levels = self.begins if self.daily is None else self.daily.at(self.begins, sensed.time_of_day_min)
-        usual = jnp.sum(shares(state.noise_mg_dl) * at_levels)
-        begins = jnp.where(sensed.known & (served == 0.0), usual, 0.0)
+        begins = jnp.where(sensed.known & (served == 0.0), at_levels, 0.0)[:, None]
         ends = jnp.where(sensed.known, self.ends, self.ends_unseen)
         fails = jnp.where(sensed.reported, self.fails, _FAILS_UNREPORTED)
         returns = jnp.where(sensed.reported, self.returns, 0.0)
-        hypotheses, probability = self._age(state.hypotheses, state.probability, begins, ends, fails, returns)
+        drifted = self.drift @ state.probability
+        hypotheses, probability = self._age(state.hypotheses, drifted, begins, ends, fails, returns)
         hypotheses = self._carry(model, hypotheses, sensed.insulin_mU_min, served)
-        learned = state.noise_mg_dl, state.haste
-        hypotheses, probability, noise = self._correct(model, hypotheses, probability, learned, sensed)
+        hypotheses, probability = self._correct(model, hypotheses, probability, sensed)
         state = MealHorizonState(
             hypotheses=hypotheses,
             probability=probability,
             announced=announce(announced, sensed.announced_carbs_g),
-            noise_mg_dl=noise,
-            haste=jnp.where(sensed.known, HASTE_LEFT, 1.0) * state.haste,
         )
         return state, self._estimate(state, model.sample_time_min)
 
@@ -227,7 +236,10 @@ class MealHorizon:
         fails: jax.Array | float,
         returns: jax.Array | float,
     ) -> tuple[Hypothesis, jax.Array]:
-        """Age all events by a sample: the oldest hypotheses are merged, and new events may happen."""
+        """Age all events by a sample: the oldest hypotheses are merged, and new events may happen.
+
+        `begins` is ``(levels, 1)``; a state is passed on in the proportions of all sizes of the error together.
+        """
         L, F = self.horizon, self.fast_horizon
         eats, arrives, fast = self._eating(), self._arrives(), self._fast()
         fasting, feasting = arrives * (1.0 - eats), arrives * eats
@@ -240,21 +252,25 @@ class MealHorizon:
         stays, remains = 1.0 - returns, 1.0 - self.digests
         # What each hypothesis passes to each of those that are merged of several. The second, in which a meal has just
         # begun, may have no probability; its state is that of all who could begin one, by either gut.
-        passes = p * jnp.stack(
+        passes = jnp.stack(
             [
-                (those(0, 2 * L + 1) + self.digests * those(last_fast) + returns * lost) * (1.0 - begins),
-                fasting,
-                (those(L, L + 1) + returns * lost_eating) * (1.0 - ends),
-                (1.0 - fast) * feasting * ends,
-                those(first_fast + F - 1, first_fast + F) * (1.0 - ends),
-                fast * feasting * ends,
-                (those(last_fast - 1) + remains * those(last_fast)) * (1.0 - begins),
-                fails * fasting + stays * (lost + ends * lost_eating),
-                fails * feasting + stays * (1.0 - ends) * lost_eating,
-            ]
+                p * share
+                for share in (
+                    (those(0, 2 * L + 1) + self.digests * those(last_fast) + returns * lost) * (1.0 - begins),
+                    fasting,
+                    (those(L, L + 1) + returns * lost_eating) * (1.0 - ends),
+                    (1.0 - fast) * feasting * ends,
+                    those(first_fast + F - 1, first_fast + F) * (1.0 - ends),
+                    fast * feasting * ends,
+                    (those(last_fast - 1) + remains * those(last_fast)) * (1.0 - begins),
+                    fails * fasting + stays * (lost + ends * lost_eating),
+                    fails * feasting + stays * (1.0 - ends) * lost_eating,
+                )
+            ],
+            axis=1,
         )
-        total = jnp.sum(passes, axis=1)
-        mixing = passes / total[:, None]
+        total, together = jnp.sum(passes, axis=-1), jnp.sum(passes, axis=0)
+        mixing = together / jnp.sum(together, axis=-1, keepdims=True)
 
         def joined(leaf: jax.Array, merged: jax.Array, *begun: jax.Array) -> jax.Array:
             """All hypotheses, where those that are not merged come from the one a sample younger."""
@@ -279,7 +295,7 @@ class MealHorizon:
             merged = leaf @ mixing.T
             return joined(leaf, merged, merged[..., 1:2], merged[..., 1:2])
 
-        begun = begins * total[1:2]
+        begun = begins * total[:, 1:2]
         passed = joined(
             p * (1.0 - jnp.where(eats > 0.0, ends, begins)),
             total,
@@ -303,6 +319,7 @@ class MealHorizon:
                 disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
                 carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
                 error_mg_dl=self.filters.correlation * held.error_mg_dl,
+                innovation_mg_dl=held.innovation_mg_dl,
             )
 
         # one after the other, in a loop: their number must not make the program longer
@@ -312,18 +329,15 @@ class MealHorizon:
         later: Hypothesis = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), jax.lax.map(one, each))
         return later
 
-    def _correct(
-        self, model: FedModel, held: Hypothesis, p: jax.Array, learned: tuple[jax.Array, jax.Array], sensed: Sensed
-    ) -> tuple[Hypothesis, jax.Array, jax.Array]:
-        """Correct the states by the gain, the probabilities by Bayes' rule, and the size of the sensor's error."""
+    def _correct(self, model: FedModel, held: Hypothesis, p: jax.Array, sensed: Sensed) -> tuple[Hypothesis, jax.Array]:
+        """Correct the states by the gain, and the probabilities by Bayes' rule."""
         predicted = jax.vmap(reading_of(model), in_axes=-1)(held.x) + held.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
-        noise, haste = learned
-        gain, variance = self.filters.at(noise)
-        likelihood = jnp.exp(-0.5 * innovation**2 / variance) + _STRAY
         moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
-        noise = self.filters.learn_in_haste(noise, jnp.sum(p * moved) / jnp.sqrt(variance), sensed.known, haste)
-        p = p * likelihood
+        noise = mean_size(p)
+        gain, _ = self.filters.at(noise)
+        likelihood = self.innovations.likelihood(noise, innovation, held.innovation_mg_dl, _STRAY)
+        p = p * jnp.where(sensed.known, likelihood, 1.0)
         p = jnp.maximum(p / jnp.sum(p), _LEAST)
         largest = self.largest_disturbance_mg_min
         corrected = Hypothesis(
@@ -332,12 +346,13 @@ class MealHorizon:
             disturbance_mg_min=jnp.clip(held.disturbance_mg_min + gain[-2] * moved, -largest, largest),
             carbs_g=held.carbs_g,
             error_mg_dl=held.error_mg_dl + gain[-1] * moved,
+            innovation_mg_dl=moved,
         )
-        return corrected, p / jnp.sum(p), noise
+        return corrected, p / jnp.sum(p)
 
     def _estimate(self, state: MealHorizonState, sample_time_min: float) -> MealEstimate:
         """Expected values over the hypotheses."""
-        p = state.probability
+        p = jnp.sum(state.probability, axis=0)
         mean: Hypothesis = jax.tree.map(lambda leaf: jnp.sum(leaf * p, axis=-1), state.hypotheses)
         eats = self._eating()
         eating = jnp.sum(p * eats)
@@ -353,7 +368,7 @@ class MealHorizon:
             eating=eating,
             carbs_g=carbs_g,
             remaining_g=eating * per_sample * (1.0 - self.ends) / self.ends,
-            noise_mg_dl=state.noise_mg_dl,
+            noise_mg_dl=mean_size(state.probability),
             gut_min=self._time_constant(p * state.hypotheses.stomach.gut_mg),
             lost=jnp.sum(p * (1.0 - self._arrives())),
         )
@@ -371,12 +386,12 @@ def design_meal_horizon(
     *,
     horizon: int = 6,
     fast_horizon: int = 4,
-    disturbance_variance: float = 8.0,
+    disturbance_variance: float = 10.0,
     measurement_variance: float = 1.45,
     largest_disturbance_mg_min: float = 100.0,
-    noise_pace: float = 0.05,
+    noise_drift: float = 0.01,
     ends_unseen: float = 0.3,
-    noise_patience: float = 2.0,
+    noise_patience: float = 3.0,
     failures_per_h: float = 0.002,
     failure_min: float = 90.0,
     fast_meals: float = 0.1,
@@ -391,6 +406,9 @@ def design_meal_horizon(
         L and F, from 2 to 100 samples.
     measurement_variance : float
         R, (mg/dl)^2, above 0.
+    noise_drift : float
+        Probability, from 0 to 1, that the size of the correlated error changes by 1 mg/dl in a sample; 0: there is
+        none, and the noise is as told.
     noise_patience : float
         Factor ``exp(-noise_patience s)`` on the probability that a meal begins, at a size s of the correlated error.
 
@@ -418,14 +436,21 @@ def design_meal_horizon(
         raise Refusal(f"a share of {fast_meals:g} of meals through a fast gut is not possible; give 0 to below 1")
     if not 0.0 < failure_min < np.inf:
         raise Refusal(f"failures of {failure_min:g} min are not possible; give a finite time above 0")
+    if not 0.0 <= noise_drift <= 1.0:
+        raise Refusal(f"a drift of the noise with a probability of {noise_drift:g} is not possible; give 0 to 1")
     linear = linearised(model)
     n = linear.Gamma.size
     Q = np.zeros((n + 1, n + 1))
     Q[n, n] = disturbance_variance
     h = model.sample_time_min
     begins = np.outer(habits.begins_at_rates(h), np.exp(-noise_patience * np.asarray(LEVELS_MG_DL)))
-    return MealHorizon(
-        filters=noisy_filters(linear.Phi, linear.C, Q, measurement_variance, pace=noise_pace),
+    filters = noisy_filters(linear.Phi, linear.C, Q, measurement_variance)
+    levels = len(LEVELS_MG_DL)
+    horizon_of = MealHorizon(
+        filters=filters,
+        innovations=innovations_of(filters, linear.Phi, linear.C, Q, measurement_variance),
+        first_sizes=jnp.full(levels, 1.0 / levels),
+        drift=jnp.asarray(drifting(noise_drift)),
         largest_disturbance_mg_min=largest_disturbance_mg_min,
         begins=jnp.asarray(begins[0] if habits.daily is None else begins),
         ends=jnp.asarray(habits.ends(h)),
@@ -439,3 +464,4 @@ def design_meal_horizon(
         horizon=horizon,
         fast_horizon=fast_horizon,
     )
+    return horizon_of if noise_drift > 0.0 else horizon_of.at_noise(LEVELS_MG_DL[0])

@@ -47,14 +47,22 @@ class MovingHorizonSettings(EstimatorPart, name="moving-horizon"):
     largest_disturbance_mg_min: Annotated[
         float, About("Largest unexplained appearance of glucose that is believed, to either side.", above=0.0)
     ] = 100.0
-    noise_pace: NoisePace = 0.05
+    noise_drift: Annotated[
+        float,
+        About(
+            "Probability that the size of the sensor's correlated error changes by 1 mg/dl from sample to sample; "
+            "0: the noise is as told.",
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    ] = 0.01
     noise_patience: Annotated[
         float,
         About(
             "Decay of the expected number of meals with the size of the sensor's correlated error, per mg/dl.",
             at_least=0.0,
         ),
-    ] = 2.0
+    ] = 3.0
     ends_unseen: Annotated[
         float,
         About(
