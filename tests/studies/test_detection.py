@@ -105,17 +105,18 @@ def test_meals_of_a_day_are_put_in_order():
 # The nominal person, free of noise ------------------------------------------------------------------------------------
 
 
+# nobody's gut is another than the model's, and without noise nothing else tells so
+SLOW_GUTS = "moving-horizon, fast_meals=0"
+
+
+def days_judged_by(estimator):
+    rare = {"name": "meal-mpc", "meals_per_h": 0.05, "disturbance_variance": 0.1}
+    return configured(Detection, days=3, sensor=[], controller="basal", estimators=[estimator], estimates_by=rare)
+
+
 @pytest.fixture(scope="module")
 def asked():
-    return configured(
-        Detection,
-        days=3,
-        sensor=[],
-        controller="basal",
-        # nobody's gut is another than the model's, and without noise nothing else tells so
-        estimators=["moving-horizon, fast_meals=0"],
-        estimates_by={"name": "meal-mpc", "meals_per_h": 0.05, "disturbance_variance": 0.1},
-    )
+    return days_judged_by(SLOW_GUTS)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,8 @@ def test_true_meals_are_all_found_and_sized(result):
     assert of.tables["meals"].height == 6
     assert not of.tables["meals"]["missed"].any()
     assert not of.tables["meals"]["already"].any()
-    assert of.tables["meals"]["delay_min"].max() < 25.0
+    # a sample later than by whoever is told that the sensor has no error
+    assert of.tables["meals"]["delay_min"].max() < 30.0
     # each begins and ends within a sample, of which there is no telling where
     np.testing.assert_allclose(of.tables["meals"]["estimated_g"], of.tables["meals"]["carbs_g"], atol=2.0 * 1.8)
     at = of.tables["curve"].filter(threshold=0.5)
@@ -139,6 +141,12 @@ def test_true_meals_are_all_found_and_sized(result):
     assert of.alarms["fasting_days"] == pytest.approx(3.0)
     # what is expected of a meal comes to be what it is
     assert abs(of.tables["size_error"]["error_p50_g"][-1]) < 1.8
+
+
+@pytest.mark.long
+def test_who_is_told_that_the_sensor_has_no_error_finds_meals_sooner():
+    (of,) = evaluate(days_judged_by(f"{SLOW_GUTS}, noise_drift=0"), lambda done: None).by_estimator.values()
+    assert of.tables["meals"]["delay_min"].max() < 25.0
 
 
 @pytest.mark.long
@@ -164,8 +172,8 @@ def test_the_example_is_the_first_day(result):
 
 @pytest.mark.long
 def test_numbers_of_the_summary_are_those_of_the_meals(asked, result):
-    meals = result.by_estimator["moving-horizon, fast_meals=0"].tables["meals"].to_numpy(structured=True)
-    summary = findings(asked, result).plain["estimators"]["moving-horizon, fast_meals=0"]
+    meals = result.by_estimator[SLOW_GUTS].tables["meals"].to_numpy(structured=True)
+    summary = findings(asked, result).plain["estimators"][SLOW_GUTS]
     assert summary["meals"] == 6 == sum(size["meals"] for size in summary["by_size"])
     assert summary["delay_median_min"] == pytest.approx(np.median(meals["delay_min"]))
     error = meals["estimated_g"] - meals["carbs_g"]
