@@ -75,7 +75,7 @@ _PULL: Final = 2e-4
 _MOST_STEPS: Final = 60
 _LEAST_GAIN: Final = 1e-3
 _LEAST_LAMBDA, _FIRST_LAMBDA, _LARGEST_LAMBDA = 1e-6, 1e-2, 1e6
-"""In multiples of the mean square of the derivatives with respect to a dose."""
+"""Weights of the size of a step, in multiples of the mean square of the derivatives with respect to a dose."""
 _WELL, _BADLY = 0.7, 0.3
 """Shares of the gain that was foretold, above which lambda falls, and below which it grows."""
 

@@ -1,4 +1,4 @@
-"""What could be reached at all: the best doses found for the first people of a family, and how far controllers are off.
+"""Distance to what could be reached at all: the best doses that are found for the first people of a family.
 
 A person under a controller is compared with the same person under the best doses, on the same days and meals; a sensor
 plays no part in those, since the person is known.
@@ -77,7 +77,7 @@ def _search(
 
 
 def _metrics(found: LeastRiskDoses, sample_time_min: float) -> dict[str, float]:
-    """Those of the metrics of people that the best doses have; none where glucose is not finite."""
+    """Metrics of people under the best doses, of those that are known; none where glucose is not finite."""
     if not math.isfinite(found.gri):
         return {}
     numbers = numbers_of(Readings.of(found.fine_t_min, found.glucose_mg_dl)) | {
@@ -125,12 +125,18 @@ def _means(of: str, group: str) -> list[Column]:
 
 
 def _distance(known: str) -> list[Column]:
-    more = functools.partial(difference, factor="same_factor")
+    """Distance from the best doses with its intervals, of which the page has one; the files have them all."""
+    more, told = functools.partial(difference, factor="same_factor"), _TOLD[known]
     short = "GRI over\nbest" if known == START else None
-    return [
-        *more(f"gri_above_{known}", f"gri_above_{known}", f"{_TOLD[known]}: GRI above", short),
-        *more(f"in_range_below_{known}_pct", f"in_range_below_{known}_pct", f"{_TOLD[known]}: 70-180 (%) below"),
-    ]
+    gri, *gri_interval = more(f"gri_above_{known}", f"gri_above_{known}", told, short)
+    below, *below_interval = more(f"in_range_below_{known}_pct", f"in_range_below_{known}_pct", told)
+    interval = gri_interval if known == START else map(_not_on_page, gri_interval)
+    shown = replace(gri, head="GRI above"), *interval, replace(below, head="70-180 (%) below")
+    return [*shown, *map(_not_on_page, below_interval)]
+
+
+def _not_on_page(column: Column) -> Column:
+    return replace(column, group="", head="")
 
 
 _known: Final = pl.col("same_gri").count()
@@ -173,7 +179,7 @@ NEAREST: Final = tuple(_first_table())
 
 
 def nearest(rows: Sequence[Row]) -> list[Row]:
-    """For each family, over all cells and in each scenario, the line that is nearest to the best doses."""
+    """Lines that are nearest to the best doses: of each family over all cells, and in each scenario."""
     best: dict[tuple[str, str], Row] = {}
     for row in rows:
         place = row["family"], row["scenario"]

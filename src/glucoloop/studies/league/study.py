@@ -27,7 +27,7 @@ from glucoloop.report.template import render
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.league import MOST_PEOPLE, League, reach, texts
+from glucoloop.studies.league import MOST_BEST, MOST_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
     COLUMNS,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
 _SLOW_PATIENT_DAYS_S: Final = 300.0
-_BEST_PATIENT_DAYS_S: Final = 0.5
+_BEST_PATIENT_DAYS_S: Final = 2.0
 """Time of a design, and patient-days a second of a processor, which weigh the work of which progress tells: of a loop,
 of one with a slow controller, and of the search of the best doses."""
 _SAID: Final = ("engine", "lacks", "reason")
@@ -128,11 +128,13 @@ Shard = tuple[Line, int, npt.NDArray[np.int64]]
 _NOBODY: Final = np.empty(0, np.int64)
 
 
-def shards_of(asked: League) -> list[Shard]:
+def shards_of(asked: League, best_people: int | None = None) -> list[Shard]:
     """All shards with their people, in the order in which they are computed; one of nobody where it is not possible.
 
-    The best doses come last, person after person, so that those of more people go on where those of few end.
+    The best doses come last, person after person, of as many as are asked for unless told otherwise, so that those of
+    more people go on where those of few end.
     """
+    best_people = asked.bound_people if best_people is None else best_people
     loops = [
         (line, number, _NOBODY if line.trial is None else line.trial.shard(number))
         for line in lines_of(asked)
@@ -140,7 +142,7 @@ def shards_of(asked: League) -> list[Shard]:
     ]
     best = [
         (line, number, _NOBODY if line.trial is None else np.array([number]))
-        for number, line in itertools.product(range(asked.bound_people), _best_lines(asked))
+        for number, line in itertools.product(range(best_people), _best_lines(asked))
         if number < (1 if line.trial is None else line.trial.people)
     ]
     return loops + best
@@ -180,7 +182,7 @@ def _left_out(asked: League) -> Iterator[str]:
 
 def rows(asked: League) -> Rows[ShardResult]:
     """Rows that are kept: the people of each shard."""
-    shards = shards_of(asked)
+    shards = shards_of(asked, MOST_BEST)  # those of a folder that went further are read, and refused with a sentence
 
     def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
         line, number, person = shards[len(before)]
@@ -195,7 +197,7 @@ def rows(asked: League) -> Rows[ShardResult]:
     return Rows(
         file="people.parquet",
         what="shards",
-        wanted=len(shards),
+        wanted=len(shards_of(asked)),
         most=len(shards),
         schema={
             **dict.fromkeys(LINE, pl.String),
