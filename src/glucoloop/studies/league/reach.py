@@ -24,8 +24,9 @@ from glucoloop.metrics.readings import Readings
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.patients.population import of_people
 from glucoloop.patients.protocol import Patient
+from glucoloop.printable import how_many
 from glucoloop.report.columns import Column, Row, decimals, terse_percent, whole
-from glucoloop.studies.league.numbers import ALL, LINE, METRICS, difference, factors
+from glucoloop.studies.league.numbers import ALL, LINE, METRICS, difference, factors, signed
 
 START, ADVANCE = "start", "advance"
 KNOWN: Final = {START: 0.0, ADVANCE: IN_ADVANCE}
@@ -188,3 +189,14 @@ def nearest(rows: Sequence[Row]) -> list[Row]:
             best[place] = {**row, "nearest": name}
     families = list(dict.fromkeys(family for family, _ in best))
     return sorted(best.values(), key=lambda row: families.index(row["family"]))
+
+
+def distances(rows: Sequence[Row]) -> str:
+    """Sentence on the distance of each controller of a family over all cells, the nearest first; empty if not known."""
+    known = [row for row in rows if row["sensor"] == ALL and row["same_people"]]
+    ordered = sorted(known, key=lambda row: float(row["gri_above_start"]))
+    if not ordered:
+        return ""
+    people = how_many(max(row["same_people"] for row in known), "person", "people")
+    listed = "; ".join(f"{row['controller']} {signed(row['gri_above_start'])}" for row in ordered)
+    return f"Index above that of the best doses for meals known from their start, on the first {people}: {listed}."

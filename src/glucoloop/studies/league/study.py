@@ -510,6 +510,7 @@ def page(asked: League, found: Findings) -> str:
         ],
         nearest_columns=reach.NEAREST,
         told=reach.TOLD,
+        distances={family: reach.distances(rows) if asked.bound_people else "" for family, rows in by_family.items()},
         absent=found.plain["absent"],
     )
 
