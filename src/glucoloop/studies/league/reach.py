@@ -199,4 +199,4 @@ def distances(rows: Sequence[Row]) -> str:
         return ""
     people = how_many(max(row["same_people"] for row in known), "person", "people")
     listed = "; ".join(f"{row['controller']} {signed(row['gri_above_start'])}" for row in ordered)
-    return f"Index above that of the best doses for meals known from their start, on the first {people}: {listed}."
+    return f"Index above that of the best doses for meals known from their start, on {people}: {listed}."
