@@ -317,7 +317,8 @@ def league():
     from glucoloop.studies.league.numbers import METRICS
     from glucoloop.studies.league.study import LeagueSearch, ShardResult, shards_of
 
-    asked = configured(League, {"people": 30, "families": ["hovorka-2004", "roy-parker-2007"]})
+    keys = {"people": 30, "bound_people": 3, "families": ["hovorka-2004", "roy-parker-2007"]}
+    asked = configured(League, keys)
     rng, results = np.random.default_rng(0), []
     for number, (line, shard, person) in enumerate(shards_of(asked)):
         there = person if number else person[:0]

@@ -11,6 +11,7 @@ def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_pa
     assert league_page.startswith("<!doctype html>")
     assert read.text["h2"] == [
         "Best for whom",
+        "Distance to what could be reached",
         "Where each does harm",
         "Who takes no part, and what is slow",
         "hovorka-2004",
@@ -25,6 +26,8 @@ def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_pa
     told = " ".join(read.text["p"])
     assert "All are the nominal patient, and differ in their days and readings alone." in told
     assert "hovorka-2004: best overall is " in told
+    assert "On the first 3 people of each family" in told
+    assert told.count("for meals known from their start, on 3 people: ") == 2
     assert "<script" not in league_page
     assert league_page.count('<table class="heat"') == 2
     assert "glucoloop league --config league.toml --out again" in read.text["code"]

@@ -12,7 +12,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
-from glucoloop.studies.league import League
+from glucoloop.studies.league import League, reach
 from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
@@ -23,7 +23,7 @@ from glucoloop.studies.league.numbers import (
     ranking,
     worst_mean,
 )
-from glucoloop.studies.league.study import LeagueSearch, lines_of, rows
+from glucoloop.studies.league.study import LeagueSearch, lines_of, page, rows, shards_of
 
 ON_TARGET = {
     "time_70_180_pct": 90.0,
@@ -253,3 +253,100 @@ def test_a_row_is_the_very_trial_that_it_stands_for():
     for wrong in ({"controller": "pid"}, {"person": [0, 1]}, {"shard": 1}):
         with pytest.raises(Refusal):
             kind.row({**cells[1], **wrong}, results[:1])
+
+
+# ------------------------------------------------------------------------------------------- what could be reached
+
+
+def best_of(known, scenario="day", **metrics):
+    """Best doses of the first people of a scenario."""
+    number = len(metrics["gri"])
+    columns = {"family": "f", "scenario": scenario, "controller": known}
+    return people_of(known, number, scenario, **metrics).with_columns(**{n: pl.lit(v) for n, v in columns.items()})
+
+
+def test_a_person_is_compared_with_the_same_person_under_the_best_doses():
+    rng = np.random.default_rng(5)
+    ours, start, advance = (rng.uniform(0.0, 50.0, number) for number in (9, 4, 4))
+    in_range = rng.uniform(50.0, 100.0, 9)
+    people = people_of("c", 9, gri=ours, time_70_180_pct=in_range)
+    best = pl.concat([best_of("start", gri=start, time_70_180_pct=start + 50.0), best_of("advance", gri=advance)])
+    found = reach.beside(people, best, 1)
+    [row] = line_table(found, people.select(LINE).unique(), "ref", 1.0, reach.COLUMNS).to_dicts()
+    assert row["same_people"] == 4
+    assert row["same_gri_mean"] == pytest.approx(ours[:4].mean())
+    assert row["start_in_range_mean_pct"] == pytest.approx(start.mean() + 50.0)
+    assert row["in_range_below_start_pct"] == pytest.approx((start + 50.0 - in_range[:4]).mean())
+    for name, values in (("start", start), ("advance", advance)):
+        interval = stats.ttest_rel(ours[:4], values).confidence_interval(0.95)
+        distance = tuple(row[f"gri_above_{name}{end}"] for end in ("", "_low", "_high"))
+        assert distance == pytest.approx(((ours[:4] - values).mean(), *interval))
+
+
+def test_over_all_scenarios_stand_the_means_of_those_who_are_known_in_each():
+    best = pl.concat(
+        [best_of("start", gri=[1.0, 2.0]), best_of("start", "week", gri=[5.0]), best_of("advance", gri=[0.0, 0.0])]
+    )
+    cells = [people_of("c", 2, name, gri=[10.0, 20.0]) for name in ("day", "week")]
+    together = over_all_cells(pl.concat(cells), 2)
+    found = reach.beside(pl.concat([together, *cells]), best, 2)
+    assert found["start_gri"].to_list() == [3.0, None, 1.0, 2.0, 5.0, None]
+    assert found["gri_above_start"].to_list() == [7.0, None, 9.0, 18.0, 5.0, None]
+
+
+def test_the_nearest_is_that_with_the_least_distance_on_any_sensor():
+    def row(family, sensor, scenario, controller, above, people=3):
+        head = {"family": family, "sensor": sensor, "scenario": scenario, "controller": controller}
+        return {**head, "same_people": people, "gri_above_start": above if people else None}
+
+    rows_ = [row("f", ALL, ALL, "c", 5.0), row("g", ALL, ALL, "c", 1.0, people=0), row("f", ALL, ALL, "d", 4.0)]
+    rows_ += [row("f", "s", "day", "c", 2.0), row("f", "t", "day", "d", -1.0)]
+    found = [(of["family"], of["scenario"], of["nearest"]) for of in reach.nearest(rows_)]
+    assert found == [("f", ALL, "d"), ("f", "day", "d, t")]
+
+
+def test_the_best_doses_come_last_so_that_those_of_more_people_follow():
+    few, many = (shards_of(asked(**SMALL, bound_people=number)) for number in (1, 5))
+    assert [shard[:2] for shard in many[: len(few)]] == [shard[:2] for shard in few]
+    assert [(line.controller, number) for line, number, _ in many[-6:]] == [
+        (known, number) for number in range(3) for known in reach.KNOWN
+    ]
+
+
+@pytest.mark.long
+def test_no_controller_is_better_than_the_best_doses_of_the_same_people():
+    keys = {"families": ["hovorka-2004", "kanderian-2009"], "scenarios": ["plain-day", "unkind-day"]}
+    keys |= {"people": 2, "bound_people": 2, "sensors": ["ideal"], "seed": 7}
+    league = asked(**keys, controllers=["oref0", "loop-like", "mpc-se", "pid-ifb"])
+    kind, search = rows(league), LeagueSearch(league)
+    results = list(search.missing([]))
+    best = {(of.line[0], of.line[2], of.line[3], of.shard): of.people for of in results if of.line.sensor == ALL}
+    assert len(best) == 16
+    for of in results:
+        if of.line.sensor == ALL:
+            continue
+        for place, person in enumerate(of.people["person"]):
+            for known in reach.KNOWN:
+                reached = best[of.line.family, of.line.scenario, known, person]
+                assert of.people["gri"][place] >= reached["gri"][0] - 1e-9
+                assert of.people["time_70_180_pct"][place] <= reached["time_70_180_pct"][0] + 1e-9
+    for family, scenario, _, person in best:
+        start, advance = (best[family, scenario, known, person]["gri"][0] for known in reach.KNOWN)
+        assert advance <= start
+    table = kind.table(results)
+    cells = [dict(row) for row in table.iter_rows(named=True)]
+    kept = [kind.row(row, results[:number]) for number, row in enumerate(cells)]
+    again = [*kept[:-3], *search.missing(kept[:-3])]  # as after Ctrl-C between the two of one person
+    assert kind.table(again).equals(table)
+    found = search.found(again)
+    assert len(found.plain["nearest"]) == 2 * 3
+    assert all(row["gri_above_start"] >= 0.0 for row in found.plain["nearest"])
+    assert "Distance to what could be reached" in page(league, found)
+
+
+@pytest.mark.long
+def test_a_scenario_that_has_no_best_doses_is_named_with_the_reason():
+    league = asked(**{**SMALL, "scenarios": ["plain-day, warm_up_min=60"], "bound_people": 2})
+    results = [of for of in LeagueSearch(league).missing([]) if of.line.sensor == ALL]
+    assert len(results) == 4
+    assert all("without a warm-up" in of.reason for of in results)

@@ -160,7 +160,7 @@ def optimal_doses(
     fasting = course_of(patient, scenario, sample_time_min, [()])
     doses = np.full(fasting.samples, _allowed(fasting.resting_mU_min, pump_limits))
     minimum, iterations, known = None, 0, fasting
-    for meals, first in _stages(scenario, fasting, known_after_min):
+    for meals, first in stages(scenario, fasting, known_after_min):
         known = course_of(patient, scenario, sample_time_min, [meals])
         start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
         plan = DosePlan.of_course(known, pump_limits, first)
@@ -204,7 +204,7 @@ def first_free_sample(t_min: Values, known_at_min: float) -> int:
     return int(np.searchsorted(t_min, known_at_min - 1e-9))
 
 
-def _stages(scenario: Scenario, course: RunModel, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
+def stages(scenario: Scenario, course: RunModel, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
     """Meals known at each stage and the first dose that may react to them; all doses are given if no meal is left."""
     stages: dict[int, tuple[Meal, ...]] = {}
     if not course.at_rest:

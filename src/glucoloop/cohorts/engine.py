@@ -22,6 +22,7 @@ from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
 from glucoloop.experiments.titration import with_profiles
+from glucoloop.meals import Scenario
 from glucoloop.meals.days import LivedDays
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
@@ -286,10 +287,17 @@ def _of(values: Array, people: Array) -> Array:
     return values if people.all() else values[:, people]
 
 
+def person_of(trial: Trial, person: int) -> tuple[VirtualPeople, Scenario]:
+    """One person of a trial, by number, and the scenario that the person meets."""
+    number = np.array([person], np.int64)
+    days = trial.drawn_days(number)
+    return people_of(trial, number), trial.scenario_of(days.meals_of(0, trial.horizon_min), person=person)
+
+
 def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     """The loop of one person of a trial under the controller of a label, as a full trace."""
-    trial, of_case, number = prepared.trial, prepared.cases[label], np.array([person], np.int64)
-    drawn, days = people_of(trial, number), trial.drawn_days(number)
+    trial, of_case = prepared.trial, prepared.cases[label]
+    drawn, scenario = person_of(trial, person)
     controller = of_case.loop.controller
     if of_case.loop.controllers_of is not None:
         individual = of_case.loop.controllers_of(drawn)
@@ -298,10 +306,10 @@ def alone(prepared: PreparedTrial, label: str, person: int) -> Trace:
     return close_loop(
         trial,
         controller,
-        trial.scenario_of(days.meals_of(0, trial.horizon_min), person=person),
+        scenario,
         patient=of_people(drawn.patient, 0),
         surroundings=of_case.surroundings,
-        key=keys_of_people(trial.seed, number)[0],
+        key=keys_of_people(trial.seed, np.array([person], np.int64))[0],
     )
 
 

@@ -23,6 +23,8 @@ from glucoloop.situations.scenarios import SCENARIOS, ScenarioPart
 from glucoloop.studies.study import PARTS_TOLD, SearchStudy
 
 MOST_PEOPLE: Final = 10_000
+MOST_BEST: Final = 1000
+"""Largest number of people of a family for whom the best doses are searched."""
 _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 
@@ -68,6 +70,16 @@ class League(Part):
             below=100.0,
         ),
     ] = 1.0
+    bound_people: Annotated[
+        int,
+        _people(
+            "Number of the first people of each family for whom the best doses are searched too, in each scenario; "
+            "that takes seconds for each day of a person.",
+            flag="--bound",
+            at_least=0,
+            at_most=MOST_BEST,
+        ),
+    ] = 0
     seed: Annotated[
         int, Option("The same seed gives the same people, days and noise.", at_least=0, at_most=LARGEST_SEED)
     ] = 0
@@ -132,6 +144,7 @@ LEAGUE: Final = SearchStudy(
         f"{PARTS_TOLD}\n\n"
         "  glucoloop league --out league\n\n"
         "  glucoloop league --people 1000 --out whole-league\n\n"
+        "  glucoloop league --bound 10 --out league\n\n"
         "  glucoloop league --patient hovorka-2004 --controller mpc-se --controller 'mpc-se, label=guarded, "
         "guard=usual' --out guarded\n\n"
         "  glucoloop league --config league/league.toml --out again"
@@ -139,5 +152,6 @@ LEAGUE: Final = SearchStudy(
     module="glucoloop.studies.league.study",
     request=League,
     option_texts={"default": {"sensors": "dexcom-g6; and white-noise, variance=1.45"}},
+    extent=("bound_people",),
     files=("league.csv", "league.parquet", "league.html", "figure.pdf", "figure.png", "figure.svg"),
 )

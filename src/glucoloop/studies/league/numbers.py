@@ -92,11 +92,11 @@ def _harm(bound: int) -> list[Column]:
     ]
 
 
-def _difference(of: str, name: str, group: str, short: str | None = None) -> list[Column]:
-    """Mean difference from the reference, with its interval."""
+def difference(of: str, name: str, group: str, short: str | None = None, *, factor: str = "factor") -> list[Column]:
+    """Mean of paired differences, with its interval; `factor` has Student's factor by `factors`."""
     mean = pl.col(of).mean()
-    half = pl.col("student").first() * pl.col(of).std() / pl.col(of).count().sqrt()
-    column = functools.partial(Column, group=f"{group} less reference", text=signed)
+    half = pl.col(factor).first() * pl.col(of).std() / pl.col(of).count().sqrt()
+    column = functools.partial(Column, group=group, text=signed)
     return [
         column(name=name, value=mean, head="mean", short=short),
         column(name=f"{name}_low", value=mean - half, head="from"),
@@ -133,10 +133,10 @@ COLUMNS: Final = (
     _mean("insulin_U_day", "Insulin", "U/day", name="insulin_U_day", text=decimals(1), short="U/day"),
     *_harm(54),
     *_harm(70),
-    *_difference("more_in_range_pct", "in_range_difference_pct", "70-180 (%)", "70-180\nless ref."),
-    *_difference("more_54_pct", "below_54_difference_pct", "< 54 (%)"),
-    *_difference("more_70_pct", "below_70_difference_pct", "< 70 (%)"),
-    *_difference("more_gri", "gri_difference", "GRI", "GRI\nless ref."),
+    *difference("more_in_range_pct", "in_range_difference_pct", "70-180 (%) less reference", "70-180\nless ref."),
+    *difference("more_54_pct", "below_54_difference_pct", "< 54 (%) less reference"),
+    *difference("more_70_pct", "below_70_difference_pct", "< 70 (%) less reference"),
+    *difference("more_gri", "gri_difference", "GRI less reference", "GRI\nless ref."),
 )
 """Numbers of a controller in a cell; the people who are harmed most come first."""
 _MORE: Final = {
@@ -148,11 +148,23 @@ _MORE: Final = {
 """Metric of each difference from the reference."""
 
 
-def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_by_pct: float) -> pl.DataFrame:
+def factors(numbers_of_pairs: pl.Series) -> pl.Series:
+    """Factors by which the standard error of a mean of so many differences gives half of the interval."""
+    free = np.maximum(numbers_of_pairs.to_numpy().astype(float) - 1.0, 1.0)
+    return pl.Series(stats.t.ppf(_INTERVAL[1], free))
+
+
+def line_table(
+    people: pl.DataFrame,
+    lines: pl.DataFrame,
+    reference: str,
+    worse_by_pct: float,
+    columns: Sequence[Column] = COLUMNS,
+) -> pl.DataFrame:
     """The numbers of each line over its people; those less the reference over the people known under it as well.
 
-    `people` has the columns of `LINE`, ``person``, ``insulin_U_day`` and those of `METRICS`; `lines` the columns of
-    `LINE` alone.
+    `people` has the columns of `LINE`, ``person``, ``insulin_U_day``, those of `METRICS` and whatever else the
+    `columns` are made of; `lines` the columns of `LINE` alone.
     """
     same = [*CELL, "person"]
     under_reference = people.filter(controller=reference).select(*same, **{f"ref_{of}": of for of in _MORE.values()})
@@ -161,8 +173,7 @@ def line_table(people: pl.DataFrame, lines: pl.DataFrame, reference: str, worse_
         compared=pl.col("ref_gri").count().over(LINE),
         **{more: pl.col(of) - pl.col(f"ref_{of}") for more, of in _MORE.items()},
     )
-    student = stats.t.ppf(_INTERVAL[1], np.maximum(paired["compared"].to_numpy().astype(float) - 1.0, 1.0))
-    return measured(paired.with_columns(student=pl.Series(student)), lines, COLUMNS)
+    return measured(paired.with_columns(factor=factors(paired["compared"])), lines, columns)
 
 
 def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:

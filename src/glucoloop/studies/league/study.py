@@ -20,14 +20,14 @@ from glucoloop.patients.settings import NOMINAL
 from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
-from glucoloop.report.columns import FittingTable, Row, headings, terminal_table
+from glucoloop.report.columns import Column, FittingTable, Row, headings, terminal_table
 from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.league import MOST_PEOPLE, League, texts
+from glucoloop.studies.league import MOST_BEST, MOST_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
     COLUMNS,
@@ -50,14 +50,16 @@ if TYPE_CHECKING:
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
 _SLOW_PATIENT_DAYS_S: Final = 300.0
-"""Time of a design, and patient-days a second of a processor, which weigh the work of which progress tells."""
+_BEST_PATIENT_DAYS_S: Final = 2.0
+"""Time of a design, and patient-days a second of a processor, which weigh the work of which progress tells: of a loop,
+of one with a slow controller, and of the search of the best doses."""
 _SAID: Final = ("engine", "lacks", "reason")
 """Texts of a row, by its names."""
 _LONGEST_TEXT: Final = 4000
 
 
 class Line(NamedTuple):
-    """A controller in a cell."""
+    """A controller in a cell, or the best doses in a scenario, whose sensor is `ALL` and whose controller `KNOWN`."""
 
     family: str
     sensor: str
@@ -81,8 +83,10 @@ class Line(NamedTuple):
 
     def work(self, people: int) -> float:
         """Units of work of some people, of which one is about a second of a processor."""
+        if self.sensor == ALL:
+            return people * self.days / _BEST_PATIENT_DAYS_S
         slow = self.trial is not None and any(case.controller.slow for case in self.trial.cases)
-        return people * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
+        return _DESIGN_S + people * self.days / (_SLOW_PATIENT_DAYS_S if slow else _PATIENT_DAYS_S)
 
 
 class ShardResult(NamedTuple):
@@ -119,23 +123,54 @@ def lines_of(asked: League) -> list[Line]:
     return _lines((asked.families, asked.sensors, asked.scenarios, asked.cases), asked.people, asked.seed)
 
 
-def shards_of(asked: League) -> list[tuple[Line, int, npt.NDArray[np.int64]]]:
-    """All shards with their people, in the order in which they are computed; one of nobody where it is not possible."""
-    nobody = np.empty(0, np.int64)
-    return [
-        (line, number, nobody if line.trial is None else line.trial.shard(number))
+Shard = tuple[Line, int, npt.NDArray[np.int64]]
+"""A line, a number, and people."""
+_NOBODY: Final = np.empty(0, np.int64)
+
+
+def shards_of(asked: League, best_people: int | None = None) -> list[Shard]:
+    """All shards with their people, in the order in which they are computed; one of nobody where it is not possible.
+
+    The best doses come last, person after person, of as many as are asked for unless told otherwise, so that those of
+    more people go on where those of few end.
+    """
+    best_people = asked.bound_people if best_people is None else best_people
+    loops = [
+        (line, number, _NOBODY if line.trial is None else line.trial.shard(number))
         for line in lines_of(asked)
         for number in range(1 if line.trial is None else line.trial.shards)
     ]
+    best = [
+        (line, number, _NOBODY if line.trial is None else np.array([number]))
+        for number, line in itertools.product(range(best_people), _best_lines(asked))
+        if number < (1 if line.trial is None else line.trial.people)
+    ]
+    return loops + best
+
+
+def _best_lines(asked: League) -> list[Line]:
+    """Best doses of each family in each scenario; a trial with any of the controllers has its people and days."""
+    places: dict[tuple[str, str], Line] = {}
+    for line in lines_of(asked):
+        place = line.family, line.scenario
+        if place not in places or places[place].trial is None:
+            places[place] = line._replace(sensor=ALL)
+    return [line._replace(controller=known) for line in places.values() for known in reach.KNOWN]
 
 
 def notes(asked: League) -> Iterator[str]:
     """Notes on the amount of work, and on controllers that take no part."""
     lines = lines_of(asked)
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
+    best = sum(
+        line.days * person.size
+        for line, _, person in shards_of(asked)
+        if (line.sensor, line.controller) == (ALL, reach.START)
+    )
+    searches = f", and the best doses of {best:.0f} patient-days to search for" if best else ""
     yield (
-        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days; if that takes "
-        "long, it is said how long once the first are timed."
+        f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days{searches}; if that "
+        "takes long, it is said how long once the first are timed."
     )
     yield from _left_out(asked)
 
@@ -147,7 +182,7 @@ def _left_out(asked: League) -> Iterator[str]:
 
 def rows(asked: League) -> Rows[ShardResult]:
     """Rows that are kept: the people of each shard."""
-    shards = shards_of(asked)
+    shards = shards_of(asked, MOST_BEST)  # those of a folder that went further are read, and refused with a sentence
 
     def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
         line, number, person = shards[len(before)]
@@ -162,7 +197,7 @@ def rows(asked: League) -> Rows[ShardResult]:
     return Rows(
         file="people.parquet",
         what="shards",
-        wanted=len(shards),
+        wanted=len(shards_of(asked)),
         most=len(shards),
         schema={
             **dict.fromkeys(LINE, pl.String),
@@ -184,7 +219,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         every_s=15.0,  # since all people are written each time
         unit="units of work",
         rate_over_s=600.0,  # one controller may take ten times as long as another
-        work=lambda number: max(1, round(_DESIGN_S + shards[number][0].work(shards[number][2].size))),
+        work=lambda number: max(1, round(shards[number][0].work(shards[number][2].size))),
     )
 
 
@@ -196,23 +231,19 @@ class LeagueSearch:
 
     def missing(self, rows: Sequence[ShardResult]) -> Iterator[ShardResult]:
         """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
+        best = reach.BestDoses()
         for line, number, person in shards_of(self._asked)[len(rows) :]:
             try:
-                if line.trial is None:
-                    raise Refusal(line.reason)
-                prepared = prepare(line.trial)
+                result = _computed(line, number, person, best)
             except Refusal as error:
                 people = {"person": person[:0], "able": person[:0] > 0, **dict.fromkeys(METRICS, np.empty(0))}
-                yield ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
-                continue
-            found, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
-            metrics = {name: found.metrics[name] for name in METRICS}
-            people = {"person": found.person, "able": found.feasible, **metrics}
-            yield ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
+                result = ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
+            yield result
 
     def found(self, results: Sequence[ShardResult]) -> Findings:
         """Numbers of all lines, the ranking of each family, who is harmed, and who takes no part and why."""
-        asked, table = self._asked, rows(self._asked).table(results)
+        asked, whole = self._asked, rows(self._asked).table(results)
+        table, plans = whole.filter(pl.col("sensor") != ALL), whole.filter(sensor=ALL)
         lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(asked)])
         people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
         people = people.with_columns(
@@ -224,20 +255,46 @@ class LeagueSearch:
         every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
         heads = lines.with_columns(every).unique(maintain_order=True, subset=LINE)
         shown, known = [of.select(LINE) for of in (heads, lines)], people.filter("known").select(together.columns)
-        numbers = line_table(pl.concat([together, known]), pl.concat(shown), asked.reference.label, asked.worse_by_pct)
+        best = plans.filter(reason="").explode("person", "able", *METRICS).filter(pl.col("gri").is_finite())
+        numbers = line_table(
+            reach.beside(pl.concat([together, known]), best, len(asked.scenarios)),
+            pl.concat(shown),
+            asked.reference.label,
+            asked.worse_by_pct,
+            columns_of(asked),
+        )
         plain = {
             "config": asked.tree(whole=True),
             "families": dict(_families(asked)),
             "rows": numbers.to_dicts(),
             "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
             "harms": harms(numbers.to_dicts(), asked.reference.label),
-            "absent": [*_left_out(asked), *_absent(table, people)],
+            "nearest": reach.nearest(numbers.to_dicts()) if asked.bound_people else [],
+            "absent": [*_left_out(asked), *_absent(table, people), *_without_best(plans)],
             "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},
         }
         return Findings(plain, {"league.csv": numbers, "league.parquet": numbers})
 
 
 search = LeagueSearch
+
+
+def _computed(line: Line, number: int, person: npt.NDArray[np.int64], best: reach.BestDoses) -> ShardResult:
+    """People of a line under its controller, or one under the best doses; Refusal where that is not possible."""
+    if line.trial is None:
+        raise Refusal(line.reason)
+    if line.sensor == ALL:
+        return ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
+    prepared = prepare(line.trial)
+    found, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
+    metrics = {name: found.metrics[name] for name in METRICS}
+    people = {"person": found.person, "able": found.feasible, **metrics}
+    return ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
+
+
+def columns_of(asked: League) -> tuple[Column, ...]:
+    """Numbers of each line, with the distance to the best doses where those are asked for."""
+    return (*COLUMNS, *(reach.COLUMNS if asked.bound_people else ()))
 
 
 def _families(asked: League) -> Iterator[tuple[str, str]]:
@@ -271,6 +328,13 @@ def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:
         yield f"{controller} on {family}: {runs} did not stay finite, and these people have no part in the ranking."
 
 
+def _without_best(plans: pl.DataFrame) -> Iterator[str]:
+    for family, scenario, reason in (
+        plans.filter(pl.col("reason") != "").select("family", "scenario", "reason").unique(maintain_order=True).rows()
+    ):
+        yield f"The best doses of {family} in {scenario} are not known: {reason.rstrip('.')}."
+
+
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 
@@ -292,11 +356,18 @@ def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table(
         "Controller",
         sections,
-        COLUMNS,
+        columns_of(asked),
         caption=f"Over all sensors and scenarios. In bold: on target (Battelino et al., 2019). Harmed: people below 54 "
         f"or 70 mg/dl for over {asked.worse_by_pct:g} % of the time longer than under {asked.reference.label}. Less "
         "ref.: the mean difference from it. GRI: glycemia risk index, 0 is best.",
     )
+    if found.plain["nearest"]:
+        yield terminal_table(
+            "Family",
+            [("", [(row["family"], [row]) for row in found.plain["nearest"] if row["scenario"] == ALL])],
+            reach.NEAREST,
+            caption=reach.TOLD,
+        )
 
 
 def sentences(asked: League, found: Findings) -> Iterator[str]:
@@ -415,6 +486,7 @@ def page(asked: League, found: Findings) -> str:
         "Sensors": "; ".join(texts(asked.sensors)),
         "Controllers": "; ".join(case.label for case in asked.cases),
         "Reference": asked.reference.label,
+        **({"Best doses": f"of the first {asked.bound_people} people in each scenario"} if asked.bound_people else {}),
         "Seed": str(asked.seed),
     }
     files = {"league.csv": "all numbers", "people.parquet": "metrics of each person", "summary.json": "what was found"}
@@ -431,7 +503,14 @@ def page(asked: League, found: Findings) -> str:
         maps=maps,
         shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
         bodies=bodies,
-        columns=COLUMNS,
+        columns=columns_of(asked),
+        nearest=[
+            (family, [(row["scenario"] or "all", row) for row in of_family])
+            for family, of_family in groupby(found.plain["nearest"], lambda row: row["family"])
+        ],
+        nearest_columns=reach.NEAREST,
+        told=reach.TOLD,
+        distances={family: reach.distances(rows) if asked.bound_people else "" for family, rows in by_family.items()},
         absent=found.plain["absent"],
     )
 
