@@ -130,7 +130,8 @@ def corpus(data):
                 "seed": int(rng.integers(data["seeds"])),
                 "duration_min": 600.0,
                 "announce": False,
-                "told_after_min": 0.0,
+                "announce_before_min": 0.0,
+                "announced_late_min": 0.0,
             }
         )
     rng = np.random.default_rng(18)

@@ -36,7 +36,8 @@ USUAL = {
     "seed": 0,
     "duration_min": 600.0,
     "announce": False,
-    "told_after_min": 0.0,
+    "announce_before_min": 0.0,
+    "announced_late_min": 0.0,
 }
 
 
@@ -175,17 +176,19 @@ def test_the_lessons_show_what_they_tell(in_node):
 def test_the_lessons_on_boluses_show_what_they_tell(in_node):
     [lessons] = in_node(["lessons"])
     feedback, before, guarded = in_node([lesson["hash"] for lesson in lessons[7:]])
-    told, with_meal, bare = in_node([lesson["beside"]["hash"] for lesson in lessons[7:]])
+    at_once, with_meal, bare = in_node([lesson["beside"]["hash"] for lesson in lessons[7:]])
     assert low_and_peak(feedback)[1] > 240.0
-    assert low_and_peak(told)[1] < 220.0
-    late = [lessons[7]["hash"].replace("profile-mpc", name) for name in ("pid", "mpc")]
-    assert all(low_and_peak(answer)[1] > 280.0 for answer in in_node(late))
+    assert low_and_peak(at_once)[1] < 220.0
+    by_others = [lessons[7]["hash"].replace("profile-mpc", name) for name in ("pid", "mpc")]
+    assert all(low_and_peak(answer)[1] > 280.0 for answer in in_node(by_others))
     earlier = lessons[8]["hash"]
-    after, missed = in_node(
-        [earlier.replace("-15", "20"), earlier.partition("&announce")[0] + earlier[earlier.index("&sensor") :]]
-    )
+    late = earlier.replace("announce_before_min=15", "habits=announced-late,+minutes=20")
+    after, missed = in_node([late, earlier.partition("&announce")[0] + earlier[earlier.index("&sensor") :]])
     peaks = [low_and_peak(answer)[1] for answer in (before, with_meal, after, missed)]
     assert [round(peak) for peak in peaks] == [194, 214, 240, 290]
+    told = earlier.replace("basal-bolus", "profile-mpc")
+    by_model = in_node([told, told.replace("announce_before_min=15", "habits=announced-late,+minutes=-15")])
+    assert [round(low_and_peak(answer)[1]) for answer in by_model] == [183, 195]
     assert [round(low_and_peak(answer)[1]) for answer in (bare, guarded)] == [243, 257]
     assert [max(answer["trace"]["bolus_mU"]) for answer in (bare, guarded)] == pytest.approx([4600.0, 4000.0])
     smaller = [lesson.replace("120g", "60g") for lesson in (lessons[9]["hash"], lessons[9]["beside"]["hash"])]

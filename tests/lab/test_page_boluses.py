@@ -27,6 +27,10 @@ LINKS = {
         "&habits=announced-late,+minutes=-30"
     ),
     "predictive, in a guard": f"{PREDICTIVE}&guard=usual{MONITOR}",
+    "predictive, told before eating": f"{PREDICTIVE}&announce_before_min=15{MONITOR}",
+    "predictive, in a guard, told before eating and late": (
+        f"{PREDICTIVE}&meals=40g@91min&guard=usual&announce_before_min=45&habits=announced-late,+minutes=10{MONITOR}"
+    ),
 }
 """Loops whose traces are compared with those of glucoloop."""
 CLOSE_MG_DL = 0.02
@@ -49,7 +53,7 @@ def test_a_run_with_boluses_is_that_of_glucoloop(which, in_node):
 
 
 def test_a_bolus_comes_when_the_controller_is_told(in_node):
-    links = [THERAPY, f"{THERAPY}&habits=announced-late,+minutes=-15", f"{THERAPY}&habits=announced-late,+minutes=20"]
+    links = [THERAPY, f"{THERAPY}&announce_before_min=15", f"{THERAPY}&habits=announced-late,+minutes=20"]
     with_meal, before, after = in_node([*links])
     missed = in_node([THERAPY.replace("&announce_meals=true", "")])[0]
     first = [np.flatnonzero(answer["trace"]["bolus_mU"])[0] for answer in (with_meal, before, after)]
@@ -62,17 +66,29 @@ def test_a_bolus_comes_when_the_controller_is_told(in_node):
     assert with_meal["summary"]["insulin_total_mU"] == pytest.approx(1000.0 * boluses_U + 600.0 * basal)
 
 
+def test_a_model_lets_a_meal_begin_when_it_is_eaten(in_node):
+    told, early, at_once = in_node(
+        [f"{PREDICTIVE}&announce_before_min=30", f"{PREDICTIVE}&habits=announced-late,+minutes=-30", PREDICTIVE]
+    )
+    boluses = [np.array(answer["trace"]["bolus_mU"]) for answer in (told, early, at_once)]
+    assert [np.flatnonzero(of > 500.0)[0] for of in boluses] == [6, 6, 12]
+    # a meal that is taken for eaten at once, and does not appear, is believed to be a smaller one
+    peaks = [answer["summary"]["peak_mg_dl"] for answer in (told, early, at_once)]
+    assert peaks[0] + 5.0 < peaks[1] < peaks[2] - 5.0
+
+
 def test_what_is_announced_is_in_links_files_and_commands(in_node):
-    link = f"{THERAPY}&habits=announced-late,+minutes=-15"
+    link = f"{THERAPY}&announce_before_min=30&habits=announced-late,+minutes=20&habits=announced-late,+minutes=-5"
     [answer] = in_node([link])
     assert answer["unlike"] == []
     assert answer["again"]["situation"] == answer["situation"]
-    assert "--announce-meals --habit 'announced-late, minutes=-15'" in answer["command"]
+    assert "--announce-meals --announce-before 30 --habit 'announced-late, minutes=15'" in answer["command"]
     assert "announce_meals=True," in answer["python"]
     run = run_of(answer["toml"])
     assert run.announce_meals
-    assert [habit.minutes for habit in run.habits] == [-15.0]
-    assert answer["situation"]["told_after_min"] == -15
+    assert run.announce_before_min == 30.0
+    assert [habit.minutes for habit in run.habits] == [15.0]
+    assert [answer["situation"][name] for name in ("announce_before_min", "announced_late_min")] == [30, 15]
 
 
 def test_what_the_page_does_not_have_is_refused(in_node):
@@ -81,6 +97,7 @@ def test_what_the_page_does_not_have_is_refused(in_node):
         "#patient=wilinska-2010&controller=profile-mpc": "the controller is 'profile-mpc'; the known ones are: pid",
         f"{THERAPY}&habits=skipped,+probability=0.2": "it has the habit skipped, probability=0.2, which this page",
         f"{THERAPY}&habits=announced-late,+minutes=-300": "give a whole number from -120 to 120 min",
+        f"{THERAPY}&announce_before_min=-15": "announced is -15 min; give a whole number from 0 to 120 min",
         f"{PREDICTIVE}&follow=3": "nobody is drawn around hovorka-2004 at fasting-120 under profile-mpc",
     }
     for answer, sentence in zip(in_node(list(links)), links.values(), strict=True):

@@ -186,7 +186,8 @@ noticed = true
         "seed": 0,
         "duration_min": 600,
         "announce": False,
-        "told_after_min": 0,
+        "announce_before_min": 0,
+        "announced_late_min": 0,
     }
 
 

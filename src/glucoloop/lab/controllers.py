@@ -218,6 +218,7 @@ def example_observation(*, boluses: bool) -> Observation:
         delivered_mU_min=zero,
         announced_carbs_g=zero,
         delivered_bolus_mU=zero if boluses else None,
+        announced_in_min=zero if boluses else None,
     )
 
 

@@ -17,8 +17,8 @@ const OF_NO_EFFECT = [
   VERSION, "metrics", "allow_unusual", "people", "first_person", "population", "design", "traces", "shard_people",
   "precision", "arithmetic", "bound",
 ];
-/** The habit by which the controller is told of meals before or after they begin. */
-const TOLD = "announced-late";
+/** The habit by which announcements are late or early. */
+const LATE = "announced-late";
 /** Usual values of what a run does not have. */
 const USUAL_OF_A_TRIAL = { meal_size_spread_pct: 0, meal_time_spread_min: 0 };
 const MIN_PER_DAY = 1440;
@@ -32,7 +32,7 @@ const MIN_PER_H = 60;
  */
 export function keys(situation, data) {
   const { family, operating_point } = data.patients[situation.patient];
-  const { guard, guard_limits, pump_limits, noise_variance, monitor, dead_time_min } = situation;
+  const { guard, guard_limits, pump_limits, noise_variance, monitor, dead_time_min, announce, announce_before_min, announced_late_min } = situation;
   const elsewhere = operating_point !== Object.keys(data.families[family].points)[0];
   const sensor = [
     ...(noise_variance > 0 ? [{ name: "white-noise", variance: noise_variance }] : []),
@@ -47,8 +47,9 @@ export function keys(situation, data) {
     ...(situation.controller === "mpc" ? { model: partText({ noise_variance: 0 }) } : {}),
     ...(guard ? { guard: limited ? partText(guard_limits) : "usual" } : {}),
     meals: situation.meals.map(({ carbs_g, t_min }) => `${carbs_g}g@${t_min}min`),
-    ...(situation.announce ? { announce_meals: true } : {}),
-    ...(situation.announce && situation.told_after_min !== 0 ? { habits: [partText({ name: TOLD, minutes: situation.told_after_min })] } : {}),
+    ...(announce ? { announce_meals: true } : {}),
+    ...(announce && announce_before_min !== 0 ? { announce_before_min } : {}),
+    ...(announce && announced_late_min !== 0 ? { habits: [partText({ name: LATE, minutes: announced_late_min })] } : {}),
     duration_min: situation.duration_min,
     ...(sensor.length > 0 ? { sensor: sensor.map(partText) } : {}),
     ...(Object.keys(pump_limits).length > 0 ? { pump: partText(pump_limits) } : {}),
@@ -151,20 +152,20 @@ function faultsOf(parts, duration_min, data, unlike) {
 }
 
 /** Settings of the habit that the page does not have, with their usual values. */
-const OF_TOLD = { probability: 1, spread_min: 0, meal: 0 };
+const OF_LATE = { probability: 1, spread_min: 0, meal: 0 };
 
 /**
- * Time from the beginning of a meal until the controller is told of it.
+ * Time by which announcements are late.
  * @param {Tree[]} habits
  * @param {string[]} unlike gets a phrase for each habit that the page does not have
  */
-function toldAfter(habits, unlike) {
+function announcedLate(habits, unlike) {
   let found = 0;
   for (const habit of habits) {
     const { name, minutes = 20, ...others } = habit;
-    if (name !== TOLD) unlike.push(`the habit ${partText(habit)}`);
-    else found = minutes;
-    if (name === TOLD) taken("habit.", others, OF_TOLD, [], unlike);
+    if (name !== LATE) unlike.push(`the habit ${partText(habit)}`);
+    else found += minutes;
+    if (name === LATE) taken("habit.", others, OF_LATE, [], unlike);
   }
   return found;
 }
@@ -178,7 +179,7 @@ function toldAfter(habits, unlike) {
  */
 export function situationOf(told, data) {
   const begun = usual(data);
-  const { patient, controller, guard, model, meals, days, duration_min, seed, sensor, pump, faults, announce_meals, habits, ...root } = told;
+  const { patient, controller, guard, model, meals, days, duration_min, seed, sensor, pump, faults, announce_meals, announce_before_min, habits, ...root } = told;
   const { name: family = data.patients[begun.patient].family, operating_point, ...of_patient } = partOf(patient ?? {});
   among("the patient", family, Object.keys(data.families));
   const { points, controllers, guard_limits, pump_limits, configuration } = data.families[family];
@@ -201,7 +202,8 @@ export function situationOf(told, data) {
     duration_min: length_min,
     seed: seed ?? begun.seed,
     announce: announce_meals ?? begun.announce,
-    told_after_min: toldAfter(listed(habits).map(partOf), unlike),
+    announce_before_min: announce_before_min ?? begun.announce_before_min,
+    announced_late_min: announcedLate(listed(habits).map(partOf), unlike),
     ...ofChain(listed(sensor).map(partOf), data, unlike),
     faults: faultsOf([...listed(faults), ...listed(own_faults)].map(partOf), length_min, data, unlike),
     pump_limits: taken("pump.", partOf(pump ?? {}), configuration.pump, Object.keys(pump_limits), unlike),

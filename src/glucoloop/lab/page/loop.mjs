@@ -325,7 +325,7 @@ export class LoopOfVector {
 
   /** Show the controller what was read, in the order of `Observation`. @param {number} k sample @param {boolean} starts */
   observe(k, starts) {
-    const { reading, valid, reported, reportedBolus, patient, announced, boluses } = this;
+    const { reading, valid, reported, reportedBolus, patient, announced, boluses, situation } = this;
     const { into, at } = this.controller.shown(starts);
     const lanes = reading.length;
     for (let lane = 0; lane < lanes; lane++) {
@@ -335,7 +335,9 @@ export class LoopOfVector {
       into[own + 2 * lanes] = patient.setpoint_mg_dl;
       into[own + 3 * lanes] = reported[lane];
       into[own + 4 * lanes] = announced[k];
-      if (boluses) into[own + 5 * lanes] = reportedBolus[lane];
+      if (!boluses) continue;
+      into[own + 5 * lanes] = reportedBolus[lane];
+      into[own + 6 * lanes] = situation.announce_before_min;
     }
   }
 

@@ -7,7 +7,9 @@ import { keys, VERSION } from "./keys.mjs";
 /** @typedef {import("./situation.mjs").Situation} Situation */
 
 /** Options whose names are not those of the keys. @type {Record<string, string>} */
-const OPTIONS = { duration_min: "duration", meals: "meal", faults: "fault", announce_meals: "announce-meals", habits: "habit" };
+const OPTIONS = {
+  duration_min: "duration", meals: "meal", faults: "fault", announce_meals: "announce-meals", announce_before_min: "announce-before", habits: "habit",
+};
 /** Sensors for which there are shorter options. @type {[RegExp, string][]} */
 const SHORT = [
   [/^white-noise, variance=/, "noise"],

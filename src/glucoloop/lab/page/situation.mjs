@@ -29,7 +29,8 @@
  * @property {number} seed
  * @property {number} duration_min
  * @property {boolean} announce whether the controller is told of each meal
- * @property {number} told_after_min time from the beginning of eating until it is told; below 0 it is told before
+ * @property {number} announce_before_min time before eating at which meals are announced, which an announcement tells
+ * @property {number} announced_late_min time by which announcements come later than that, which they do not tell
  */
 
 /**
@@ -136,8 +137,8 @@ const LARGEST_VARIANCE = 900;
 const MOST_FAULTS = 4;
 const LONGEST_DEAD_TIME_MIN = 60;
 const SHORTEST_MIN = 30;
-/** The longest time from a meal until the controller is told of it, and from then until the meal. */
-const LONGEST_TOLD_MIN = 120;
+/** The longest time from an announcement until the meal, and by which it is late or early. */
+const LONGEST_ANNOUNCED_MIN = 120;
 /** Settings that only have the values of their sliders: for other lags the page has no models. */
 const OF_STEPS = ["lag_min"];
 
@@ -162,7 +163,8 @@ export function usual(data) {
     seed: 0,
     duration_min: 600,
     announce: false,
-    told_after_min: 0,
+    announce_before_min: 0,
+    announced_late_min: 0,
   };
 }
 
@@ -215,8 +217,9 @@ export function withPatient(situation, family, operating_point, data) {
   const reset = parts.filter((part) => Object.keys(situation[part]).length > 0);
   const there = situation.controller in data.families[family].controllers;
   if (!there) reset.unshift("controller");
-  const { controller, announce, told_after_min } = there ? situation : usual(data);
-  return { situation: { ...situation, patient, controller, announce, told_after_min, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
+  const { controller, announce, announce_before_min, announced_late_min } = there ? situation : usual(data);
+  const announced = { announce, announce_before_min, announced_late_min };
+  return { situation: { ...situation, patient, controller, ...announced, tuning: {}, guard_limits: {}, pump_limits: {} }, reset };
 }
 
 /**
@@ -243,10 +246,10 @@ export function givesBoluses(situation, data) {
  * @param {Data} data
  * @returns {Float64Array}
  */
-export function announced({ announce, told_after_min, meals, duration_min }, { sample_time_min }) {
+export function announced({ announce, announce_before_min, announced_late_min, meals, duration_min }, { sample_time_min }) {
   const told = new Float64Array(Math.round(duration_min / sample_time_min));
   for (const { t_min, carbs_g } of announce ? meals : []) {
-    const sample = Math.max(0, Math.floor((t_min + told_after_min) / sample_time_min));
+    const sample = Math.max(0, Math.floor((t_min - announce_before_min + announced_late_min) / sample_time_min));
     if (sample < told.length) told[sample] += carbs_g;
   }
   return told;
@@ -360,7 +363,8 @@ export function checked(given, data) {
   within("the length", given.duration_min, SHORTEST_MIN, data.longest_min, " min", data.sample_time_min);
   within("the variance of the noise", given.noise_variance, 0, LARGEST_VARIANCE, " (mg/dl)²");
   within("the dead time", given.dead_time_min, 0, LONGEST_DEAD_TIME_MIN, " min", data.sample_time_min);
-  within("the time until the controller is told of a meal", given.told_after_min, -LONGEST_TOLD_MIN, LONGEST_TOLD_MIN, " min", 1);
+  within("the time before eating at which meals are announced", given.announce_before_min, 0, LONGEST_ANNOUNCED_MIN, " min", 1);
+  within("the time by which announcements are late", given.announced_late_min, -LONGEST_ANNOUNCED_MIN, LONGEST_ANNOUNCED_MIN, " min", 1);
   within("the seed", given.seed, 0, data.seeds - 1, "", 1);
   if (given.monitor !== null) {
     among("the monitor", given.monitor.name, Object.keys(data.monitors));

@@ -128,12 +128,12 @@ const english = {
     {
       title: "The unannounced meal",
       hash: "#controller=pid,+closed_loop_min=60&meals=90g@60min",
-      text: "No controller of this page is told of a meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
+      text: "The controller is not told of the meal. It sees glucose rise, when much of the meal is on its way, and its insulin still works when the meal has ended: glucose falls to 53 mg/dl. MPC/SE, which knows how insulin acts, keeps it above 77; a guard around the PID keeps it above 70, and lets it rise to 121.",
     },
     {
       title: "What a monitor shows",
       hash: "#patient=hovorka-2004&controller=pid&sensor=dexcom-g6,+worn_min=1440&duration_min=720&meals=60g@60min",
-      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off, under Sensor. With the lag alone, which shows glucose ten minutes late, it falls to 80. With the noise alone it falls to 78: half of an error is still there a quarter of an hour later, so that the controller takes it for glucose, and moves insulin nine times as much. With the error of calibration alone, on this day, it falls to 86. MPC moves insulin less than half as much as PID, and keeps glucose above 79.",
+      text: "The dots are what a continuous glucose monitor shows on its second day. With exact readings (dashed) the same controller keeps glucose above 87 mg/dl; with these it falls to 72. Switch parts of the monitor off, under Sensor. With the lag alone, which shows glucose ten minutes late, it falls to 80. With the noise alone it falls to 78: more than half of an error is still there a quarter of an hour later, so that the controller takes it for glucose, and moves insulin nine times as much. With the error of calibration alone, on this day, it falls to 86. MPC moves insulin less than half as much as PID, and keeps glucose above 79.",
       beside: { name: "Exact readings", hash: "#patient=hovorka-2004&controller=pid&duration_min=720&meals=60g@60min" },
     },
     {
@@ -144,15 +144,15 @@ const english = {
     },
     {
       title: "A bolus before the meal",
-      hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
-      text: "Pump therapy: a constant basal rate, and a bolus by the carbohydrate ratio of the person, here 15 min before eating. Glucose rises to 194 mg/dl; with the bolus as eating begins (dashed) to 214. Move the bolus by the minutes under Meals: 20 min after eating began, glucose rises to 240 mg/dl. If the controller is not told at all, it corrects high readings alone, and glucose rises to 290.",
+      hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&announce_before_min=15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
+      text: "Pump therapy: a constant basal rate, and a bolus by the carbohydrate ratio of the person, here 15 min before eating. Glucose rises to 194 mg/dl; with the bolus as eating begins (dashed) to 214. Move the bolus by the minutes under Meals: announced 0 min before eating and 20 min late, glucose rises to 240 mg/dl. If the controller is not told at all, it corrects high readings alone, and glucose rises to 290. Now choose profile-mpc: it is told that the meal is eaten in 15 min, and glucose rises to 183 mg/dl. Announced 0 min before eating and 15 min early, the meal is to its model one that is eaten at once, which the readings then do not show: 195.",
       beside: { name: "Bolus as eating begins", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
     },
     {
       title: "What a guard costs",
-      hash: "#patient=hovorka-2004&controller=basal-bolus&guard=usual&meals=120g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
+      hash: "#patient=hovorka-2004&controller=basal-bolus&guard=usual&meals=120g@60min&announce_meals=true&announce_before_min=15&sensor=dexcom-g6,+worn_min=1440&duration_min=720",
       text: "A guard cannot know whether a meal that was announced is eaten, nor whether it was counted rightly. So it bounds the bolus for 120 g: 4 of 4.6 U pass, and glucose rises to 257 mg/dl, where it rises to 243 without a guard (dashed). A meal of 60 g passes whole, and costs nothing. Its limits are below Controller: try the largest dose in an hour.",
-      beside: { name: "Without the guard", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=120g@60min&announce_meals=true&habits=announced-late,+minutes=-15&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
+      beside: { name: "Without the guard", hash: "#patient=hovorka-2004&controller=basal-bolus&meals=120g@60min&announce_meals=true&announce_before_min=15&sensor=dexcom-g6,+worn_min=1440&duration_min=720" },
     },
   ],
   presets: [
@@ -219,7 +219,8 @@ const english = {
   grams: (/** @type {number} */ carbs_g) => `${carbs_g} g`,
   meal: (/** @type {number} */ number, /** @type {number} */ carbs_g, /** @type {number} */ t_min) =>
     `Meal ${number}: ${carbs_g} g at ${t_min} min`,
-  toldBefore: "Minutes before eating at which the controller is told; below 0: after eating begins",
+  announceBefore: "Minutes before eating at which meals are announced; the controller is told so",
+  announcedLate: "Minutes by which the announcements are late, which the controller is not told; below 0: early",
   mealTime: (/** @type {number} */ number) => `Meal ${number}, min`,
   mealSize: (/** @type {number} */ number) => `Meal ${number}, g`,
   removeMeal: (/** @type {number} */ number) => `Remove meal ${number}`,

@@ -13,8 +13,9 @@ import { sensorView } from "./sensor.mjs";
 /** @typedef {import("../situation.mjs").Meal} Meal */
 
 const DURATIONS_MIN = [300, 600, 720, 1440];
-/** Bounds of the time from the announcement of a meal to its beginning, as people announce meals. */
-const TOLD_BEFORE_MIN = { least: -60, most: 60, step: 5 };
+/** Bounds of the time before eating at which meals are announced, and by which announcements are late, as people announce meals. */
+const BEFORE_MIN = { least: 0, most: 60, step: 5 };
+const LATE_MIN = { ...BEFORE_MIN, least: -60 };
 
 /** @param {Session} session */
 export function controlsView(session) {
@@ -55,11 +56,12 @@ export function controlsView(session) {
   // Who gives boluses needs to know of meals; to others the page tells nothing.
   chosen("controller", (controller) => {
     const next = { ...session.situation, controller, tuning: {} };
-    return { ...next, announce: givesBoluses(next, data), told_after_min: givesBoluses(next, data) ? next.told_after_min : 0 };
+    return givesBoluses(next, data) ? { ...next, announce: true } : { ...next, announce: false, announce_before_min: 0, announced_late_min: 0 };
   });
   input("announce").addEventListener("change", () => change({ announce: input("announce").checked }));
-  const before = slider("told-before", texts.toldBefore, TOLD_BEFORE_MIN, 0, (value) => change({ told_after_min: -value || 0 }, "told-before"));
-  byId("told-before-box").replaceChildren(before);
+  const before = slider("announce-before", texts.announceBefore, BEFORE_MIN, 0, (value) => change({ announce_before_min: value }, "announce-before"));
+  const late = slider("announced-late", texts.announcedLate, LATE_MIN, 0, (value) => change({ announced_late_min: value }, "announced-late"));
+  byId("announced-when").replaceChildren(before, late);
   chosen("seed", (seed) => ({ seed: Number(seed) }));
   chosen("duration", (value) => {
     const duration_min = Number(value);
@@ -111,8 +113,9 @@ export function controlsView(session) {
     input("guard").checked = now.guard;
     input("announce").checked = now.announce;
     byId("announce-box").hidden = !givesBoluses(now, data) && !now.announce;
-    byId("told-before-box").hidden = !now.announce;
-    setSlider(before, -now.told_after_min || 0);
+    byId("announced-when").hidden = !now.announce;
+    setSlider(before, now.announce_before_min);
+    setSlider(late, now.announced_late_min);
     const offered = [...new Set([...DURATIONS_MIN, now.duration_min])].sort((a, b) => a - b);
     if (durations !== `${offered}`) {
       durations = `${offered}`;
