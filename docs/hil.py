@@ -6,8 +6,6 @@ It rewrites ``guide/hil_figures.md``. The compilers and QEMU that the page names
 """
 
 import json
-import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -38,7 +36,7 @@ CASES = (
     ("rv32", "mpc-se", ROUGH),
 )
 HEADER = ("Chip", "Controller, guarded", "Power cuts", "Hangs", "Disturbed frames", "Outages")
-FOUND = ("Answered in time", "Fallbacks", "Boluses given", "Equal to the bit", "Samples/s")
+FOUND = ("Answered in time", "Fallbacks", "Boluses given", "Equal to the bit")
 FRAMES = ("damaged", "lost", "doubled", "late")
 
 
@@ -62,7 +60,6 @@ def row(chip, controller, disturbances):
         silent,
         trace.filter(pl.col("bolus_mU") > 0.0).height if told else "-",
         f"{found['equal_to_the_bit']} of {samples}",
-        f"{found['samples_per_s']:.0f}",
     )
     print(*cells, flush=True)
     return f"| {' | '.join(map(str, cells))} |"
@@ -73,11 +70,8 @@ def main():
     lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}", *(row(*case) for case in CASES)]
     text = (
         f"Each line is 24 hours in float32, `glucoloop hil {NIGHT}`, of controllers that give boluses with `{TOLD}`; "
-        f"the disturbances are `{OUTAGES}` or a part of them. The machine has 2 cores ({platform.machine()}), and its "
-        f"load of the last minute was {os.getloadavg()[0]:.0f} at the end: an idle one is quicker by about as much. "
-        "A decision that came late, "
-        "after an outage, is compared too."
-        "\n\n" + "\n".join(lines) + f"\n\nThe table was {made()}.\n"
+        f"the disturbances are `{OUTAGES}` or a part of them. A decision that came late, after an outage, is compared "
+        "too.\n\n" + "\n".join(lines) + f"\n\nThe table was {made()}.\n"
     )
     (GUIDE / "hil_figures.md").write_text(text, encoding="utf-8")
 
