@@ -1,15 +1,18 @@
 """Hardware in the loop: whatever happens to link and power, each decision has the bits of an undisturbed one."""
 
+import json
 import os
 import shutil
 import struct
 import subprocess
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 from glucoloop.cli.app import main
+from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import Status
 from glucoloop.firmware.chips import CHIPS
 from glucoloop.firmware.hil.build import HOST
@@ -17,10 +20,9 @@ from glucoloop.firmware.hil.exchange import Exchange, Patience
 from glucoloop.firmware.hil.faults import Disturbances
 from glucoloop.firmware.hil.link import SerialLink
 from glucoloop.firmware.hil.loop import Fallback, Pace
-from glucoloop.firmware.hil.protocol import Decoder, Frame, Plan, Type, record_bytes
+from glucoloop.firmware.hil.protocol import WATCHDOG_MS, Decoder, Frame, Plan, Type, record_bytes
 from glucoloop.firmware.samples import leaves_of
 from glucoloop.native.targets.c.host import compiler
-from glucoloop.simulation import simulate
 from glucoloop.simulation.stepper import simulate_stepped
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler: install gcc")
@@ -48,9 +50,7 @@ def test_decisions_from_outside_give_the_trace_of_the_simulation(on_chip):
         return decision
 
     step = jax.jit(controller.step)
-    on_chip.stepper.reset()
-    loop = on_chip.stepper._fixed.joined(on_chip.stepper._numbers)
-    there = simulate(on_chip.stepper.patient, controller, loop.sensor, loop.pump, on_chip.scenario, key=3)
+    there = on_chip.simulated()
     here = simulate_stepped(on_chip.stepper, on_chip.scenario, decide)
     for one, other in zip(jax.tree.leaves(here), jax.tree.leaves(there), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-13)  # two compiled programs round in their own ways
@@ -90,6 +90,51 @@ def test_a_sample_without_an_answer_gets_the_fallback_and_no_later_decision_diff
     last_heard = 23 - int(np.argmin(silent[::-1]))
     assert run.equal[: last_heard + 1] == [True] * (last_heard + 1)
     assert not equal(run.trace, undisturbed.trace)
+
+
+BOLUSES = [name for name, part in CONTROLLERS.items() if part.gives_boluses]
+ANNOUNCED = 5
+"""Sample in which the meal is announced."""
+
+
+@pytest.fixture(scope="module")
+def bolus(told_of_a_meal, tmp_path_factory):
+    """A run with a bolus for the announced meal."""
+    told = told_of_a_meal("basal-bolus")
+    return told.run(told.link(tmp_path_factory.mktemp("chip"), HOST, "-Werror"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", BOLUSES)
+def test_a_meal_that_is_announced_over_the_link_gets_the_doses_of_the_simulation(told_of_a_meal, name, tmp_path):
+    told = told_of_a_meal(name)
+    here, there = told.run(told.link(tmp_path)), told.simulated()
+    assert here.equal == [True] * 24
+    assert here.late_boluses_mU == []
+    assert np.max(here.trace.bolus_mU[ANNOUNCED:]) > 500.0
+    for dose in ("command_mU_min", "command_bolus_mU"):  # XLA fuses some sums with products
+        np.testing.assert_allclose(getattr(here.trace, dose), getattr(there, dose), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(here.trace.status, there.status)
+
+
+@pytest.mark.long
+def test_frames_that_come_twice_and_power_cuts_give_a_bolus_once(told_of_a_meal, bolus, tmp_path):
+    told = told_of_a_meal("basal-bolus")
+    disturbances = Disturbances(power_cuts=40, hangs=1, damaged=15, lost=6, doubled=24, late=8)
+    run = told.run(told.link(tmp_path), disturbances=disturbances, seed=5)
+    assert np.flatnonzero(run.trace.bolus_mU).tolist() == [ANNOUNCED]
+    assert equal(run.trace, bolus.trace)
+
+
+@pytest.mark.long
+def test_a_bolus_that_is_decided_too_late_is_not_given_and_is_told(told_of_a_meal, bolus, tmp_path):
+    told, disturbances = told_of_a_meal("basal-bolus"), Disturbances(outages=3)
+    silent = {seed: disturbances.draw(24, seed)[1] for seed in range(100)}
+    seed = next(seed for seed, samples in silent.items() if ANNOUNCED in samples and max(samples) < 23)
+    run = told.run(told.link(tmp_path), disturbances=disturbances, seed=seed)
+    assert run.equal == [True] * 24
+    assert run.late_boluses_mU == [bolus.trace.command_bolus_mU[ANNOUNCED]]
+    assert not np.any(run.trace.bolus_mU[ANNOUNCED])
 
 
 def test_a_suspending_pump_gives_nothing_without_an_answer(on_chip, tmp_path):
@@ -182,7 +227,9 @@ def test_a_chip_with_another_controller_is_refused(on_chip, tmp_path):
 
 
 class _Twice:
-    """A chip that waits for sample 0 and sends each of its answers three times."""
+    """A chip that waits for sample 0 and sends each of its answers three times; a deaf one takes no observation."""
+
+    deaf = False
 
     def __init__(self, exported, payloads):
         self.asked, self._answers = 0, b""
@@ -192,6 +239,8 @@ class _Twice:
     def send(self, data):
         [frame] = Decoder().feed(data)
         if frame.type == Type.OBSERVATION:
+            if self.deaf:
+                return
             self.asked += 1
             answer = Frame(Type.DECISION, frame.session, frame.sample, self._decision)
         else:
@@ -202,6 +251,9 @@ class _Twice:
     def receive(self, wait_s):
         told, self._answers = self._answers, b""
         return told
+
+    def close(self):
+        pass
 
 
 def test_an_answer_that_comes_twice_asks_for_nothing(on_chip):
@@ -297,6 +349,23 @@ def test_a_serial_port(on_chip, undisturbed, tmp_path):
     assert equal(run.trace, undisturbed.trace)
 
 
+def test_a_chip_that_does_not_answer_the_first_observation_is_refused(on_chip):
+    line = _Twice(on_chip.exported, on_chip.payloads)
+    line.deaf = True
+    with pytest.raises(ValueError, match=r"within 0\.5 s; a step may take longer than its watchdog allows, 1000 ms"):
+        on_chip.run(line, pace=Pace(5.0, longest_answer_s=0.5))
+
+
+def test_no_step_that_was_counted_is_a_hang_to_the_watchdog():
+    """The longest steps of all controllers on emulated chips, of which QEMU counts 64 ns for each instruction."""
+    counted = json.loads((Path(__file__).parents[2] / "docs" / "chip_results.json").read_text())
+    of_chips = {name: [cell for chip, cell in of["cells"].items() if chip in CHIPS] for name, of in counted.items()}
+    assert any(of_chips.values())
+    for name, cells in of_chips.items():
+        for cell in cells:
+            assert 2.0 * cell["instructions"] * 64e-6 < WATCHDOG_MS[name.split()[-1]], name
+
+
 def test_real_time_waits_for_each_sample():
     now = [100.0]
 
@@ -330,6 +399,17 @@ def test_an_emulated_chip_gives_the_bits_of_this_computer(on_chip, undisturbed, 
     run = on_chip.run(on_chip.link(tmp_path, chip, "-Werror"), disturbances=disturbances, seed=1)
     assert run.equal == [True] * 24
     assert equal(run.trace, undisturbed.trace)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("chip", CHIPS)
+def test_an_emulated_chip_gives_the_boluses_of_this_computer(told_of_a_meal, bolus, tmp_path, chip):
+    if CHIPS[chip].missing:
+        pytest.skip(CHIPS[chip].missing)
+    told = told_of_a_meal("basal-bolus")
+    run = told.run(told.link(tmp_path, chip, "-Werror"), disturbances=Disturbances(power_cuts=6, doubled=6), seed=1)
+    assert run.equal == [True] * 24
+    assert equal(run.trace, bolus.trace)
 
 
 @pytest.mark.long

@@ -137,3 +137,10 @@ def test_no_bytes_on_the_line_or_in_memory_make_a_run_time_error(on_chip):
     assert rung.holds, rung.found
     unguarded = files["frame.c"].replace("if (decoder->size < HIL_FRAME_MAX)", "if (true)")
     assert firmware_proved({**files, "frame.c": unguarded}).holds is False
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("frama-c") is None, reason="needs Frama-C (Debian: apt install frama-c-base)")
+def test_no_bytes_make_a_run_time_error_where_boluses_are_decided(told_of_a_meal):
+    rung = firmware_proved(portable_files(told_of_a_meal("basal-bolus").exported))
+    assert rung.holds, rung.found

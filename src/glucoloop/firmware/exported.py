@@ -31,6 +31,11 @@ class Exported:
     last: LastClamp
     """Bounds that C applies last."""
 
+    @property
+    def gives_boluses(self) -> bool:
+        """Whether the controller decides on boluses beside its rate."""
+        return self.last.bolus is not None
+
     def meaning(self) -> tuple[Evaluation, Evaluation]:
         """Init and step of the compact form in NumPy, as a reference."""
         return Evaluation(self.traced.init, self.precision), Evaluation(self.traced.step, self.precision)

@@ -124,7 +124,7 @@ def _by_name(entries: Sequence[Any]) -> dict[str, Any]:
 
 def safety_report(exported: Exported, name: str, rungs: Sequence[Mapping[str, Any]], *, guarded: bool) -> str:
     """Part of the safety file that concerns an exported controller, with the outcome of the checks of its folder."""
-    file, boluses = SafetyFile.read(), exported.last.bolus is not None
+    file, boluses = SafetyFile.read(), exported.gives_boluses
     here = {EVERY, C, *([GUARD] if guarded else [])}
     concern = [hazard for hazard in file.hazards.values() if hazard.concerns(guarded=guarded, boluses=boluses)]
     needed = {name for hazard in concern for name in hazard.measures}

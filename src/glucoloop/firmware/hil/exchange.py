@@ -16,6 +16,8 @@ LEAST_WAIT_S: Final = 0.002
 LONGEST_WAIT_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 10.0
 """Time after which the pump gives its fallback rate for the sample."""
+EMULATED_WITHIN_S: Final = 120.0
+"""The same where the chip is emulated, which is slow on a busy computer: only an outage is to be one."""
 KEPT: Final = 288
 """Number of observations that are kept for a chip that is late: a day of 5-min samples."""
 

@@ -15,11 +15,12 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, Exchange
 from glucoloop.firmware.hil.faults import NOTHING, Disturbances, DisturbedLink
 from glucoloop.firmware.hil.link import Link
-from glucoloop.firmware.hil.protocol import Payloads, record_bytes
+from glucoloop.firmware.hil.protocol import WATCHDOG_MS, Payloads, record_bytes
 from glucoloop.firmware.samples import Init, Leaves, Step, arithmetic, decision_of, equal, leaves_of, replayed
 from glucoloop.meals.scenario import Scenario
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.c.source import UNROLLED
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.stepper import Stepper, simulate_stepped
 
@@ -54,6 +55,8 @@ class OnChip:
     """Whether the chip decided in time, for each sample."""
     equal: Sequence[bool | None]
     """Whether each decision has the bits of the controller without a chip; None where none came, not even late."""
+    late_boluses_mU: Sequence[float]
+    """Boluses above 0 that were decided too late, and therefore not given."""
     sessions: Sequence[int]
     """Samples with which the controller started anew."""
     counts: dict[str, int]
@@ -73,6 +76,7 @@ class Pace:
 
     sample_time_min: float
     seconds_per_min: float = 0.0
+    longest_answer_s: float = ANSWER_WITHIN_S
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
     _began: float | None = None
@@ -88,8 +92,8 @@ class Pace:
     def answer_within_s(self) -> float:
         """Time in which the chip has to answer."""
         if not self.seconds_per_min:
-            return ANSWER_WITHIN_S
-        return min(ANSWER_WITHIN_S, 0.5 * self.sample_time_min * self.seconds_per_min)
+            return self.longest_answer_s
+        return min(self.longest_answer_s, 0.5 * self.sample_time_min * self.seconds_per_min)
 
 
 def run_on_chip(
@@ -98,7 +102,6 @@ def run_on_chip(
     scenario: Scenario,
     link: Link,
     *,
-    gives_boluses: bool = False,
     disturbances: Disturbances = NOTHING,
     seed: int = 0,
     fallback: str = "basal",
@@ -108,7 +111,8 @@ def run_on_chip(
     """Run a scenario with the controller on a chip, and compare its decisions with those without a chip.
 
     The patient is at the start of the scenario; the chip has the firmware of this controller, and is refused if it has
-    another or does not answer. The disturbances follow from the seed; the loop does not wait unless a pace is given.
+    another or does not answer the first observation. The disturbances follow from the seed; the loop does not wait
+    unless a pace is given.
     """
     samples = round(scenario.horizon_min / stepper.sample_time_min)
     events, silent = disturbances.draw(samples, seed)
@@ -136,6 +140,12 @@ def run_on_chip(
             answer = exchange.decide(sample, payload, pace.answer_within_s)
             while line.pending and answer is not None and exchange.ask_again(sample, pace.answer_within_s) is not None:
                 pass
+        if answer is None and sample == 0:  # which has no outage
+            raise Refusal(
+                f"the chip did not answer the first observation within {pace.answer_within_s:g} s; a step may take "
+                f"longer than its watchdog allows, {WATCHDOG_MS[exported.precision]} ms: take --precision float32, or "
+                "a chip with a unit for float64"
+            )
         answered.append(answer is not None)
         progress(1)
         if answer is None:
@@ -144,26 +154,34 @@ def run_on_chip(
             return Decision(
                 insulin_mU_min=jnp.asarray(rate),
                 status=jnp.asarray(int(Status.NO_ANSWER)),
-                bolus_mU=jnp.zeros(()) if gives_boluses else None,
+                bolus_mU=jnp.zeros(()) if exported.gives_boluses else None,
             )
         decision = decision_of(payloads.decision(answer), exported)
         last, silent_min = float(decision.insulin_mU_min), 0.0
         return decision
 
-    trace = simulate_stepped(stepper, scenario, decide, gives_boluses=gives_boluses)
+    trace = simulate_stepped(stepper, scenario, decide, gives_boluses=exported.gives_boluses)
     took = time.monotonic() - begun[1] if samples > 1 else math.inf
     expected = without_a_chip(exported, seen, exchange.sessions)
-    same = [
-        None if i not in exchange.answers else equal(payloads.decision(exchange.answers[i]), expected[i])
-        for i in range(samples)
-    ]
+    decided = {i: payloads.decision(answer) for i, answer in exchange.answers.items()}
+    same = [equal(decided[i], expected[i]) if i in decided else None for i in range(samples)]
+    late = [decision_of(decided[i], exported) for i in sorted(decided) if not answered[i]]
+    boluses = [float(decision.bolus_mU) for decision in late if decision.bolus_mU is not None]
     counts = {
         "frames sent again": exchange.repeated,
         "frames refused here": exchange.refused,
         "contradictions": exchange.contradictions,
         **{kind.name.lower().replace("_", " "): number for kind, number in line.happened.items()},
     }
-    return OnChip(trace, answered, same, exchange.sessions, counts, (samples - 1) / took)
+    return OnChip(
+        trace=trace,
+        answered=answered,
+        equal=same,
+        late_boluses_mU=[bolus for bolus in boluses if bolus > 0.0],
+        sessions=exchange.sessions,
+        counts=counts,
+        samples_per_s=(samples - 1) / took,
+    )
 
 
 def without_a_chip(exported: Exported, seen: Sequence[Leaves], sessions: Sequence[int]) -> list[Leaves]:

@@ -27,8 +27,12 @@ LONGEST_PAYLOAD: Final = 240
 LONGEST_FRAME: Final = HEADER_BYTES + LONGEST_PAYLOAD + _CRC.size
 RECORD_MARK: Final = 0x31524C47
 """First four bytes of a record in non-volatile memory, ``GLR1``."""
-WATCHDOG_MS: Final = 1000
-"""Time after which a chip that hangs is reset; the longest step of a known controller takes 0.2 s at 64 MHz."""
+WATCHDOG_MS: Final = {"float32": 1000, "float64": 20_000}
+"""Time after which a chip that hangs is reset, by its arithmetic.
+
+QEMU counts 64 ns for each instruction: 0.2 s for the longest step of a known controller in float32, and 9.2 s in
+float64 on a chip without a unit for it.
+"""
 
 
 class Type(enum.IntEnum):
@@ -138,22 +142,22 @@ class Payloads:
     """Conversion of a controller's observations and decisions to payloads and back."""
 
     def __init__(self, source: Source, precision: str) -> None:
-        self._precision = precision
+        self.precision = precision
         self._observation, self._decision = source.records["observation"], source.records["decision"]
 
     def observation(self, leaves: list[Any]) -> bytes:
         """Payload of the leaves of an observation."""
-        return self._observation.filled(leaves, self._precision).tobytes()
+        return self._observation.filled(leaves, self.precision).tobytes()
 
     def decision(self, payload: bytes) -> list[Any]:
         """Leaves of the decision of a payload."""
-        room = np.frombuffer(payload, self._decision.memory(self._precision))[0]
-        return self._decision.leaves(room, self._precision)
+        room = np.frombuffer(payload, self._decision.memory(self.precision))[0]
+        return self._decision.leaves(room, self.precision)
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Number of bytes of an observation and of a decision."""
-        memories = [record.memory(self._precision) for record in (self._observation, self._decision)]
+        memories = [record.memory(self.precision) for record in (self._observation, self._decision)]
         return memories[0].itemsize, memories[1].itemsize
 
 
@@ -187,7 +191,7 @@ def header(source: Source, payloads: Payloads) -> str:
         "HELLO": _HELLO.size,
         "OBSERVATION": observation,
         "DECISION": decision,
-        "WATCHDOG_MS": WATCHDOG_MS,
+        "WATCHDOG_MS": WATCHDOG_MS[payloads.precision],
         "RECORD_MARK": RECORD_MARK,
         "PLACE": place_bytes(source, payloads),
         "PLAN_AT": plan_at(source, payloads),

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from glucoloop.control.protocol import gives_boluses
 from glucoloop.experiments.designs import controller_of
 from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.build import build, files, portable_files, refuse_missing_tools
+from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, EMULATED_WITHIN_S
 from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
@@ -23,7 +23,7 @@ from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_
 from glucoloop.studies.exported import exported_controller
 from glucoloop.studies.hil import Hil
 from glucoloop.studies.run import study as run_study
-from glucoloop.units import S_PER_MIN
+from glucoloop.units import MU_PER_U, S_PER_MIN
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,14 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
             stepper,
             scenario,
             open_links.enter_context(_emulated(asked.chip, exported)) if board is None else board,
-            gives_boluses=gives_boluses(controller),
             disturbances=asked.disturbances,
             seed=asked.seed,
             fallback=asked.fallback,
-            pace=Pace(asked.sample_time_min, S_PER_MIN if asked.real_time else 0.0),
+            pace=Pace(
+                asked.sample_time_min,
+                S_PER_MIN if asked.real_time else 0.0,
+                EMULATED_WITHIN_S if asked.emulated else ANSWER_WITHIN_S,
+            ),
             progress=progress,
         )
     outcome = outcome_of(asked, case, model, controller, on_chip.trace)
@@ -85,6 +88,7 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
             "answered_in_time": sum(on_chip.answered),
             "equal_to_the_bit": on_chip.equal.count(True),
             "differing_samples": on_chip.differing,
+            "late_boluses_mU": list(on_chip.late_boluses_mU),
             "sessions": list(on_chip.sessions),
             "counts": on_chip.counts,
             "samples_per_s": on_chip.samples_per_s,
@@ -128,6 +132,9 @@ def _lines(asked: Hil, exported: Exported, on_chip: OnChip) -> Iterator[str]:
             f"At {silent} of {samples} samples no decision came in time, and the pump gave its fallback rate "
             f"({asked.fallback}); {on_chip.equal.count(None)} were never decided."
         )
+    if on_chip.late_boluses_mU:
+        late, late_U = len(on_chip.late_boluses_mU), sum(on_chip.late_boluses_mU) / MU_PER_U
+        yield f"Boluses that were decided too late and not given: {late}, of {late_U:.3g} U together."
     if on_chip.differing:
         listed = ", ".join(map(str, on_chip.differing[:10]))
         yield f"Decisions differ at the samples {listed}; check the flags of the compiler."
