@@ -49,6 +49,7 @@ class Emitter:
         self._out = VectorCode(lanes, double=double, alignment=alignment)
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
+        self._firsts: dict[tuple[str, str | None], str] = {}
         self._member: str | None = None
         self._lengths: dict[str, int] = {}
         self._vector = self._column = self._own = ""
@@ -192,7 +193,7 @@ class Emitter:
 
     def _loop(self, name: str, body: Callable[[], None]) -> None:
         say = self._out.say
-        self._names = {}
+        self._names, self._firsts = {}, {}
         if self._group == 1:  # no loop: places in memory are then constants
             say(f"  br label %{name}_end")
             say(f"{name}_end:")
@@ -309,9 +310,7 @@ class Emitter:
     def _cell_of(self, cell: Cell) -> str:
         """Address of a vector in the memory of a loop."""
         array, i, more = cell
-        if more is None:
-            return self._cell(array, i)
-        return self._cell(array, self._out(f"add i64 {more}, {i}"))
+        return self._cell(array, i, more)
 
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
@@ -348,15 +347,19 @@ class Emitter:
 
     # memory
 
-    def _cell(self, array: str, i: int | str) -> str:
+    def _cell(self, array: str, i: int, more: str | None = None) -> str:
         """Address of a vector among those that belong to this function, or to its caller if it is apart.
 
-        Those of one vector of people lie side by side.
+        Those of one vector of people lie side by side; `more` is the name of a number that is added to the place. The
+        address of the first is computed once, which spares the compiler most of its time for addresses.
         """
-        if self._member is None:
-            return self._out.vector_at(array, i)
-        first = self._out(f"mul i64 {self._member}, {self._lengths[array]}")
-        return self._out.vector_at(array, self._out(f"add i64 {first}, {i}"))
+        if (array, more) not in self._firsts:
+            places = [] if self._member is None else [self._out(f"mul i64 {self._member}, {self._lengths[array]}")]
+            first = array
+            for place in [*places, *([more] if more else [])]:
+                first = self._out.vector_at(first, place)
+            self._firsts[array, more] = first
+        return self._out.vector_at(self._firsts[array, more], i)
 
     def _own_of_vector(self) -> str:
         """Address of what reaches a vector of people at a sample; that of all samples lies together."""
