@@ -1,8 +1,9 @@
 """Functions that keep their loops, for WebAssembly: the compact form of C, compiled by clang.
 
-A scalar program has every turn of a loop written out, so that a controller which solves a program of its own at each
-sample would be megabytes long. Its C has the loops. `wasm_module` exports it as it exports a lowered function; it holds
-nothing of a person beside the numbers of `person`.
+A scalar program keeps long loops, but writes out what is done in a round, product by product, so that a controller
+which solves a program of its own at each sample would be more than a megabyte long. Its C has products of matrices as
+loops too, and is 20 kB. `wasm_module` exports it as it exports a lowered function; it holds nothing of a person beside
+the numbers of `person`. `entry.c` has the functions that are exported.
 """
 
 from __future__ import annotations

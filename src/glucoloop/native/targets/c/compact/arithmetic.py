@@ -167,7 +167,7 @@ class Arithmetic:
 
     def _reduced(self, name: str, equation: Any, a: Array) -> Array:
         (operation, start), axes = flatten.REDUCTIONS[name], primitives.axes(equation)
-        reduce = {"max": larger, "min": smaller, **DOES}[operation]
+        reduce = larger if operation == "max" else smaller if operation == "min" else DOES[operation]
         remaining = [axis for axis in range(a.ndim) if axis not in axes]
         rows = a.transpose(*axes, *remaining).reshape(-1, *(a.shape[axis] for axis in remaining))
         total = np.full(rows.shape[1:], start, a.dtype)
