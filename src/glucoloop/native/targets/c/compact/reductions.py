@@ -20,9 +20,7 @@ class Reductions(ValueStore):
         (output,), (given,) = operation.outputs, operation.inputs
         axes = primitives.axes(operation.equation)
         value = self._readable(given, environment, flat)
-        if isinstance(value, Scalar):
-            return value
-        if not axes:
+        if isinstance(value, Scalar) or not axes:
             return value
         remaining = [axis for axis in range(len(value.shape)) if axis not in axes]
         turned = permuted(value, [*remaining, *axes])
