@@ -254,6 +254,9 @@ def test_moves_are_those_of_jax():
         lambda x: x.reshape(2, 6)[:, ::-1],
         lambda x: jnp.pad(x, ((1, 0), (0, 2))),
         lambda x: jnp.stack([x, x], axis=1),
+        lambda x: jnp.concatenate(jnp.split(x, [1, 3], axis=1)[::-1], axis=1),
+        lambda x: jnp.unstack(x, axis=1)[2],
+        lambda x: jax.lax.optimization_barrier(x),
     )
     for move in moves:
         closed = jax.make_jaxpr(move)(X)

@@ -266,18 +266,20 @@ def carried_out(program, layout, plan, taken, inputs):
             return inputs[program.names[value]]
         if program.levels[value] < SAMPLE:
             return computed(program, [value], inputs)[0]
-        return slots[plan.slot_of[value]]
+        return slots[plan.cells[value]]
 
     for chunk in plan.chunks:
         here = {}
         for value in chunk.values:
             here[value] = evaluate(value, here)
-        results = {("carried", i): seen(v, here) for v, i in chunk.carried}
+        kept, carried = ([(v, cell) for v, cell in chunk.stored if cell[0] == array] for array in ("%slots", "%new"))
+        results = {("carried", i): seen(v, here) for v, (_, i, _) in carried}
         results |= {("written", i): seen(v, here) for v, i in chunk.written}
         assert not results.keys() & found.keys()
         found |= results
-        slots |= {slot: here[value] for value, slot in chunk.stored}
-    assert plan.slots == len({slot for chunk in plan.chunks for _, slot in chunk.stored})
+        slots |= {cell: here[value] for value, cell in kept}
+    stored = {cell for chunk in plan.chunks for _, cell in chunk.stored if cell[0] == "%slots"}
+    assert plan.slots == len(stored)
     return [found["carried", i] for i in range(len(layout.next_carry))] + [
         found["written", i] for i in range(len(layout.outputs))
     ]

@@ -8,10 +8,8 @@ length are unrolled. Operations that depend only on random keys are postponed, t
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jax
@@ -20,12 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native import primitives
+from glucoloop.native.drawing import Drawing, Drawn
 from glucoloop.native.functions import Functions
+from glucoloop.native.loops import LoopMaker, Values
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Home, LoopForm, Program, Value
-
-Values = npt.NDArray[np.int64]
-"""An array whose elements are places in the program."""
+from glucoloop.native.program import BOOL, FLOAT, SAMPLE, Program, Value
 
 LONGEST_LOOP: Final = 64
 """Largest number of rounds that are written out one by one."""
@@ -46,44 +43,16 @@ FUNCTIONS: Final = {
     **{name: name for name in ("exp", "expm1", "tanh", "log", "sin", "cos", "tan", "sinh", "cosh", "atan2", "cbrt")},
     **{name: name for name in ("logistic", "ceil", "rem", "sign")},
 }
-REDUCTIONS: Final = {
-    "reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_and": "and", "reduce_or": "or",
+REDUCTIONS: Final[dict[str, tuple[str, float | bool]]] = {
+    "reduce_sum": ("add", 0.0), "reduce_max": ("max", -math.inf), "reduce_min": ("min", math.inf),
+    "reduce_and": ("and", True), "reduce_or": ("or", False),
 }  # fmt: skip
+"""Operation of each reduction, and its result where there is nothing."""
 MOVES: Final = frozenset({
     "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
     "stack", "unstack", "tile", "pad", "copy", "copy_p", "stop_gradient", "optimization_barrier",
 })  # fmt: skip
 _UNUSED: Final = -1
-
-
-class Drawn:
-    """An array that depends only on random keys, so that it can be computed before the loop: its shape and type."""
-
-    def __init__(self, aval: Any) -> None:
-        self.aval = aval
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """Computations from random keys before the loop, equation by equation."""
-
-    keys: Sequence[Drawn]
-    equations: Sequence[tuple[Any, Sequence[Any], Sequence[Drawn]]]
-    """Equation, its inputs (`Drawn` or numbers), and its outputs."""
-    wanted: Sequence[Drawn]
-    """Arrays that the loop needs."""
-
-    def __call__(self, *keys: Any) -> list[jax.Array]:
-        """The wanted arrays, of one person at one sample; JAX can trace it."""
-        found: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
-
-        def read(given: Any) -> Any:
-            return found[id(given)] if isinstance(given, Drawn) else given
-
-        for equation, inputs, outputs in self.equations:
-            results = primitives.bind(equation, [read(given) for given in inputs])
-            found.update((id(variable), result) for variable, result in zip(outputs, results, strict=True))
-        return [found[id(variable)] for variable in self.wanted]
 
 
 class Flattener:
@@ -95,8 +64,7 @@ class Flattener:
         self._equations: list[tuple[Any, Sequence[Any], Sequence[Drawn]]] = []
         self._keys: list[Drawn] = []
         self._wanted: dict[int, tuple[Drawn, Values]] = {}
-        self._home: Home = ()
-        self._loops = itertools.count()
+        self._rounds = LoopMaker(program)
 
     def input(self, name: tuple[str, int], aval: Any, level: int) -> Values:
         """An input of the program for each element of an array, named after the array and the element's place."""
@@ -185,8 +153,9 @@ class Flattener:
         if name in FUNCTIONS:
             return [self._elementwise(functools.partial(self._functions, FUNCTIONS[name]), *inputs)]
         if name in REDUCTIONS:
-            _refuse_other_than_floats(REDUCTIONS[name], equation.invars[0].aval.dtype)
-            return [self._reduce(REDUCTIONS[name], inputs[0], primitives.axes(equation))]
+            operation, start = REDUCTIONS[name]
+            _refuse_other_than_floats(operation, equation.invars[0].aval.dtype)
+            return [self._reduce(operation, inputs[0], primitives.axes(equation), start)]
         if name in MOVES:
             return self._move(equation, inputs)
         handler = getattr(self, f"_do_{name.replace('-', '_')}", None)
@@ -201,11 +170,9 @@ class Flattener:
         flat = [operation(*of_each) for of_each in elements]
         return np.array(flat, np.int64).reshape(broadcast[0].shape)
 
-    def _reduce(self, operation: str, array: Values, axes: Sequence[int]) -> Values:
+    def _reduce(self, operation: str, array: Values, axes: Sequence[int], start: float | bool = 0.0) -> Values:
         remaining = [axis for axis in range(array.ndim) if axis not in axes]
         rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
-        start = {"add": 0.0, "and": True, "or": False, "max": -np.inf, "min": np.inf}[operation]
-
         do = functools.partial(self.program.apply, operation)
 
         def total(row: Values) -> Value:
@@ -376,25 +343,14 @@ class Flattener:
         return a  # whole numbers are held as numbers
 
     def _do_dot_general(self, equation: Any, a: Values, b: Values) -> Values:
-        product = primitives.dot_general(equation)
-        (contract_a, contract_b), (batch_a, batch_b) = product.summed, product.batched
-        letters = iter("abcdefghijklmnopqrstuvwxyz")
-        of_a: list[str] = [""] * a.ndim
-        of_b: list[str] = [""] * b.ndim
-        for i, j in (*zip(batch_a, batch_b, strict=True), *zip(contract_a, contract_b, strict=True)):
-            of_a[i] = of_b[j] = next(letters)
-        of_a = [letter or next(letters) for letter in of_a]
-        of_b = [letter or next(letters) for letter in of_b]
-        batch = [of_a[i] for i in batch_a]
-        summed = [of_a[i] for i in contract_a]
-        free_a = [letter for letter in of_a if letter not in (*batch, *summed)]
-        free_b = [letter for letter in of_b if letter not in (*batch, *summed)]
-        out = [*batch, *free_a, *free_b]
-        sizes = dict(zip((*of_a, *of_b), (*a.shape, *b.shape), strict=True))
-        wide_a = _aligned(a, of_a, [*out, *summed], sizes)
-        wide_b = _aligned(b, of_b, [*out, *summed], sizes)
-        products = self._elementwise(functools.partial(self.program.apply, "mul"), wide_a, wide_b)
-        return self._reduce("add", products, range(len(out), len(out) + len(summed)))
+        axes = primitives.dot_general(equation)
+        common, (left, right) = len(axes.batched[0]), map(len, axes.free)
+        a = a.transpose(*axes.batched[0], *axes.free[0], *axes.summed[0])
+        b = b.transpose(*axes.batched[1], *axes.free[1], *axes.summed[1])
+        a = np.expand_dims(a, tuple(range(common + left, common + left + right)))
+        b = np.expand_dims(b, tuple(range(common, common + left)))
+        products = self._elementwise(functools.partial(self.program.apply, "mul"), a, b)
+        return self._reduce("add", products, range(common + left + right, products.ndim))
 
     def _do_scan(self, equation: Any, *inputs: Values) -> list[Values]:
         loop = primitives.scan(equation)
@@ -410,7 +366,7 @@ class Flattener:
             results = self.run(loop.round, [*constants, *carried, *row])
             return results[: loop.carried], results[loop.carried :]
 
-        last, stacked = self._looped(round_, rest[: loop.carried], rows, loop.length)
+        last, stacked = self._rounds(round_, rest[: loop.carried], rows, loop.length)
         return [*last, *(array[::-1] if loop.reverse else array for array in stacked)]
 
     def _do_while(self, equation: Any, *inputs: Values) -> list[Values]:
@@ -427,98 +383,8 @@ class Flattener:
             (goes_on,) = self.run(condition, [*known, *kept])
             return [*kept, self._elementwise(functools.partial(do, "and"), going, goes_on)], row
 
-        *last, _ = self._looped(round_, [*start, *self.run(condition, [*known, *start])], [], None)[0]
+        *last, _ = self._rounds(round_, [*start, *self.run(condition, [*known, *start])], [], None)[0]
         return last
-
-    def _looped(
-        self,
-        round_: Callable[[list[Values], list[Values]], tuple[list[Values], list[Values]]],
-        start: Sequence[Values],
-        rows: Sequence[Values],
-        length: int | None,
-    ) -> tuple[list[Values], list[Values]]:
-        """Values that the last round of a loop carries on, and the results of all rounds.
-
-        What no round changes, and what is always equal to another part of what is carried, is not carried. That is
-        supposed of all at first, for as long as a round does not contradict it.
-        """
-        p, outside = self.program, self._home
-        self._home = home = (*outside, next(self._loops))
-        first = _joined(start)
-        each = np.array([_joined([array[k] for array in rows]) for k in range(length or 0)], np.int64).T
-        row_inputs = {
-            i: p.input(("row", home, i), SAMPLE, p.types[numbers[0]], home)
-            for i, numbers in enumerate(each.tolist())
-            if len(set(numbers)) > 1
-        }
-        row = np.array([row_inputs.get(i, int(of_row[0])) for i, of_row in enumerate(each)], np.int64)
-        number: list[int | None] = [None] * first.size
-        """Number of the carried value that each is; None of what does not change."""
-        if length is None:  # the truth that ends the loop stands for itself
-            number[-1] = first.size - 1
-        while True:
-            carried = {
-                n: p.input(("carried", home, n), SAMPLE, p.types[first[n]], home) for n in number if n is not None
-            }
-            inputs = [int(x) if n is None else carried[n] for x, n in zip(first, number, strict=True)]
-            following, given = round_(_apart(np.array(inputs, np.int64), start), _apart(row, [r[0] for r in rows]))
-            after, before = _joined(following).tolist(), number
-            states = list(zip(before, first.tolist(), after, strict=True))
-            number = [None if n is None and x == then else states.index((n, x, then)) for n, x, then in states]
-            if number == before:
-                break
-        self._home = outside
-        results = _joined(given)
-        changing = dict.fromkeys(int(v) for v in results if p.homes[v] == home)
-        over = (len(carried) - 1, False) if length is None else None
-        if not changing:
-            over = over or self._settling(list(carried.values()), [after[n] for n in carried])
-        loop = LoopForm(home, length, over, tuple(carried.values()), tuple(row_inputs.values()))
-        arguments = [
-            *(int(first[n]) for n in carried),
-            *(after[n] for n in carried),
-            *(int(x) for k in range(length or 0) for x in each[list(row_inputs), k]),
-            *changing,
-        ]
-        value = p.loop(loop, arguments)
-        part = {n: p.part(value, i) for i, n in enumerate(carried)}
-        ends = [int(x) if n is None else part[n] for x, n in zip(first, number, strict=True)]
-        place = {v: i for i, v in enumerate(changing)}
-
-        def at(k: int) -> Values:
-            begin = len(carried) + k * len(changing)
-            return np.array([p.part(value, begin + place[v]) if v in place else v for v in results.tolist()], np.int64)
-
-        of_rounds = [_apart(at(k), given) for k in range(length or 0)]
-        stacked = [np.stack(parts) for parts in zip(*of_rounds, strict=True)]
-        return _apart(np.array(ends, np.int64), start), stacked
-
-    def _settling(self, carried: Sequence[Value], following: Sequence[Value]) -> tuple[int, bool] | None:
-        """Place of a truth, and that it holds, with which a round leaves all that is carried as it is."""
-        formed = [self.program.operations[v] for v in following]
-        for place, truth in enumerate(carried):
-            if all(form[0] == "select" and form[1][:2] == (truth, v) for form, v in zip(formed, carried, strict=True)):
-                return place, True
-        return None
-
-
-def _joined(arrays: Sequence[Values]) -> Values:
-    """The elements of arrays, one array after the other."""
-    return np.concatenate([np.zeros(0, np.int64), *(array.ravel() for array in arrays)])
-
-
-def _apart(flat: Values, like: Sequence[Values]) -> list[Values]:
-    """Elements as arrays of the shapes of others."""
-    ends = np.cumsum([array.size for array in like])
-    return [flat[end - array.size : end].reshape(array.shape) for array, end in zip(like, ends, strict=True)]
-
-
-def _aligned(a: Values, letters: Sequence[str], order: Sequence[str], sizes: dict[str, int]) -> Values:
-    """Axes in a common order, those that an array lacks repeated."""
-    present = [letter for letter in order if letter in letters]
-    moved = a.transpose([letters.index(letter) for letter in present])
-    shape = [sizes[letter] if letter in letters else 1 for letter in order]
-    return np.broadcast_to(moved.reshape(shape), [sizes[letter] for letter in order])
 
 
 def _refuse_other_than_floats(operation: str, dtype: Any) -> None:

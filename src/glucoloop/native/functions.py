@@ -202,32 +202,32 @@ class Functions:
         return self._do("add", self._do("mul", scale, small), self._do("sub", scale, 1.0))
 
     def expm1(self, x: Value) -> Value:
-        """``e^x - 1``, exact to rounding near zero too."""
+        """exp(x) - 1, exact to rounding near zero too."""
         return self._grown(self._limited(x, self._constants.largest))
 
     def tanh(self, x: Value) -> Value:
-        """``expm1(2 x) / (expm1(2 x) + 2)``."""
+        """The hyperbolic tangent."""
         limited = self._limited(x, self._constants.saturated)
         grown = self._grown(self._do("add", limited, limited))
         return self._do("ratio", grown, self._do("add", grown, 2.0))
 
     def sinh(self, x: Value) -> Value:
-        """``(e + e / (e + 1)) / 2`` with ``e = expm1(|x|)``."""
+        """The hyperbolic sine."""
         e = self("expm1", self._do("abs", x))
         half = self._do("mul", self._do("add", e, self._do("div", e, self._do("add", e, 1.0))), 0.5)
         return self._do("copy_sign", half, x)
 
     def cosh(self, x: Value) -> Value:
-        """``(e + 1 / e) / 2`` with ``e = exp(|x|)``."""
+        """The hyperbolic cosine."""
         e = self("exp", self._do("abs", x))
         return self._do("mul", self._do("add", e, self._do("div", 1.0, e)), 0.5)
 
     def logistic(self, x: Value) -> Value:
-        """``1 / (1 + exp(-x))``."""
+        """1 / (1 + exp(-x))."""
         return self._do("div", 1.0, self._do("add", self("exp", self._do("neg", x)), 1.0))
 
     def log(self, x: Value) -> Value:
-        """Natural logarithm of a number of full precision; NaN below zero, minus infinity at zero."""
+        """The natural logarithm; minus infinity at zero, not a number below."""
         do = self._do
         mantissa, exponent = do("mantissa", x), do("exponent", x)
         high = do("lt", math.sqrt(2.0), mantissa)
@@ -315,7 +315,7 @@ class Functions:
         return do("exact_sub", do("exact_sub", x, product), lost)
 
     def rem(self, x: Value, y: Value) -> Value:
-        """Remainder of ``x / y``, exact, with the sign of x."""
+        """The remainder of x / y, exact, with the sign of x."""
         do, a, b = self._do, self._do("abs", x), self._do("abs", y)
         n = self._nearest(do("div", a, b))
         rest = self._less(a, n, b)
@@ -349,24 +349,24 @@ class Functions:
         return sine, cosine, do("exact_sub", n, turns)
 
     def sin(self, x: Value) -> Value:
-        """The sine of an angle."""
+        """The sine; not a number where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), cosine, sine)
         size = do("select", do("lt", n, 2.0), size, do("neg", size))
         return do("mul", size, do("copy_sign", 1.0, x))
 
     def cos(self, x: Value) -> Value:
-        """The cosine of an angle."""
+        """The cosine; not a number where x is too large for it."""
         do, (sine, cosine, n) = self._do, self._turned(self._do("abs", x))
         size = do("select", do("or", do("eq", n, 1.0), do("eq", n, 3.0)), sine, cosine)
         return do("select", do("or", do("eq", n, 1.0), do("eq", n, 2.0)), do("neg", size), size)
 
     def tan(self, x: Value) -> Value:
-        """The tangent of an angle."""
+        """The tangent; not a number where x is too large for it."""
         return self._do("div", self("sin", x), self("cos", x))
 
     def atan2(self, y: Value, x: Value) -> Value:
-        """The angle from the first axis to the point (x, y), from -pi to pi."""
+        """The angle of the point whose second coordinate is x and whose first is y."""
         do, a, b = self._do, self._do("abs", x), self._do("abs", y)
         large, small = do("max", a, b), do("min", a, b)
         t = do("select", do("eq", large, small), 1.0, do("div", small, large))  # infinite ones as well
@@ -381,7 +381,7 @@ class Functions:
         return do("copy_sign", do("select", left, do("sub", math.pi, angle), angle), y)
 
     def cbrt(self, x: Value) -> Value:
-        """The cube root of a number."""
+        """The cube root."""
         do, constants, size = self._do, self._constants, self._do("abs", x)
         tiny = do("lt", size, float(np.finfo(self._number).tiny))
         size = do("select", tiny, do("mul", size, 2.0**54), size)

@@ -140,6 +140,15 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
             return [np.broadcast_to(arrays[0].reshape(shape), result.aval.shape)]
         case "concatenate":
             return [np.concatenate(arrays, _parameter(equation, "dimension"))]
+        case "stack":
+            return [np.stack(arrays, _parameter(equation, "axis"))]
+        case "unstack":
+            return list(np.moveaxis(arrays[0], _parameter(equation, "axis"), 0))
+        case "split":
+            ends = np.cumsum(_parameter(equation, "sizes"))
+            return np.split(arrays[0], ends[:-1], _parameter(equation, "axis"))
+        case "optimization_barrier":
+            return list(arrays)
     with jax.ensure_compile_time_eval():
         return [np.asarray(found) for found in bind(equation, [jnp.asarray(array) for array in arrays])]
 
@@ -260,12 +269,19 @@ class Product:
     """The axes of the left and of the right factor that are multiplied and summed, pair by pair."""
     batched: tuple[tuple[int, ...], tuple[int, ...]]
     """The axes of the left and of the right factor that are held in common, pair by pair."""
+    free: tuple[tuple[int, ...], tuple[int, ...]]
+    """The other axes of the left and of the right factor."""
 
 
 def dot_general(equation: Any) -> Product:
-    """The axes of a ``dot_general``."""
+    """The axes of a ``dot_general``, whose result has those in common, then the free ones."""
     summed, batched = _parameter(equation, "dimension_numbers")
-    return Product(summed=summed, batched=batched)
+    axes = (range(len(factor.aval.shape)) for factor in equation.invars)
+    left, right = (
+        tuple(axis for axis in of_each if axis not in (*taken, *common))
+        for of_each, taken, common in zip(axes, summed, batched, strict=True)
+    )
+    return Product(summed=summed, batched=batched, free=(left, right))
 
 
 def gathered(

@@ -152,7 +152,7 @@ def test_object_code_needs_no_linker(lowered, monkeypatch):
         wasm.wasm_module(lowered)
 
 
-@pytest.mark.parametrize("name", ["two words", "kernel", "hold", "é", ""])
+@pytest.mark.parametrize("name", ["two words", "é", ""])
 def test_a_name_that_no_function_can_have_is_refused(name, lowered):
     with pytest.raises(ValueError, match="cannot be the name of a function"):
         wasm.wasm_module({name: lowered["turning"]})

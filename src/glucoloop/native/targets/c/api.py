@@ -35,22 +35,7 @@ def record_bytes(state_bytes: int) -> int:
 
 def header(structures: str, state_bytes: int) -> str:
     """The header around the structures."""
-    return "\n".join(
-        [
-            "#ifndef GL_CONTROLLER_H",
-            "#define GL_CONTROLLER_H",
-            "",
-            "#include <stdbool.h>",
-            "#include <stdint.h>",
-            "",
-            structures,
-            "",
-            "/* Size of a saved state, in bytes: a mark, the digest of the design, the state, and a CRC-32. */",
-            f"#define GL_RECORD_SIZE {record_bytes(state_bytes)}U",
-            "",
-            template("prototypes.h"),
-        ]
-    )
+    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(record_bytes(state_bytes)))
 
 
 def saving(state_bytes: int, design: str) -> str:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from glucoloop.native.functions import Functions
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, Block, Value
 from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
@@ -36,26 +37,6 @@ def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Elem
     return _Writer(lowered, sources).lines(returned)
 
 
-_TOLD: Final = {
-    "exp": "e to the power x; beyond the range of numbers the largest or smallest of them.",
-    "expm1": "exp(x) - 1, exact to rounding near zero too.",
-    "tanh": "The hyperbolic tangent.",
-    "log": "The natural logarithm; not a number below zero.",
-    "sin": "The sine; not a number where x is too large for it.",
-    "cos": "The cosine; not a number where x is too large for it.",
-    "tan": "The tangent; not a number where x is too large for it.",
-    "sinh": "The hyperbolic sine.",
-    "cosh": "The hyperbolic cosine.",
-    "atan2": "The angle of the point whose second coordinate is x and whose first is y.",
-    "cbrt": "The cube root.",
-    "logistic": "1 / (1 + exp(-x)).",
-    "ceil": "The smallest whole number that is not below x.",
-    "rem": "The remainder of x / y, exact, with the sign of x.",
-    "round_even": "The nearest whole number; of two, the even one.",
-    "round_away": "The nearest whole number; of two, that further from zero.",
-}
-
-
 def elementary(text: Iterable[str], format: Format) -> list[str]:
     """Definitions of the elementary functions that lines of C call."""
     joined = "\n".join(text)
@@ -67,7 +48,12 @@ def elementary(text: Iterable[str], format: Format) -> list[str]:
             given = ("x", "y")[: len(layout.own)]
             taken = ", ".join(f"{format.type} {argument}" for argument in given)
             writer = _Writer(program, {v: (text, REAL) for v, text in zip(layout.own, given, strict=True)})
-            lines += [f"/* {_TOLD[name]} */", f"static {format.type} gl_{name}({taken})", "{", *writer.computed()]
+            lines += [
+                f"/* {getattr(Functions, name).__doc__} */",
+                f"static {format.type} gl_{name}({taken})",
+                "{",
+                *writer.computed(),
+            ]
             lines += [f"return {writer.name(layout.outputs[0])};", "}", ""]
     return lines
 

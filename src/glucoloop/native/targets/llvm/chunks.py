@@ -19,8 +19,10 @@ from glucoloop.native.program import SAMPLE, Block, LoopForm, Program, Value
 FITS_THE_CACHE: Final = 6000
 """Number of operations, about, whose instructions fit the processor's first-level cache."""
 OPERATIONS_A_CHUNK: Final = 2000
-OPERATIONS_OF_SEVERAL: Final = 500
+OPERATIONS_OF_LONG: Final = 500
 """The same in a program that does not fit the cache: then what one vector of people needs of memory fits it."""
+OPERATIONS_OF_SEVERAL: Final = 150
+"""The same where several vectors go through each chunk in turn: of a shorter chunk, more stays in registers."""
 
 Cell = tuple[str, int, str | None]
 """Name of an array of a loop, a place in it, and the name of a number that is added to the place."""
@@ -31,12 +33,8 @@ class Chunk:
     """A part of the program."""
 
     values: Sequence[Value]
-    stored: list[tuple[Value, int]] = field(default_factory=list)
-    """Values that a later chunk needs, each with its slot of memory."""
-    passed: list[tuple[Value, Cell]] = field(default_factory=list)
-    """Values that pass into rounds of a loop, on to the next round, or out of it."""
-    carried: Sequence[tuple[Value, int]] = ()
-    """Values of the next state, each with its place there."""
+    stored: list[tuple[Value, Cell]] = field(default_factory=list)
+    """Values that a later chunk, rounds of a loop or the next sample need, each with its place."""
     written: Sequence[tuple[Value, int]] = ()
 
 
@@ -61,8 +59,7 @@ class ChunkPlan:
     loops: Sequence[Rounds]
     """Loops, each after those inside it."""
     cells: dict[Value, Cell]
-    """Places where inputs of rounds and parts of loops are read."""
-    slot_of: dict[Value, int]
+    """Places where the state, inputs of rounds, parts of loops and values of earlier chunks are read."""
     slots: int
 
 
@@ -112,7 +109,7 @@ class _Cutter:
         """Pass values to places that follow one another: from the chunk of a value, or from the last one so far."""
         for i, value in enumerate(values, start=to[1]):
             number = self.home.get(value, -1) if self._p.homes[value] == home else -1
-            self.chunks[number].passed.append((value, (to[0], i, to[2])))
+            self.chunks[number].stored.append((value, (to[0], i, to[2])))
 
     def _find(self, part: Value) -> None:
         value, number = self._p.operations[part][1]
@@ -149,7 +146,7 @@ def plan_chunks(
     last_use: dict[Value, int] = {}
     for number, chunk in enumerate(chunks):
         used = [a for value in chunk.values for a in (vectors or {}).get(value) or _arguments(program, value, fused)]
-        last_use.update({v: number for v in (*used, *(v for v, _ in chunk.passed)) if v in home})
+        last_use.update({v: number for v in (*used, *(v for v, _ in chunk.stored)) if v in home})
     for rounds in cutter.loops:  # what a round reads from before the loop, the next one reads too
         for value, last in last_use.items():
             if home[value] < rounds.first <= last <= rounds.last:
@@ -159,25 +156,27 @@ def plan_chunks(
         if last > home[value]:
             leaving.setdefault(last, []).append(value)
 
-    slot_of: dict[Value, int] = {}
     free: list[int] = []
     slots = 0
+    # what is not computed at a sample (a constant, an input) goes with the last chunk
+    following, outputs = (
+        [(v, i, home.get(v, len(chunks) - 1)) for i, v in enumerate(results)]
+        for results in (layout.next_carry, layout.outputs)
+    )
     for number, chunk in enumerate(chunks):
-        for value in chunk.values:
-            if last_use.get(value, number) > number:
-                if not free:
-                    free.append(slots)
-                    slots += 1
-                slot_of[value] = free.pop()
-                chunk.stored.append((value, slot_of[value]))
+        kept = [value for value in chunk.values if last_use.get(value, number) > number]
+        for value in kept:
+            if not free:
+                free.append(slots)
+                slots += 1
+            cutter.cells[value] = "%slots", free.pop(), None
         # only now: a slot that this chunk reads must not be overwritten by it
-        free += [slot_of[value] for value in leaving.get(number, ())]
-    for results, listed in ((layout.next_carry, "carried"), (layout.outputs, "written")):
-        for number, chunk in enumerate(chunks):
-            # what is not computed at a sample (a constant, an input) goes with the last chunk
-            at = [(v, i) for i, v in enumerate(results) if home.get(v, len(chunks) - 1) == number]
-            setattr(chunk, listed, at)
-    return ChunkPlan(chunks, cutter.loops, cutter.cells, slot_of, slots)
+        free += [cutter.cells[value][1] for value in leaving.get(number, ())]
+        chunk.stored[:0] = [(value, cutter.cells[value]) for value in kept]
+        chunk.stored += [(value, ("%new", i, None)) for value, i, there in following if there == number]
+        chunk.written = [(value, i) for value, i, there in outputs if there == number]
+    cutter.cells.update({value: ("%old", i, None) for i, value in enumerate(layout.carry)})
+    return ChunkPlan(chunks, cutter.loops, cutter.cells, slots)
 
 
 def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:

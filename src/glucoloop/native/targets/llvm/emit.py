@@ -16,8 +16,8 @@ from glucoloop.native.program import BOOL, PERSON, SAMPLE, WORD, Value
 from glucoloop.native.targets.llvm.chunks import (
     FITS_THE_CACHE,
     OPERATIONS_A_CHUNK,
+    OPERATIONS_OF_LONG,
     OPERATIONS_OF_SEVERAL,
-    Cell,
     Chunk,
     Rounds,
     plan_chunks,
@@ -34,11 +34,11 @@ class Emitter:
     """Writer of the code of one kernel, with products fused or strict, and `lanes` people side by side in one vector.
 
     Each operation is written for so many `vectors`, which the processor carries out one beside another.
-    If it is apart, what is computed once for each person has a function of its own, ``hold``, beside ``kernel``: for a
-    caller that goes through the samples and the vectors itself. See `text`.
+    If it is apart, under a name, what is computed once for each person has a function of its own: for a caller that
+    goes through the samples and the vectors itself. See `text`.
     """
 
-    def __init__(self, lowered: Lowered, products: str, lanes: int, *, vectors: int = 1, apart: bool = False) -> None:
+    def __init__(self, lowered: Lowered, products: str, lanes: int, *, vectors: int = 1, apart: str = "") -> None:
         lanes *= vectors
         program, layout = self._p, self._layout = lowered.program, lowered.layout
         self._apart = apart
@@ -49,6 +49,7 @@ class Emitter:
         self._out = VectorCode(lanes, double=double, alignment=alignment)
         self._tables: list[str] = []
         self._names: dict[Value, str] = {}
+        self._firsts: dict[tuple[str, str | None], str] = {}
         self._member: str | None = None
         self._lengths: dict[str, int] = {}
         self._vector = self._column = self._own = ""
@@ -79,7 +80,7 @@ class Emitter:
         fits = len(values) <= FITS_THE_CACHE
         self._group = 1 if apart or vectors > 1 or fits else VECTORS_A_BLOCK
         factors = {first: row.factors for first, row in self._rows.items()}
-        size = OPERATIONS_A_CHUNK if fits else OPERATIONS_OF_SEVERAL
+        size = OPERATIONS_A_CHUNK if fits else OPERATIONS_OF_LONG if self._group == 1 else OPERATIONS_OF_SEVERAL
         self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, size, vectors=factors)
 
     @property
@@ -91,23 +92,28 @@ class Emitter:
         """A module with the function ``kernel``.
 
         Its arguments are those of `Kernel.run` with the number of columns, the first and the last vector, and the
-        number of samples. If it is apart, both functions take one vector of people, whose numbers lie together:
-        ``hold(held)`` finds the numbers of the people in the first places of `held` and fills the others, and
-        ``kernel(held, carry, own, shared, outputs, samples)`` goes on from these.
+        number of samples. If it is apart, it has two functions for one vector of people, whose numbers lie together:
+        ``NAME_hold(held)`` finds the numbers of the people in the first places of `held` and fills the others, and
+        ``NAME(held, carry, own, shared, outputs, samples)`` goes on from these. Its number has 32 bits, since
+        JavaScript has those of 64 bits only as objects.
         """
         if self._apart:
-            self._write("hold", ("held",), (), self._hold)
+            self._write(f"{self._apart}_hold", ("held",), (), self._hold)
             arrays = ("held", "carry", "own", "shared", "outputs")
-            self._write("kernel", arrays, ("samples",), self._samples)
+            self._write(self._apart, arrays, ("samples",), self._samples)
         else:
             arrays = ("person", "carry", "own", "shared", "outputs")
             self._write("kernel", arrays, ("stride", "first", "last", "samples"), self._blocks)
         return "\n".join([*self._out.lines, *self._out.declarations(), *self._tables]) + "\n"
 
     def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
-        taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"i64 %{number}" for number in numbers)]
+        kind = "i32 %given_" if self._apart else "i64 %"
+        taken = [*(f"ptr noalias %{array}" for array in arrays), *(f"{kind}{number}" for number in numbers)]
         self._out.say(f"define void @{name}({', '.join(taken)}) #0 {{")
         self._out.say("entry:")
+        if self._apart:
+            for number in numbers:
+                self._out.say(f"  %{number} = zext i32 %given_{number} to i64")
         body()
         self._out.say("  ret void")
         self._out.say("}")
@@ -126,8 +132,7 @@ class Emitter:
             say(f"  %members = select i1 %few, i64 %rest, i64 {self._group}")
         self._loop("once", self._hold)
         self._samples()
-        say("  br label %block_end")
-        say("block_end:")
+        self._out.enter("block_end")
         say(f"  %b_next = add i64 %b, {self._group}")
         say("  %again = icmp slt i64 %b_next, %last")
         say("  br i1 %again, label %block, label %end")
@@ -179,8 +184,7 @@ class Emitter:
             for rounds in self._plan.loops:
                 if rounds.last == number:
                     self._end_rounds(rounds)
-        say("  br label %sample_end")
-        say("sample_end:")
+        self._out.enter("sample_end")
         say("  %k_next = add i64 %k, 1")
         say("  %more = icmp slt i64 %k_next, %samples")
         say("  br i1 %more, label %sample, label %finish")
@@ -192,28 +196,19 @@ class Emitter:
 
     def _loop(self, name: str, body: Callable[[], None]) -> None:
         say = self._out.say
-        self._names = {}
+        self._names, self._firsts = {}, {}
         if self._group == 1:  # no loop: places in memory are then constants
-            say(f"  br label %{name}_end")
-            say(f"{name}_end:")
+            self._out.enter(f"{name}_end")
             if not self._apart:
                 say(f"  %{name}_column = mul i64 %b, {self._lanes}")
             self._member, self._vector, self._column = None, "%b", f"%{name}_column"
             body()
             return
-        say(f"  br label %{name}_enter")
-        say(f"{name}_enter:")
-        say(f"  br label %{name}")
-        say(f"{name}:")
-        say(f"  %{name}_m = phi i64 [ 0, %{name}_enter ], [ %{name}_next, %{name} ]")
-        say(f"  %{name}_vector = add i64 %b, %{name}_m")
-        say(f"  %{name}_column = mul i64 %{name}_vector, {self._lanes}")
-        self._member, self._vector, self._column = f"%{name}_m", f"%{name}_vector", f"%{name}_column"
-        body()
-        say(f"  %{name}_next = add i64 %{name}_m, 1")
-        say(f"  %{name}_more = icmp slt i64 %{name}_next, %members")
-        say(f"  br i1 %{name}_more, label %{name}, label %{name}_end")
-        say(f"{name}_end:")
+        with self._out.counted(name, "%members") as self._member:
+            self._vector, self._column = f"%{name}_vector", f"%{name}_column"
+            say(f"  {self._vector} = add i64 %b, {self._member}")
+            say(f"  {self._column} = mul i64 {self._vector}, {self._lanes}")
+            body()
 
     def _hold(self) -> None:
         """Compute the values of a person that are the same at every sample."""
@@ -243,12 +238,8 @@ class Emitter:
                 self._loop_over(self._rows[value])
             elif value not in self._names:
                 self._names[value] = self._operation(value)
-        for value, slot in chunk.stored:
-            self._out.store(self._as_number(value), self._cell("%slots", slot))
-        for value, cell in chunk.passed:
-            self._out.store(self._as_number(value), self._cell_of(cell))
-        for value, i in chunk.carried:
-            self._out.store(self._as_number(value), self._cell("%new", i))
+        for value, cell in chunk.stored:
+            self._out.store(self._as_number(value), self._cell(*cell))
         for value, i in chunk.written:
             self._out.store(self._as_number(value), self._place("outputs", i))
 
@@ -257,8 +248,7 @@ class Emitter:
         say, label = self._out.say, rounds.label
         if rounds.loop.over:
             self._loop(f"{label}_asked", functools.partial(self._ask, rounds, "start"))
-        say(f"  br label %{label}_enter")
-        say(f"{label}_enter:")
+        self._out.enter(f"{label}_enter")
         self._branch(rounds, "true")
         say(f"{label}:")
         for name, kind, first, then in (
@@ -290,8 +280,7 @@ class Emitter:
         say, label = self._out.say, rounds.label
         if rounds.loop.over:
             self._loop(f"{label}_asked_again", functools.partial(self._ask, rounds, "new"))
-        say(f"  br label %{label}_again")
-        say(f"{label}_again:")
+        self._out.enter(f"{label}_again")
         say(f"  %{label}_more = add i64 %{label}_k, 1")
         length = rounds.loop.length
         self._branch(rounds, "true" if length is None else self._out(f"icmp slt i64 %{label}_more, {length}"))
@@ -306,57 +295,45 @@ class Emitter:
             found = self._out.load(self._cell(f"%{rounds.label}_end_at", i))
             self._out.store(found, self._cell(f"%{rounds.label}_start", i))
 
-    def _cell_of(self, cell: Cell) -> str:
-        """Address of a vector in the memory of a loop."""
-        array, i, more = cell
-        if more is None:
-            return self._cell(array, i)
-        return self._cell(array, self._out(f"add i64 {more}, {i}"))
-
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""
-        say, out = self._out.say, self._out
+        out = self._out
         factors = [self._name(factor) for factor in rows.factors]
         label, count = f"rows{self._sums[rows.sums[0]]}", len(rows.sums)
-        say(f"  br label %{label}_enter")
-        say(f"{label}_enter:")
-        say(f"  br label %{label}")
-        say(f"{label}:")
-        say(f"  %{label}_row = phi i64 [ 0, %{label}_enter ], [ %{label}_next, %{label} ]")
 
-        def listed(what: str, places: Sequence[int]) -> str:
+        def listed(what: str, places: Sequence[int], row: str) -> str:
             """Address of the number of this row whose place is in a list."""
             table = f"@{label}_{what}"
-            bytes_of = ", ".join(f"i32 {place * self._out.alignment}" for place in places)
+            bytes_of = ", ".join(f"i32 {place * out.alignment}" for place in places)
             self._tables.append(f"{table} = internal constant [{count} x i32] [{bytes_of}]")
-            at = out(f"getelementptr inbounds [{count} x i32], ptr {table}, i64 0, i64 %{label}_row")
+            at = out(f"getelementptr inbounds [{count} x i32], ptr {table}, i64 0, i64 {row}")
             distance = out(f"zext i32 {out(f'load i32, ptr {at}')} to i64")
             return out(f"getelementptr inbounds i8, ptr %held, i64 {distance}")
 
-        total = self._out.load(listed("starts", rows.starts)) if rows.starts else None
-        first = listed("places", rows.places)
-        for column, factor in zip(rows.columns, factors, strict=True):
-            number = out.load(out.vector_at(first, column))
-            product = out.apply("mul", (number, factor))
-            total = product if total is None else out.apply("add", (total, product))
-        into = out.vector_at(self._cell("%sums", self._sums[rows.sums[0]]), f"%{label}_row")
-        out.store(f"{total}", into)
-        say(f"  %{label}_next = add i64 %{label}_row, 1")
-        say(f"  %{label}_more = icmp slt i64 %{label}_next, {count}")
-        say(f"  br i1 %{label}_more, label %{label}, label %{label}_end")
-        say(f"{label}_end:")
+        with out.counted(label, count) as row:
+            total = out.load(listed("starts", rows.starts, row)) if rows.starts else None
+            first = listed("places", rows.places, row)
+            for column, factor in zip(rows.columns, factors, strict=True):
+                number = out.load(out.vector_at(first, column))
+                product = out.apply("mul", (number, factor))
+                total = product if total is None else out.apply("add", (total, product))
+            out.store(f"{total}", out.vector_at(self._cell("%sums", self._sums[rows.sums[0]]), row))
 
     # memory
 
-    def _cell(self, array: str, i: int | str) -> str:
+    def _cell(self, array: str, i: int, more: str | None = None) -> str:
         """Address of a vector among those that belong to this function, or to its caller if it is apart.
 
-        Those of one vector of people lie side by side.
+        Those of one vector of people lie side by side; `more` is the name of a number that is added to the place. The
+        address of the first is computed once, which spares the compiler most of its time for addresses.
         """
-        if self._member is None:
-            return self._out.vector_at(array, i)
-        first = self._out(f"mul i64 {self._member}, {self._lengths[array]}")
-        return self._out.vector_at(array, self._out(f"add i64 {first}, {i}"))
+        if (array, more) not in self._firsts:
+            places = [] if self._member is None else [self._out(f"mul i64 {self._member}, {self._lengths[array]}")]
+            first = array
+            for place in [*places, *([more] if more else [])]:
+                first = self._out.vector_at(first, place)
+            self._firsts[array, more] = first
+        return self._out.vector_at(self._firsts[array, more], i)
 
     def _own_of_vector(self) -> str:
         """Address of what reaches a vector of people at a sample; that of all samples lies together."""
@@ -393,18 +370,11 @@ class Emitter:
         if value in self._sums:
             return self._out.load(self._cell("%sums", self._sums[value]))
         if value in self._plan.cells:
-            return self._out.load(self._cell_of(self._plan.cells[value]))
-        source, i = self._sources.get(value, ("slots", -1))
-        match source:
-            case "carry":
-                return self._out.load(self._cell("%old", i))
-            case "own":
-                return self._out.load(self._place("own", i))
-            case "shared":
-                row = self._out(f"add i64 %shared_row, {i}")
-                return self._out.load_for_all(self._out.scalar_at("%shared", row))
-            case _:
-                return self._out.load(self._cell("%slots", self._plan.slot_of[value]))
+            return self._out.load(self._cell(*self._plan.cells[value]))
+        source, i = self._sources[value]
+        if source == "own":
+            return self._out.load(self._place("own", i))
+        return self._out.load_for_all(self._out.scalar_at("%shared", self._out(f"add i64 %shared_row, {i}")))
 
     def _from_number(self, name: str, value: Value) -> str:
         kinds = {BOOL: self._out.truth, WORD: self._out.word}

@@ -23,6 +23,8 @@ Array = npt.NDArray[Any]
 
 _OPTIMISATION: Final = 2
 """Level of LLVM's code generation."""
+_CODE_MODEL: Final = "small"
+"""Constants lie near the code, so that no instruction has to load the address of one."""
 _DIVISION: Final = 4
 """Time of a division in that of a product."""
 _BESIDE: Final = 9.0
@@ -49,7 +51,7 @@ def _machine() -> Any:
 
     name, features, _ = _processor()
     target = binding.Target.from_default_triple()
-    return target.create_target_machine(cpu=name, features=features, opt=_OPTIMISATION, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=_OPTIMISATION, codemodel=_CODE_MODEL, jit=True)
 
 
 def lanes(precision: str) -> int:
@@ -73,9 +75,10 @@ def _compiled(text: str) -> tuple[Any, int]:
         return code
 
     llvm, triple = ".".join(map(str, binding.llvm_version_info)), machine.triple
-    made_from = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION))
+    made_from = (text, triple, name, features, llvm, llvmlite.__version__, str(_OPTIMISATION), _CODE_MODEL)
     code = binding.ObjectFileRef.from_data(kept(made_from, compiled))
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+    # llvmlite's memory manager puts all of an object into one place, as the code model needs it.
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine, use_lmm=True)
     engine.add_object_file(code)
     engine.finalize_object()
     return engine, engine.get_function_address("kernel")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -45,6 +46,22 @@ class VectorCode:
     def say(self, line: str) -> None:
         """Write a line that gives nothing."""
         self.lines.append(line)
+
+    def enter(self, label: str) -> None:
+        """Go on at a label."""
+        self.lines += [f"  br label %{label}", f"{label}:"]
+
+    @contextlib.contextmanager
+    def counted(self, label: str, count: int | str) -> Iterator[str]:
+        """Write what is done for each number, whose name this is, from 0 to below a count above 0."""
+        self.enter(f"{label}_enter")
+        self.enter(label)
+        self.say(f"  %{label}_i = phi i64 [ 0, %{label}_enter ], [ %{label}_next, %{label} ]")
+        yield f"%{label}_i"
+        self.say(f"  %{label}_next = add i64 %{label}_i, 1")
+        self.say(f"  %{label}_more = icmp slt i64 %{label}_next, {count}")
+        self.say(f"  br i1 %{label}_more, label %{label}, label %{label}_end")
+        self.say(f"{label}_end:")
 
     def declarations(self) -> list[str]:
         """Lines of the module that the functions need."""

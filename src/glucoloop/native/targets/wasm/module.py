@@ -41,10 +41,6 @@ _TRIPLE: Final = "wasm32-unknown-unknown"
 # The oldest processor model: newer ones have features that older linkers do not know.
 _PROCESSOR, _FEATURES = "mvp", "+simd128"
 _STACK_BYTES: Final = 1 << 20
-_KERNEL: Final = "kernel"
-_HOLD: Final = "hold"
-_ARGUMENTS: Final = {_HOLD: (("held",), ()), _KERNEL: (("held", "carry", "own", "shared", "outputs"), ("samples",))}
-"""Addresses and numbers that the two functions take."""
 
 
 def lanes(precision: str) -> int:
@@ -75,7 +71,7 @@ def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
     The module is the same for the same functions and versions of llvmlite, of clang and of the linker.
     """
     for name in functions:
-        if not name.isidentifier() or not name.isascii() or name in _ARGUMENTS:
+        if not name.isidentifier() or not name.isascii():
             raise Refusal(f"{name!r} cannot be the name of a function; give letters, digits and _")
     program = _linker()
     with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
@@ -89,7 +85,7 @@ def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
             objects[-1].write_bytes(code)
         linked = Path(place, "module.wasm")
         options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
-        exports = [f"--export={name}{ending}" for name in functions for ending in ("", f"_{_HOLD}")]
+        exports = [f"--export={name}{ending}" for name in functions for ending in ("", "_hold")]
         command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
@@ -99,7 +95,7 @@ def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
 
 def held_numbers(function: Lowered | Looped) -> int:
     """Number of values that a function holds for each person from sample to sample."""
-    return 0 if isinstance(function, Looped) else _emitter(function).held
+    return 0 if isinstance(function, Looped) else _emitter(function, "function").held
 
 
 def object_code(name: str, lowered: Lowered) -> bytes:
@@ -108,17 +104,14 @@ def object_code(name: str, lowered: Lowered) -> bytes:
 
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
-    text = _emitter(lowered).text() + _entry(name, _KERNEL) + _entry(f"{name}_{_HOLD}", _HOLD)
-    module = binding.parse_assembly(f'target triple = "{_TRIPLE}"\n{text}')
-    for internal in _ARGUMENTS:
-        module.get_function(internal).linkage = "internal"
+    module = binding.parse_assembly(f'target triple = "{_TRIPLE}"\n{_emitter(lowered, name).text()}')
     module.verify()
     code: bytes = _machine().emit_object(module)
     return code
 
 
-def _emitter(lowered: Lowered) -> Emitter:
-    return Emitter(lowered, STRICT, lanes(lowered.precision), apart=True)
+def _emitter(lowered: Lowered, name: str) -> Emitter:
+    return Emitter(lowered, STRICT, lanes(lowered.precision), apart=name)
 
 
 def _machine() -> Any:
@@ -126,20 +119,3 @@ def _machine() -> Any:
 
     target = binding.Target.from_triple(_TRIPLE)
     return target.create_target_machine(cpu=_PROCESSOR, features=_FEATURES, opt=2)
-
-
-def _entry(name: str, called: str) -> str:
-    """The exported function, which takes 32-bit numbers: JavaScript has 64-bit ones only as objects."""
-    pointers, numbers = _ARGUMENTS[called]
-    taken = [*(f"ptr %{pointer}" for pointer in pointers), *(f"i32 %{number}" for number in numbers)]
-    widened = [f"  %{number}_wide = zext i32 %{number} to i64" for number in numbers]
-    given = [*(f"ptr %{pointer}" for pointer in pointers), *(f"i64 %{number}_wide" for number in numbers)]
-    return "\n".join(
-        [
-            f"define void @{name}({', '.join(taken)}) nounwind {{",
-            *widened,
-            f"  call void @{called}({', '.join(given)})",
-            "  ret void",
-            "}\n",
-        ]
-    )

@@ -91,7 +91,7 @@ class Arithmetic:
                 return self._moved(equation, given)
             if name in ELEMENTWISE:
                 return [self._elementwise(name, equation, np.broadcast_arrays(*given))]
-            if name in _REDUCED:
+            if name in flatten.REDUCTIONS:
                 return [self._reduced(name, equation, given[0])]
             if name == "dot_general":
                 return [self._product(equation, given[0], given[1], (known[0], known[1]))]
@@ -166,8 +166,8 @@ class Arithmetic:
         return self._places[id(equation)][1]
 
     def _reduced(self, name: str, equation: Any, a: Array) -> Array:
-        start, reduce = _REDUCED[name]
-        axes = primitives.axes(equation)
+        (operation, start), axes = flatten.REDUCTIONS[name], primitives.axes(equation)
+        reduce = larger if operation == "max" else smaller if operation == "min" else DOES[operation]
         remaining = [axis for axis in range(a.ndim) if axis not in axes]
         rows = a.transpose(*axes, *remaining).reshape(-1, *(a.shape[axis] for axis in remaining))
         total = np.full(rows.shape[1:], start, a.dtype)
@@ -200,7 +200,8 @@ class Arithmetic:
         return constant(np.asarray(primitives.iota(equation)).astype(equation.outvars[0].aval.dtype), self.precision)
 
     def _product(self, equation: Any, a: Array, b: Array, known: tuple[bool, bool]) -> Array:
-        left, right, batch, free_a, free_b = product_axes(equation, a.ndim, b.ndim)
+        axes = primitives.dot_general(equation)
+        (left, right), batch, (free_a, free_b) = axes.summed, axes.batched, axes.free
         factor = banded_factor(equation, a.shape, b.shape, known)
         inside_a = constant_band(a, left) if factor == 0 else np.ones(a.shape, np.bool_)
         inside_b = constant_band(b, right) if factor == 1 else np.ones(b.shape, np.bool_)
@@ -319,10 +320,6 @@ class Evaluation:
         return [(result, small and all(known)) for result in results]
 
 
-_REDUCED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
-    "reduce_sum": (0, np.add), "reduce_max": (-np.inf, larger), "reduce_min": (np.inf, smaller),
-    "reduce_and": (True, np.logical_and), "reduce_or": (False, np.logical_or),
-}  # fmt: skip
 _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
     **{name: DOES[operation] for name, operation in flatten.ELEMENTWISE.items() if operation in DOES and name != "div"},
     "square": lambda x: x * x,
@@ -331,23 +328,15 @@ _SIMPLE: Final[dict[str, Callable[..., Any]]] = {
 }
 
 
-def product_axes(equation: Any, left: int, right: int) -> tuple[Any, Any, Any, list[int], list[int]]:
-    """Axes of a product of arrays: summed ones of either factor, common ones, and those of each alone."""
-    product = primitives.dot_general(equation)
-    free_a = [i for i in range(left) if i not in (*product.summed[0], *product.batched[0])]
-    free_b = [i for i in range(right) if i not in (*product.summed[1], *product.batched[1])]
-    return product.summed[0], product.summed[1], product.batched, free_a, free_b
-
-
 def banded_factor(equation: Any, left: tuple[int, ...], right: tuple[int, ...], known: tuple[bool, bool]) -> int | None:
     """Factor of a product whose zeros are left out: a matrix or vector of constants times a vector that is not known.
 
     Of each row of that factor the numbers from the first to the last that is not zero enter the sum.
     """
-    summed, _, batch, free_left, free_right = product_axes(equation, len(left), len(right))
-    if known[0] == known[1] or len(summed) != 1 or batch[0]:
+    axes = primitives.dot_general(equation)
+    if known[0] == known[1] or len(axes.summed[0]) != 1 or axes.batched[0]:
         return None
-    of_other = [right[i] for i in free_right] if known[0] else [left[i] for i in free_left]
+    of_other = [right[i] for i in axes.free[1]] if known[0] else [left[i] for i in axes.free[0]]
     return None if np.prod(of_other, dtype=int) != 1 else 0 if known[0] else 1
 
 

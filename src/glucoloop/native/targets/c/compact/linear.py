@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band, product_axes
+from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
 from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted, shape_of
 from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
@@ -25,9 +25,8 @@ class LinearAlgebra(ValueStore):
 
     def _dot_general(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         (output,), (left, right) = operation.outputs, operation.inputs
-        summed_a, summed_b, batch, free_a, free_b = product_axes(
-            operation.equation, len(shape_of(left)), len(shape_of(right))
-        )
+        axes = primitives.dot_general(operation.equation)
+        (summed_a, summed_b), batch, (free_a, free_b) = axes.summed, axes.batched, axes.free
         alone_a = math.prod(shape_of(left)[i] for i in free_a) == 1
         alone_b = math.prod(shape_of(right)[i] for i in free_b) == 1
         known = not isinstance(left, Variable), not isinstance(right, Variable)
@@ -39,7 +38,7 @@ class LinearAlgebra(ValueStore):
             rows, band = (np.moveaxis(array, summed[0], -1) for array in (constants, constant_band(constants, summed)))
             if not band.all():
                 return [self._banded(output, rows, band, self._view(vector, environment), along)]
-        if not batch[0] and output.kind == REAL and [len(axes) for axes in (summed_a, free_a, free_b)] == [1, 1, 1]:
+        if not batch[0] and output.kind == REAL and len(summed_a) == len(free_a) == len(free_b) == 1:
             product = self._matrices(output, left, right, environment, (summed_a[0], summed_b[0]))
             if product is not None:
                 return [product]

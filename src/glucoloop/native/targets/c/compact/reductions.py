@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import functools
-import math
-from typing import Any, Final
+from typing import Any
 
 from glucoloop.native import primitives
+from glucoloop.native.flatten import REDUCTIONS
 from glucoloop.native.targets.c.compact.flat import Flat, Operation
 from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted
 from glucoloop.native.targets.c.compact.values import Maker, Scalar, Value, View
-from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE
-
-_STARTS: Final = {"reduce_sum": 0, "reduce_max": -math.inf, "reduce_min": math.inf, "reduce_and": 1, "reduce_or": 0}
-_STEPS: Final = {
-    "reduce_sum": "{0} + {1}",
-    "reduce_max": "gl_max({0}, {1})",
-    "reduce_min": "gl_min({0}, {1})",
-    "reduce_and": "{0} && {1}",
-    "reduce_or": "{0} || {1}",
-}
+from glucoloop.native.targets.c.numbers import INFIX, REAL, TRUTH, WHOLE
 
 
 class Reductions(ValueStore):
@@ -29,14 +20,14 @@ class Reductions(ValueStore):
         (output,), (given,) = operation.outputs, operation.inputs
         axes = primitives.axes(operation.equation)
         value = self._readable(given, environment, flat)
-        if isinstance(value, Scalar):
-            return value
-        if not axes:
+        if isinstance(value, Scalar) or not axes:
             return value
         remaining = [axis for axis in range(len(value.shape)) if axis not in axes]
         turned = permuted(value, [*remaining, *axes])
         inner = [value.shape[axis] for axis in axes]
-        start, step = self._w.literal(_STARTS[operation.name], output.kind), _STEPS[operation.name]
+        name, nothing = REDUCTIONS[operation.name]
+        start = self._w.literal(nothing, output.kind)
+        step = f"{{0}} {INFIX[name]} {{1}}" if name in INFIX else f"gl_{name}({{0}}, {{1}})"
 
         def total(indices: list[str]) -> Scalar:
             found = self._w.variable(output.kind, start)

@@ -1,3 +1,14 @@
+#ifndef GL_CONTROLLER_H
+#define GL_CONTROLLER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+@STRUCTURES@
+
+/* Size of a saved state, in bytes: a mark, the digest of the design, the state, and a CRC-32. */
+#define GL_RECORD_SIZE @SIZE@U
+
 /* Wake the controller at an observation; the first step may be given the same observation. */
 void gl_init(gl_workspace *workspace, gl_state *state, const gl_observation *observation);
 
