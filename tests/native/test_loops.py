@@ -160,3 +160,17 @@ def test_a_long_loop_stays_one(native, by_jax):
 
     assert len(lowered(long).program.needed(lowered(long).layout.results)) < 500
     assert np.abs(flat([native(long, *numbers())(*numbers())]) - flat([by_jax(long, *numbers())])).max() < 1e-12
+
+
+def test_what_a_loop_leaves_may_be_more_than_the_stack_of_a_thread(native, monkeypatch):
+    """13 MB for four vectors of eight people, where a stack has 8 MB or less."""
+    monkeypatch.setattr(emit, "FITS_THE_CACHE", 0)
+
+    def many(x, rows):
+        left = jax.lax.scan(lambda c, _: (c + rows[0, 0], c), x[0], None, length=50_000)[1]
+        return left[7], left[-1]
+
+    x, rows = numbers()
+    seventh, last = native(many, x, rows)(x, rows)
+    np.testing.assert_allclose(seventh, x[0] + 7.0 * rows[0, 0], rtol=1e-12)
+    np.testing.assert_allclose(last, x[0] + 49_999.0 * rows[0, 0], rtol=1e-9)

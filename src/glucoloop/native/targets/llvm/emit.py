@@ -82,6 +82,8 @@ class Emitter:
         factors = {first: row.factors for first, row in self._rows.items()}
         size = OPERATIONS_A_CHUNK if fits else OPERATIONS_OF_LONG if self._group == 1 else OPERATIONS_OF_SEVERAL
         self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, size, vectors=factors)
+        self.room = 0
+        """Number of vectors in which the function works that is written, unless it is apart."""
 
     @property
     def held(self) -> int:
@@ -91,8 +93,8 @@ class Emitter:
     def text(self) -> str:
         """A module with the function ``kernel``.
 
-        Its arguments are those of `Kernel.run` with the number of columns, the first and the last vector, and the
-        number of samples. If it is apart, it has two functions for one vector of people, whose numbers lie together:
+        Its arguments are those of `Kernel.run` with `room` more vectors in which it works, the number of columns, the
+        first and the last vector, and the number of samples. If it is apart, it has two functions for one vector of people, whose numbers lie together:
         ``NAME_hold(held)`` finds the numbers of the people in the first places of `held` and fills the others, and
         ``NAME(held, carry, own, shared, outputs, samples)`` goes on from these. Its number has 32 bits, since
         JavaScript has those of 64 bits only as objects.
@@ -102,7 +104,7 @@ class Emitter:
             arrays = ("held", "carry", "own", "shared", "outputs")
             self._write(self._apart, arrays, ("samples",), self._samples)
         else:
-            arrays = ("person", "carry", "own", "shared", "outputs")
+            arrays = ("person", "carry", "own", "shared", "outputs", "room")
             self._write("kernel", arrays, ("stride", "first", "last", "samples"), self._blocks)
         return "\n".join([*self._out.lines, *self._out.declarations(), *self._tables]) + "\n"
 
@@ -139,7 +141,10 @@ class Emitter:
         say("end:")
 
     def _room(self, **sizes: int) -> None:
-        """Room for the state before and after a sample, and for what waits between chunks."""
+        """Room for the state before and after a sample, and for what waits between chunks.
+
+        It may be many megabytes, more than the stack of a thread, where only a function apart has it.
+        """
         states = len(self._layout.carry)
         inside = {"before": states, "after": states, "slots": self._plan.slots}
         places = dict.fromkeys(("old", "new", "final"), states)
@@ -155,7 +160,12 @@ class Emitter:
                 self._out.say(f"  %{label}_going = alloca i1")
                 self._out.say(f"  store i1 0, ptr %{label}_going")
         for name, size in {**sizes, **inside}.items():
-            self._out.say(f"  %{name} = alloca [{max(1, size * self._group)} x {self._out.vector}], align 64")
+            vectors = max(1, size * self._group)
+            if self._apart:
+                self._out.say(f"  %{name} = alloca [{vectors} x {self._out.vector}], align 64")
+            else:
+                self._out.say(f"  %{name} = getelementptr inbounds {self._out.vector}, ptr %room, i64 {self.room}")
+                self.room += vectors
         self._lengths |= {f"%{name}": size for name, size in {**sizes, **inside, **places}.items()}
 
     def _samples(self) -> None:

@@ -30,6 +30,9 @@ _DIVISION: Final = 4
 _BESIDE: Final = 9.0
 """Operations that the processor carries out in the time from the beginning of one to its result, about."""
 
+_LINE_BYTES: Final = 64
+"""Length of a line of the cache, at whose beginning the room of a kernel lies."""
+
 _lock = threading.Lock()  # LLVM is started and asked for code by one thread at a time
 
 
@@ -87,16 +90,17 @@ def _compiled(text: str) -> tuple[Any, int]:
 class Kernel:
     """Compiled code; see `compile_kernel`."""
 
-    def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int) -> None:
+    def __init__(self, text: str, precision: str, sizes: dict[str, int], lanes: int, room: int) -> None:
         self.precision = precision
         self.dtype: Final = np.dtype(precision)
         self.lanes = lanes
         self.sizes = sizes
         self.text = text
+        self._room = room * lanes
         with _lock:
             self._engine, address = _compiled(text)
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
-        self._call = ctypes.CFUNCTYPE(None, *[pointer] * 5, *[whole] * 4)(address)
+        self._call = ctypes.CFUNCTYPE(None, *[pointer] * 6, *[whole] * 4)(address)
 
     def padded(self, people: int) -> int:
         """Number of columns of arrays for a number of people."""
@@ -123,7 +127,9 @@ class Kernel:
         edges = [blocks * i // threads for i in range(threads + 1)]
 
         def part(i: int) -> None:
-            self._call(*pointers, people, edges[i], edges[i + 1], samples)
+            room = np.empty(self._room + _LINE_BYTES // self.dtype.itemsize, self.dtype)
+            begins = room.ctypes.data + -room.ctypes.data % _LINE_BYTES
+            self._call(*pointers, begins, people, edges[i], edges[i + 1], samples)
 
         if threads == 1:
             part(0)
@@ -140,8 +146,9 @@ def compile_kernel(lowered: Lowered, *, products: str = FUSED, vectors: int = 1)
     if products not in (FUSED, STRICT):
         raise Refusal(f"products are {products!r}; the known ones are: {FUSED}, {STRICT}")
     width = lanes(lowered.precision)
-    text = Emitter(lowered, products, width, vectors=vectors).text()
-    return Kernel(text, lowered.precision, lowered.layout.sizes, vectors * width)
+    emitter = Emitter(lowered, products, width, vectors=vectors)
+    text = emitter.text()
+    return Kernel(text, lowered.precision, lowered.layout.sizes, vectors * width, emitter.room)
 
 
 def vectors_at_once(lowered: Lowered) -> int:
