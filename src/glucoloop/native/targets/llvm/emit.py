@@ -29,6 +29,9 @@ from glucoloop.native.targets.products import FUSED, fused_products
 VECTORS_A_BLOCK: Final = 4
 """Number of vectors that go through a chunk of a longer program while its instructions are in the cache."""
 
+_ARRAYS: Final = ("carry", "own", "shared", "outputs")
+"""Arrays that every function that is written takes."""
+
 
 class Emitter:
     """Writer of the code of one kernel, with products fused or strict, and `lanes` people side by side in one vector.
@@ -94,18 +97,16 @@ class Emitter:
         """A module with the function ``kernel``.
 
         Its arguments are those of `Kernel.run` with `room` more vectors in which it works, the number of columns, the
-        first and the last vector, and the number of samples. If it is apart, it has two functions for one vector of people, whose numbers lie together:
-        ``NAME_hold(held)`` finds the numbers of the people in the first places of `held` and fills the others, and
-        ``NAME(held, carry, own, shared, outputs, samples)`` goes on from these. Its number has 32 bits, since
-        JavaScript has those of 64 bits only as objects.
+        first and the last vector, and the number of samples. If it is apart, it has two functions for one vector of
+        people, whose numbers lie together: ``NAME_hold(held)`` finds the numbers of the people in the first places of
+        `held` and fills the others, and ``NAME(held, carry, own, shared, outputs, samples)`` goes on from these. Its
+        number has 32 bits, since JavaScript has those of 64 bits only as objects.
         """
         if self._apart:
             self._write(f"{self._apart}_hold", ("held",), (), self._hold)
-            arrays = ("held", "carry", "own", "shared", "outputs")
-            self._write(self._apart, arrays, ("samples",), self._samples)
+            self._write(self._apart, ("held", *_ARRAYS), ("samples",), self._samples)
         else:
-            arrays = ("person", "carry", "own", "shared", "outputs", "room")
-            self._write("kernel", arrays, ("stride", "first", "last", "samples"), self._blocks)
+            self._write("kernel", ("person", *_ARRAYS, "room"), ("stride", "first", "last", "samples"), self._blocks)
         return "\n".join([*self._out.lines, *self._out.declarations(), *self._tables]) + "\n"
 
     def _write(self, name: str, arrays: Sequence[str], numbers: Sequence[str], body: Callable[[], None]) -> None:
