@@ -41,7 +41,7 @@ class Innovations:
     """Correlation with the innovation before."""
 
     def fixed(self, variance: jax.Array) -> Innovations:
-        """Those of a filter for the size that is true: independent, with one variance."""
+        """Innovations of a filter for the size that is true: independent, with one variance."""
         return dataclasses.replace(
             self,
             variance=jnp.broadcast_to(variance, self.variance.shape),

@@ -218,7 +218,7 @@ def rough_step(
 def _driven(
     patient: SemilinearPatient, matrices: Matrices, z: jax.Array, insulin_mU_min: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """What drives the driven block, ``(d + 1, ...)``, and its effects at the Gauss nodes, ``(3, effects, ...)``."""
+    """State and rate ``(d + 1, ...)`` of the driven block, and its effects ``(3, effects, ...)`` at the Gauss nodes."""
     drive = jnp.concatenate([z, insulin_mU_min[None]])
     return drive, jnp.stack([patient.effects(at_node @ drive) for at_node in matrices.driven_gauss])
 

@@ -100,7 +100,7 @@ class Hypothesis:
     error_mg_dl: jax.Array
     """Correlated error of the sensor."""
     innovation_mg_dl: jax.Array
-    """What the last reading was above its prediction."""
+    """Last reading less its prediction."""
 
 
 @pytree
