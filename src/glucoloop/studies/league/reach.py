@@ -163,11 +163,11 @@ def _first_table() -> Iterator[Column]:
     def shown(name: str, group: str, short: str | None = None, **others: Any) -> Column:
         return replace(by_name[name], value=None, empty=None, group=group, short=short, **others)
 
-    yield shown("same_people", "", "people", head="People")
+    yield shown("same_people", "People", "people")
     for known, group in groups.items():
         yield shown(f"{known}_gri_mean", group, f"{known}\nGRI")
         yield shown(f"{known}_in_range_mean_pct", group, f"{known}\n70-180 %")
-    yield Column(name="nearest", group=nearest, text=str, short="nearest", left=True)
+    yield Column(name="nearest", group=nearest, head="name", text=str, short="nearest", left=True)
     yield shown("same_gri_mean", nearest, "its\nGRI")
     yield shown("same_in_range_mean_pct", nearest, "its\n70-180 %")
     yield shown("gri_above_start", nearest, "GRI over\nstart", head="GRI above")

@@ -96,7 +96,7 @@ class Kernel:
         self.lanes = lanes
         self.sizes = sizes
         self.text = text
-        self._room = room * lanes
+        self._room = room * (1 << (lanes - 1).bit_length())  # as many as LLVM lays vectors apart
         with _lock:
             self._engine, address = _compiled(text)
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
