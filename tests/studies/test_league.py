@@ -193,15 +193,17 @@ def asked(**keys):
     return configured(League, keys)
 
 
-def test_everything_of_the_catalogues_takes_part():
+def test_everything_of_the_catalogues_takes_part_but_slow_controllers():
     whole = asked()
     assert list(whole.family_names) == list(PATIENTS)
-    assert [case.label for case in whole.cases] == list(CONTROLLERS)
+    assert {case.label for case in whole.cases} | set(whole.left_out) == set(CONTROLLERS)
+    assert all(CONTROLLERS[name].slow for name in whole.left_out)
 
 
 def test_the_reference_takes_part_once():
     assert [case.label for case in asked(controllers=["imc"]).cases] == ["imc", "basal-bolus"]
     assert [case.label for case in asked(controllers=["imc"], reference="imc").cases] == ["imc"]
+    assert asked(controllers=["imc"]).left_out == ()
 
 
 @pytest.mark.parametrize(

@@ -53,10 +53,11 @@ class League(Part):
     controllers: Annotated[
         tuple[Case, ...],
         _controller(
-            "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more.",
+            "Controller with its settings, like 'mpc-se, move_horizon=2, label=careful'; repeat it for more. Slow ones "
+            "take part only if they are named.",
             flag="--controller",
         ),
-    ] = cases_of(*CONTROLLERS)
+    ] = cases_of(*(name for name, part in CONTROLLERS.items() if not part.slow))
     reference: Annotated[
         Case, _controller("Therapy with which each person is compared under the controllers; it takes part too.")
     ] = cases_of("basal-bolus")[0]
@@ -110,6 +111,11 @@ class League(Part):
         """The controllers, the reference among them."""
         known = any(case.label == self.reference.label for case in self.controllers)
         return self.controllers if known else (*self.controllers, self.reference)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Controllers of the catalogue that take no part because they are slow, unless others were asked for."""
+        return () if "controllers" in self.given else tuple(name for name, part in CONTROLLERS.items() if part.slow)
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; what is usual of a controller depends on the cell and is not among them."""

@@ -172,6 +172,12 @@ def notes(asked: League) -> Iterator[str]:
         f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days{searches}; if that "
         "takes long, it is said how long once the first are timed."
     )
+    yield from _left_out(asked)
+
+
+def _left_out(asked: League) -> Iterator[str]:
+    for name in asked.left_out:
+        yield f"{name} takes no part, since its decisions take long; --controller {name} has it in the league."
 
 
 def rows(asked: League) -> Rows[ShardResult]:
@@ -264,7 +270,7 @@ class LeagueSearch:
             "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
             "harms": harms(numbers.to_dicts(), asked.reference.label),
             "nearest": reach.nearest(numbers.to_dicts()) if asked.bound_people else [],
-            "absent": [*_absent(table, people), *_without_best(plans)],
+            "absent": [*_left_out(asked), *_absent(table, people), *_without_best(plans)],
             "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},
         }
         return Findings(plain, {"league.csv": numbers, "league.parquet": numbers})
