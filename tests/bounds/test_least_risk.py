@@ -1,36 +1,21 @@
 """Doses of least risk: against a global search, against the other bound, and against the simulation."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
 
 import glucoloop as gl
-from glucoloop._pytree import pytree, static
+from given_doses import GivenDoses
+from glucoloop._pytree import pytree
 from glucoloop.bounds import IN_ADVANCE, least_risk_doses, optimal_doses
 from glucoloop.bounds.course import course_of
-from glucoloop.control import Decision, Status
 from glucoloop.metrics import summarise
 from glucoloop.pumps.limits import dose_limits
 from glucoloop.pumps.protocol import Delivery
 from glucoloop.refusal import Refusal
 
 DAY = gl.Scenario([gl.Meal(60.0, 422.0), gl.Meal(90.0, 720.0, eating_min=10.0)], 1200.0)
-
-
-@pytree
-class Doses:
-    """Gives doses one after the other."""
-
-    doses: jax.Array
-    sample_time_min: float = static(default=5.0)
-
-    def init(self, observation):
-        return jnp.asarray(0)
-
-    def step(self, state, observation):
-        return state + 1, Decision(insulin_mU_min=self.doses[state], status=jnp.asarray(Status.OK))
 
 
 @pytree
@@ -63,7 +48,7 @@ def known_at_start():
 @pytest.mark.long
 def test_simulation_does_what_the_plan_says(known_at_start):
     doses = jnp.asarray(known_at_start.insulin_mU_min)
-    trace = gl.simulate(gl.patient("hovorka-2004"), Doses(doses=doses), pump=AnyDose(), scenario=DAY)
+    trace = gl.simulate(gl.patient("hovorka-2004"), GivenDoses(doses=doses), pump=AnyDose(), scenario=DAY)
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, known_at_start.glucose_mg_dl, atol=1e-9)
     assert float(summarise(trace).gri) == pytest.approx(known_at_start.gri, abs=1e-9)
 

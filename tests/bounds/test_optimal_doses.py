@@ -1,33 +1,17 @@
 """The best doses: against a linear program, against what else could be done, and against the simulation."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 import glucoloop as gl
-from glucoloop._pytree import pytree, static
+from given_doses import GivenDoses
 from glucoloop.bounds import IN_ADVANCE, optimal_doses
 from glucoloop.bounds.course import course_of
-from glucoloop.control import Decision, Status
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 
 BASAL = 25.60605734419632
-
-
-@pytree
-class Replay:
-    """Gives doses one after the other."""
-
-    doses: jax.Array
-    sample_time_min: float = static(default=5.0)
-
-    def init(self, observation):
-        return jnp.asarray(0)
-
-    def step(self, state, observation):
-        return state + 1, Decision(insulin_mU_min=self.doses[state], status=jnp.asarray(Status.OK))
 
 
 @pytest.mark.long
@@ -45,7 +29,7 @@ def test_the_paper_s_meal_could_be_held_so_close(best, known_after_min, least, m
 @pytest.mark.long
 def test_simulation_does_what_the_plan_says(best, scenario):
     plan = best(10.0)
-    trace = gl.simulate(gl.patient(), Replay(doses=jnp.asarray(plan.insulin_mU_min)), scenario=scenario)
+    trace = gl.simulate(gl.patient(), GivenDoses(doses=jnp.asarray(plan.insulin_mU_min)), scenario=scenario)
     np.testing.assert_allclose(trace.insulin_mU_min, plan.insulin_mU_min, atol=1e-9)
     np.testing.assert_allclose(trace.fine_glucose_mg_dl, plan.glucose_mg_dl, atol=1e-9)
     assert plan.undershoot_mg_dl == pytest.approx(81.1 - float(trace.fine_glucose_mg_dl.min()), abs=1e-9)
