@@ -100,6 +100,11 @@ class League(Part):
             for text in names:
                 if names.count(text) > 1:
                     raise Refusal(f"{flag} {text!r} is given twice; leave one out, or give each another label")
+        if self.bound_people > self.people:
+            raise Refusal(
+                f"--bound is {self.bound_people}, and a family has {self.people} people; give at most {self.people}, "
+                f"or {self.bound_people} with --people"
+            )
 
     @property
     def family_names(self) -> tuple[str, ...]:
