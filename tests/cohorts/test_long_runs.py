@@ -7,7 +7,7 @@ import pytest
 
 from glucoloop.cohorts import engine
 from glucoloop.cohorts import trial as trials
-from glucoloop.cohorts.bins import glucose_edges, insulin_edges, places, times_pct
+from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges, times_pct
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.simulation import cohort
@@ -39,7 +39,7 @@ def whole(trial):
 
 def count(values, edges):
     counts = np.zeros((len(values), edges.size - 1), np.int64)
-    np.add.at(counts.reshape(-1), places(values, edges, np.arange(len(values))), 1)
+    np.add.at(counts, (np.arange(len(values))[:, None], bin_numbers(values, edges)), 1)
     return counts
 
 

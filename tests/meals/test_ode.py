@@ -161,9 +161,8 @@ def test_all_that_is_eaten_appears_or_is_still_inside(meals):
 def test_what_people_eat_is_told_point_by_point(meals, sample_time_min):
     t_min, carbs_g, eating_min = (column[:, None] for column in np.array(meals).T)
     samples = int(300.0 / sample_time_min)
-    told = digestion_inputs(
-        PUBLISHED, Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min), samples, 1, sample_time_min
-    )
+    eaten = Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=eating_min)
+    told = digestion_inputs(PUBLISHED, eaten, 1, sample_time_min)(0, samples)
     assert told.shape == (samples, *digestion(PUBLISHED, 1, sample_time_min).inputs, 1)
     points = told.dense().reshape(-1, 2)
     assert points[:, 0].sum() == pytest.approx(1000.0 * carbs_g.sum(), rel=1e-12, abs=1e-9)

@@ -10,8 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.meals import Eaten, HovorkaGut, Ingestion, LehmannDeutsch, absorb
+from glucoloop.meals.jumps import JumpsInSteps
 from glucoloop.meals.lehmann_deutsch import GUT_TIME_CONSTANT_MIN
-from glucoloop.meals.linear import appearance_moments, jump_table, linear_digestion
+from glucoloop.meals.linear import appearance_moments, linear_digestion
 
 STEPS, MEALS = 48, 3
 STEP_MIN = 2.5
@@ -40,7 +41,7 @@ def scan(table, model, step_min):
 
 
 def digested(model, meals, step_min):
-    return scan(jump_table(absorb(model, meals), steps=STEPS, step_min=step_min).dense(), model, step_min)
+    return scan(JumpsInSteps(absorb(model, meals), step_min).table(0, STEPS).dense(), model, step_min)
 
 
 def assert_same(model, meals, step_min):
@@ -118,4 +119,4 @@ def test_what_is_left_in_the_gut_fades_with_its_time_constant():
 def test_nothing_eaten_is_nothing_told(model):
     none = np.zeros((1, 3))
     meals = absorb(model, Eaten(t_min=none, carbs_g=none, eating_min=none))
-    np.testing.assert_array_equal(jump_table(meals, steps=4, step_min=2.5).dense(), 0.0)
+    np.testing.assert_array_equal(JumpsInSteps(meals, 2.5).table(0, 4).dense(), 0.0)

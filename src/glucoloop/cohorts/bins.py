@@ -40,19 +40,12 @@ def insulin_edges(max_insulin_mU_min: float) -> Edges:
     return INSULIN_BIN_MU_MIN * np.arange(bins + 1, dtype=np.float64)
 
 
-def places(values: npt.NDArray[np.floating], edges: Edges, row: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Places in flat counts ``(rows, bins)`` of finite values ``(n, people)``, which belong to the given rows ``(n,)``.
-
-    A value on an edge counts above it. ``np.add.at`` of flat counts takes the places as quickly as they come, and does
-    not touch the other bins.
-    """
-    bins = edges.size - 1
+def bin_numbers(values: npt.NDArray[np.floating], edges: Edges) -> npt.NDArray[np.intp]:
+    """Number of the bin of each value, all of them finite; a value on an edge counts above it."""
     place = values * values.dtype.type(1.0 / edges[1])
     # limited before it is made whole: what is far beyond the last bin does not fit an integer
-    np.clip(place, 0, bins - 1, out=place)
-    number = place.astype(np.intp)
-    number += (bins * row)[:, None]
-    return number.ravel()
+    np.clip(place, 0, edges.size - 2, out=place)
+    return place.astype(np.intp)
 
 
 def quantiles_of_counts(

@@ -39,7 +39,8 @@ def in_blocks(
     """Results of a function on full blocks of values ``(n,)``, in their order.
 
     The function gets a full block, and the number of its first members that were asked for; `done` is called with that
-    number in this thread after each block, in their order. There is one thread for each core by default.
+    number in this thread after each block, in their order. By default there are two threads for each core, so that it
+    works while one of them waits for another to leave Python or JAX.
     """
     results: list[T] = []
 
@@ -51,7 +52,7 @@ def in_blocks(
 
     parts = [values[start : start + size] for start in range(0, values.size, size)]
     blocks, asked = [np.resize(part, size) for part in parts], [part.size for part in parts]
-    threads = min(threads or os.cpu_count() or 1, len(blocks))
+    threads = min(threads or 2 * (os.cpu_count() or 1), len(blocks))
     if threads <= 1:
         return take(map(run, blocks, asked))
     with ThreadPoolExecutor(threads) as pool:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.cohorts.bins import Edges, glucose_edges, insulin_edges, places
+from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import LEAST_BLOCK, Trial, fingerprint, profile_columns
@@ -87,6 +87,8 @@ class PreparedTrial:
 
 _PREPARED: Final[dict[str, PreparedTrial]] = {}
 _MOST_PREPARED: Final = 2
+_COUNTED_AT_ONCE: Final = 1 << 17
+"""Numbers that are counted together, about, so that what is computed of them stays in the processor's cache."""
 
 
 def prepare(trial: Trial) -> PreparedTrial:
@@ -170,7 +172,7 @@ def run_people(
 ) -> PeopleResult:
     """Simulate people of a trial, by their numbers, under the controller of a label.
 
-    The result does not depend on the number of threads, which is one for each core by default. `done` is called with a
+    The result does not depend on the number of threads, two for each core by default. `done` is called with a
     number of people whenever so many more are done; a part of a long run counts as that part of its people.
     """
     number = np.asarray(person, np.int64)
@@ -255,31 +257,38 @@ class _Counts:
 
         Only people are counted of whom the piece holds numbers alone.
         """
+        most = max(1, _COUNTED_AT_ONCE // whose.size)
+        if len(glucose) > most:
+            for start in range(0, len(glucose), most):
+                part = slice(start, start + most)
+                self.add(first + start, glucose[part], insulin[part], whose, sign)
+            return
         sample = first + np.arange(len(glucose))
         glucose, insulin = glucose[:, : whose.size], insulin[:, : whose.size]
         there = whose & np.isfinite(glucose).all(axis=0) & np.isfinite(insulin).all(axis=0)
-        self._count(self.glucose, _of(glucose, there), self._edges[0], sample % self._rows, sign)
-        self._count(self.insulin, _of(insulin, there), self._edges[1], sample % self._rows, sign)
+        of_glucose, of_insulin = (
+            bin_numbers(_of(values, there), edges)
+            for values, edges in zip((glucose, insulin), self._edges, strict=True)
+        )
+        self._count(self.glucose, of_glucose, sample % self._rows, sign)
+        self._count(self.insulin, of_insulin, sample % self._rows, sign)
         # the end of a day is the beginning of the next
         ends = (sample % self._rows == 0) & (sample > 0)
-        self._count(self.glucose, _of(glucose[ends], there), self._edges[0], np.full(ends.sum(), self._rows), sign)
-        for week in np.unique(sample // self._week) if len(self.weeks) else ():
-            of_week = _of(glucose[sample // self._week == week], there)
-            place = places(of_week, self._edges[0], np.zeros(len(of_week), np.intp))
-            counts = np.bincount(place, minlength=self.weeks.shape[1])
-            with self._lock:
-                self.weeks[week] += sign * counts
+        self._count(self.glucose, of_glucose[ends], np.full(ends.sum(), self._rows), sign)
+        if len(self.weeks):
+            self._count(self.weeks, of_glucose, sample // self._week, sign)
 
     def end(self, glucose: Array, whose: npt.NDArray[np.bool_], sign: int = 1) -> None:
         """Count glucose at the end of the run."""
         last = glucose[None, : whose.size]
         there = whose & np.isfinite(last[0])
-        self._count(self.glucose, _of(last, there), self._edges[0], np.array([self._rows]), sign)
+        self._count(self.glucose, bin_numbers(_of(last, there), self._edges[0]), np.array([self._rows]), sign)
 
-    def _count(self, counts: npt.NDArray[np.int64], values: Array, edges: Edges, row: Array, sign: int) -> None:
-        place = places(values, edges, row)
+    def _count(self, counts: npt.NDArray[np.int64], number: Array, row: Array, sign: int) -> None:
+        place = number + (counts.shape[1] * row)[:, None]
         with self._lock:
-            np.add.at(counts.reshape(-1), place, sign)
+            # takes the places as quickly as they come, and does not touch the other bins
+            np.add.at(counts.reshape(-1), place.ravel(), sign)
 
 
 def _of(values: Array, people: Array) -> Array:

@@ -93,7 +93,7 @@ def simulate_people(
     engine : {"native", "xla"}, optional
         Native code where the controller allows it, by default.
     threads : int, optional
-        Number of threads; one for each core by default.
+        Number of threads, which changes no result; two for each core by default.
 
     Raises
     ------

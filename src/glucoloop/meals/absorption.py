@@ -6,16 +6,19 @@ An `Absorption` knows the meals and gives the moments of the appearance, for a w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import jax
 import numpy as np
 
 from glucoloop.meals.ingestion import Ingestion
-from glucoloop.meals.linear import absorb_linearly, jump_table, linear_digestion
+from glucoloop.meals.jumps import JumpsInSteps
+from glucoloop.meals.linear import absorb_linearly, linear_digestion
 from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.ode import OdeDigestion, absorb_by_equations, eaten_in_points
 from glucoloop.meals.protocol import Eaten, MealModel, OdeMealModel
+from glucoloop.native.targets.products import FUSED
 from glucoloop.sparse import Sparse
 
 
@@ -73,17 +76,26 @@ def digestion(model: MealModel, substeps: int, step_min: float) -> Digestion:
 
 
 def digestion_inputs(
-    model: MealModel, eaten: Eaten, samples: int, substeps: int, step_min: float, first: int | None = None
-) -> Sparse:
-    """Inputs of the `digestion` of people with meals ``(meals, people)``, ``(samples, *inputs, people)``.
+    model: MealModel, eaten: Eaten, substeps: int, step_min: float, products: str = FUSED
+) -> Callable[[int, int], Sparse]:
+    """Inputs of the `digestion` of people with meals ``(meals, people)``, piece by piece of a run.
 
-    With `first` the samples are those from the one of that number on, and only meals that lie near are looked at.
+    The function takes the number of a piece's first sample and the number of its samples, and gives
+    ``(samples, *inputs, people)``.
     """
-    if isinstance(model, OdeMealModel):
-        points = points_of_sample(substeps * step_min)
-        point_min = substeps * step_min / points
-        eating = eaten_in_points(eaten, samples * points, point_min, first=(first or 0) * points)
+    if not isinstance(model, OdeMealModel):
+        jumps = JumpsInSteps(absorb_linearly(model, eaten), step_min, products)
+
+        def of_jumps(first: int, samples: int) -> Sparse:
+            table = jumps.table(first * substeps, samples * substeps)
+            return table.reshaped(samples, substeps, table.shape[1])
+
+        return of_jumps
+    points = points_of_sample(substeps * step_min)
+    point_min = substeps * step_min / points
+
+    def of_points(first: int, samples: int) -> Sparse:
+        eating = eaten_in_points(eaten, samples * points, point_min, first=first * points)
         return eating.reshaped(samples, points, 2)
-    of_steps = None if first is None else first * substeps
-    table = jump_table(absorb_linearly(model, eaten), steps=samples * substeps, step_min=step_min, first=of_steps)
-    return table.reshaped(samples, substeps, table.shape[1])
+
+    return of_points

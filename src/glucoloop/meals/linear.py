@@ -8,20 +8,14 @@ to step; `carried_moments` does the same for a whole run of people who eat the s
 from __future__ import annotations
 
 import functools
-from typing import Final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
-from glucoloop.sparse import Sparse
-
-_JUMPS: Final = 64
-"""Number of which that of the jumps in a piece of a run is a multiple."""
 
 
 @pytree
@@ -132,7 +126,7 @@ class LinearDigestion:
 
     @property
     def inputs(self) -> tuple[int, int]:
-        """Shape of what reaches a person's gut in a sample: see `jump_table`."""
+        """Shape of what reaches a person's gut in a sample: see `meals.jumps`."""
         return self.substeps, MOMENTS + self.transition.shape[0]
 
     def init(self) -> jax.Array:
@@ -157,33 +151,6 @@ def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> 
         of_moments=jnp.tensordot(jnp.asarray(weights), path, 1),
         transition=model.propagator(jnp.asarray(step_min)),
         substeps=substeps,
-    )
-
-
-def jump_table(absorption: LinearAbsorption, *, steps: int, step_min: float, first: int | None = None) -> Sparse:
-    """Contributions ``(steps, 3 + states, people)`` of the jumps to the moments of each step and the state at its end.
-
-    The absorption has jumps ``(jumps, people)``; those after the last step are ignored. With `first` the steps are
-    those from the one of that number on, and only jumps that lie in them are looked at.
-    """
-    if first is not None:
-        t_min = np.asarray(absorption.jumps.t_min)
-        begin, end = step_min * np.array([first - 1, first + steps + 1])
-        near = ((t_min >= begin) & (t_min < end)).any(axis=1)
-        # of few different numbers, for each of which the program below is compiled
-        near[np.flatnonzero(~near)[: -near.sum() % _JUMPS]] = True
-        absorption = jax.tree.map(jnp.asarray, absorption)
-        jumps = Jumps(t_min=absorption.jumps.t_min[near], size=absorption.jumps.size[:, near])
-        absorption = LinearAbsorption(model=absorption.model, jumps=jumps)
-    number, added = (np.asarray(part) for part in _of_jumps(absorption, step_min))
-    number, entries = number - (first or 0), added.shape[0]
-    jump, person = np.nonzero((number >= 0) & (number < steps))
-    row = number[jump, person] * entries + np.arange(entries)[:, None]
-    return Sparse(
-        shape=(steps, entries, number.shape[1]),
-        row=row.ravel(),
-        person=np.tile(person, entries),
-        number=added[:, jump, person].ravel(),
     )
 
 
@@ -215,10 +182,17 @@ def carried_moments(absorption: LinearAbsorption, samples: int, substeps: int, s
 @functools.partial(jax.jit, static_argnames="step_min")
 def _of_jumps(absorption: LinearAbsorption, step_min: float) -> tuple[jax.Array, jax.Array]:
     """Step of each jump ``(jumps, people)``, and the contribution of the jump ``(3 + states, jumps, people)``."""
-    model, jumps = absorption.model, absorption.jumps
+    jumps = absorption.jumps
     number = jnp.floor(jumps.t_min / step_min).astype(int)
-    since = jumps.t_min - number * step_min
-    alone = LinearAbsorption(model=model, jumps=Jumps(t_min=since[None], size=jumps.size[:, None]))
+    return number, added_by_jump(absorption.model, jumps.t_min - number * step_min, jumps.size, step_min)
+
+
+def added_by_jump(model: LinearMealModel, since_min: jax.Array, size: jax.Array, step_min: float) -> jax.Array:
+    """Moments of the step in which jumps ``(...)`` lie, and the states at its end, ``(3 + states, ...)``.
+
+    The jumps, of sizes ``(inputs, ...)``, come some time after the step begins.
+    """
+    alone = LinearAbsorption(model=model, jumps=Jumps(t_min=since_min[None], size=size[:, None]))
     moments = appearance_moments(jnp.zeros(()), step_min, alone)
-    answers = model.propagator(step_min - since)[:, -jumps.size.shape[0] :]
-    return number, jnp.concatenate([moments, jnp.sum(jumps.size * answers, axis=1)])
+    answers = model.propagator(step_min - since_min)[:, -size.shape[0] :]
+    return jnp.concatenate([moments, jnp.sum(size * answers, axis=1)])

@@ -193,7 +193,7 @@ class Cohort:
         stepped: bool = False,
         rescue: RescueCarbs | None = None,
     ) -> None:
-        self._held, self._stepped = tuple(held), stepped
+        self._held, self._stepped, self._products = tuple(held), stepped, products
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
         self._records_decisions = record_decisions
         self._nominal, self._announced = nominal, announced
@@ -285,8 +285,8 @@ class Cohort:
             most *= max(1, _PEOPLE_AT_ONCE // number)
         again = np.arange(everybody) % number
         with one_at_a_time:
-            of_all, reaching_in = self._values_of(people), self._inputs_of(people, number)
-            reaching, first_announced = reaching_in(slice(0, min(samples, most)))
+            of_all, (reaching_in, first_announced) = self._values_of(people), self._inputs_of(people, number)
+            reaching = reaching_in(slice(0, min(samples, most)))
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
             carry, keys = self._begin_people(of_all, x, insulin, jnp.asarray(first_announced[again]), people.key)
             for computed in jax.tree.leaves((of_all, carry, keys)):
@@ -299,7 +299,7 @@ class Cohort:
             piece = slice(first, min(first + most, samples))
             if first:
                 with one_at_a_time:
-                    reaching, _ = reaching_in(piece)
+                    reaching = reaching_in(piece)
             shared = {name: values[piece] for name, values in self._shared.items()}
             carry, outputs = self._engine.run(person, carry, reaching, shared, keys, first=first, threads=threads)
             uncounted = max(0, self._warm_up - first)
@@ -311,8 +311,8 @@ class Cohort:
     def begin(self, people: People) -> Begun:
         """People before their first sample, for the `lanes` of a stepped cohort."""
         with one_at_a_time:
-            person, reaching_in = self._values_of(people), self._inputs_of(people, people.insulin_mU_min.shape[0])
-            _, first_announced = reaching_in(slice(0, 1))
+            person = self._values_of(people)
+            reaching_in, first_announced = self._inputs_of(people, people.insulin_mU_min.shape[0])
             x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
             carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
             glucose, reading = map(np.asarray, self._look_at_people(person, carry, keys, 0))
@@ -323,7 +323,7 @@ class Cohort:
             within = slice(piece * MOST_AT_ONCE, min((piece + 1) * MOST_AT_ONCE, samples))
             of_all = {name: values[within] for name, values in self._shared.items()}
             together = {name: np.broadcast_to(v[..., None], (*v.shape, number)) for name, v in of_all.items()}
-            return {name: StoredInputs(values) for name, values in {**together, **reaching_in(within)[0]}.items()}
+            return {name: StoredInputs(values) for name, values in {**together, **reaching_in(within)}.items()}
 
         seen = SeenAtSample(
             glucose_mg_dl=glucose, reading_mg_dl=reading, infused_mU_min=np.array(people.insulin_mU_min, float)
@@ -461,22 +461,19 @@ class Cohort:
         meals = self._in_loop(meals)
         absorption = absorb(self._gut(self._nominal), meals)
         moments = np.asarray(absorption.moments(samples, self._substeps, self._plants.step_min))
-        return moments, _at_samples(_for_people(meals, 1), self._grid, slice(0, samples)).dense()[:, 0]
+        return moments, _AtSamples(_for_people(meals, 1), self._grid).of(slice(0, samples)).dense()[:, 0]
 
-    def _inputs_of(self, people: People, n: int) -> Callable[[slice], tuple[Any, Array]]:
+    def _inputs_of(self, people: People, n: int) -> tuple[Callable[[slice], Any], Array]:
         """Function of a piece of the run that gives the inputs of the first people, and what is announced first."""
         if (() if people.held is None else people.held.names) != self._held:
             raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
 
-        def held(piece: slice) -> dict[str, Array]:
+        def held(piece: slice) -> dict[str, Any]:
             of_piece = Held() if people.held is None else people.held.of(piece)
             return {name: getattr(of_piece, name) for name in self._held}
 
         if not (self._individual_meals or self._individual_announcements):
-            return lambda piece: (
-                held(piece),
-                np.full(n, self._shared["told"][piece.start] if self._announced else 0.0),
-            )
+            return held, np.full(n, self._shared["told"][0] if self._announced else 0.0)
         meals = people.meals
         if self._meals is not None:
             meals = _for_people(self._meals, n)
@@ -485,24 +482,22 @@ class Cohort:
         meals = self._in_loop(meals)
         counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
         told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
-        told = dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0))
+        told = _AtSamples(dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0)), self._grid)
         everybody = people.insulin_mU_min.shape
         gut = jax.tree.map(
             lambda leaf: leaf[..., :n] if np.shape(leaf)[-1:] == everybody else leaf, self._gut(people.patient)
         )
+        reaching_gut = digestion_inputs(gut, meals, self._substeps, self._plants.step_min, self._products)
 
-        def inputs(piece: slice) -> tuple[Any, Array]:
-            samples = piece.stop - piece.start
-            reaching: dict[str, Any] = held(piece)
+        def inputs(piece: slice) -> dict[str, Any]:
+            reaching = held(piece)
             if self._individual_meals:
-                first = piece.start if samples < self._grid.samples else None
-                reaching["meals"] = digestion_inputs(gut, meals, samples, self._substeps, self._plants.step_min, first)
-            if not self._individual_announcements:
-                return reaching, np.zeros(n)
-            reaching["told"] = _at_samples(told, self._grid, piece)
-            return reaching, _at_samples(told, self._grid, slice(piece.start, piece.start + 1)).dense()[0]
+                reaching["meals"] = reaching_gut(piece.start, piece.stop - piece.start)
+            if self._individual_announcements:
+                reaching["told"] = told.of(piece)
+            return reaching
 
-        return inputs
+        return inputs, told.of(slice(0, 1)).dense()[0] if self._individual_announcements else np.zeros(n)
 
 
 def _for_people(meals: Eaten, people: int) -> Eaten:
@@ -515,10 +510,18 @@ def _or_nan(reading: Reading) -> jax.Array:
     return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
 
 
-def _at_samples(meals: Eaten, grid: SampleGrid, piece: slice) -> Sparse:
-    """Carbohydrate of the meals that begin in each sample of a piece, ``(samples, people)``."""
-    t_min, carbs_g = np.asarray(meals.t_min), np.asarray(meals.carbs_g)
-    samples = piece.stop - piece.start
-    number = np.floor(t_min / grid.sample_time_min).astype(int) - piece.start
-    which, person = np.nonzero((number >= 0) & (number < samples))
-    return Sparse((samples, t_min.shape[1]), number[which, person], person, carbs_g[which, person])
+class _AtSamples:
+    """Carbohydrate of meals ``(meals, people)`` at the samples in which they begin."""
+
+    def __init__(self, meals: Eaten, grid: SampleGrid) -> None:
+        self._number = np.floor(np.asarray(meals.t_min) / grid.sample_time_min).astype(np.intp)
+        self._carbs_g = np.asarray(meals.carbs_g)
+        self._first, self._last = self._number.min(axis=1), self._number.max(axis=1)
+
+    def of(self, piece: slice) -> Sparse:
+        """That of the samples of a piece, ``(samples, people)``."""
+        near = (self._last >= piece.start) & (self._first < piece.stop)
+        number, samples = self._number[near] - piece.start, piece.stop - piece.start
+        which, person = np.nonzero((number >= 0) & (number < samples))
+        carbs_g = self._carbs_g[near][which, person]
+        return Sparse((samples, number.shape[1]), number[which, person], person, carbs_g)

@@ -16,8 +16,10 @@ argument      meaning                                                arrays give
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, Protocol
 
 import jax
@@ -153,12 +155,10 @@ class NativeEngine:
             with one_at_a_time:
                 words = np.asarray(jax.random.key_data(keys))
             reaches.append(self._draw(words, np.full(n, first), samples))
-        arriving = _arriving(kernel, samples, reaches, n)
-        state = _rows(jax.tree.leaves(carry), n, columns, dtype)
+        values, state = (_rows(jax.tree.leaves(tree), n, columns, dtype) for tree in (person, carry))
         written = np.empty((samples, kernel.sizes["outputs"], columns), dtype)
-        kernel.run(
-            _rows(jax.tree.leaves(person), n, columns, dtype), state, arriving, at_sample, written, threads=threads
-        )
+        with _arriving(kernel, samples, reaches, n) as own:
+            kernel.run(values, state, own, at_sample, written, threads=threads)
         return _tree(self._shapes.carry, state[:, :n], axis=0), _tree(self._shapes.outputs, written[..., :n], axis=1)
 
     def lanes(self, number: int) -> Lanes:
@@ -187,8 +187,8 @@ class _NativeLanes:
             inputs.append(self._draw(key_data, index, 1))
         for array in rows.values():
             array[:, n:] = array[:, n - 1 : n]
-        own, written = _arriving(self._kernel, 1, inputs, n), rows["outputs"][None]
-        self._kernel.run(rows["person"], rows["carry"], own, self._shared, written, threads=threads)
+        with _arriving(self._kernel, 1, inputs, n) as own:
+            self._kernel.run(rows["person"], rows["carry"], own, self._shared, rows["outputs"][None], threads=threads)
         return _tree(self._shapes.outputs, rows["outputs"][:, :n], axis=0)
 
 
@@ -256,26 +256,60 @@ class _MappedLanes:
             return jax.tree.map(np.asarray, outputs)
 
 
-def _arriving(kernel: Kernel, samples: int, leaves: Sequence[Any], n: int) -> Array:
-    """Inputs of people at all samples as the kernel takes them; lanes without anybody have zeros."""
+class _Room(threading.local):
+    """Memory of a thread for what arrives, by precision. It is zero but while a kernel reads it."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Any, Array] = {}
+
+    def of(self, shape: tuple[int, ...], dtype: Any) -> Array:
+        """An array of zeros."""
+        size, kept = math.prod(shape), self._numbers.get(dtype)
+        if kept is None or kept.size < size:
+            kept = self._numbers[dtype] = np.zeros(size, dtype)
+        return kept[:size].reshape(shape)
+
+    def drop(self, dtype: Any) -> None:
+        """Forget the memory, of which somebody may have left a part as it was."""
+        self._numbers.pop(dtype, None)
+
+
+_room = _Room()
+
+
+@contextlib.contextmanager
+def _arriving(kernel: Kernel, samples: int, leaves: Sequence[Any], n: int) -> Iterator[Array]:
+    """Inputs of people at all samples as the kernel takes them; lanes without anybody have zeros.
+
+    What is zero almost everywhere is written where it is not, and that is cleared afterwards.
+    """
     vectors, numbers, lanes = kernel.padded(n) // kernel.lanes, kernel.sizes["own"], kernel.lanes
-    arriving = np.zeros((vectors, samples, numbers, lanes), kernel.dtype)
-    flat, whole, row = arriving.reshape(-1), n // lanes, 0
-    for leaf in leaves:
-        size = math.prod(leaf.shape[1:-1])
-        if isinstance(leaf, Sparse):
-            sample, inside = np.divmod(leaf.row, size)
-            vector, lane = np.divmod(leaf.person, lanes)
-            place = ((vector * samples + sample) * numbers + row + inside) * lanes + lane
-            np.add.at(flat, place, leaf.number.astype(kernel.dtype))
-        else:
-            part = np.asarray(leaf).reshape(samples, size, n)
-            within = part[..., : whole * lanes].reshape(samples, size, whole, lanes)
-            arriving[:whole, :, row : row + size] = within.transpose(2, 0, 1, 3)
-            if whole < vectors:
-                arriving[whole, :, row : row + size, : n - whole * lanes] = part[..., whole * lanes :]
-        row += size
-    return arriving
+    arriving = _room.of((vectors, samples, numbers, lanes), kernel.dtype)
+    flat, whole, row, written = arriving.reshape(-1), n // lanes, 0, list[tuple[Array, Any]]()
+    try:
+        for leaf in leaves:
+            size = math.prod(leaf.shape[1:-1])
+            if isinstance(leaf, Sparse):
+                # the number, sample and lane that a place in the leaf has in `arriving`
+                within = leaf.row + leaf.row // size * (numbers - size) + row
+                place = within * lanes + leaf.person + leaf.person // lanes * (samples * numbers - 1) * lanes
+                written.append((flat, place))
+                np.add.at(flat, place, leaf.number.astype(kernel.dtype))
+            else:
+                rows = np.s_[:, :, row : row + size]
+                written.append((arriving, rows))
+                part = np.asarray(leaf).reshape(samples, size, n)
+                of_whole = part[..., : whole * lanes].reshape(samples, size, whole, lanes)
+                arriving[:whole][rows] = of_whole.transpose(2, 0, 1, 3)
+                if whole < vectors:
+                    arriving[whole, :, row : row + size, : n - whole * lanes] = part[..., whole * lanes :]
+            row += size
+        yield arriving
+        for array, places in written:
+            array[places] = 0.0
+    except BaseException:
+        _room.drop(kernel.dtype)
+        raise
 
 
 def _rows(leaves: Sequence[Any], n: int, columns: int, dtype: Any) -> Array:
