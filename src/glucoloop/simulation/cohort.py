@@ -20,8 +20,7 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Controller, gives_boluses
-from glucoloop.meals.absorption import Digestion, absorb, digestion, digestion_inputs
-from glucoloop.meals.models import meal_model_of
+from glucoloop.meals.absorption import Digestion
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.native.targets.products import FUSED
@@ -34,10 +33,10 @@ from glucoloop.simulation.held import HeldOfPeople, refuse_held
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
 from glucoloop.simulation.parts import NEED_VALUES, needs_values
+from glucoloop.simulation.people_meals import PeopleMeals
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.simulation.varying import chosen, replaced, varying
-from glucoloop.sparse import Sparse
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
@@ -193,23 +192,33 @@ class Cohort:
         stepped: bool = False,
         rescue: RescueCarbs | None = None,
     ) -> None:
-        self._held, self._stepped, self._products = tuple(held), stepped, products
+        self._held, self._stepped = tuple(held), stepped
         refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
         self._records_decisions = record_decisions
         self._nominal, self._announced = nominal, announced
         self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
         self._fold: Fold = _Counted(fold=fold) if self._warm_up else fold
         grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
-        self._meals, self._instead = meals, meal_model
         self._plants = plants_of_people(nominal, varied, grid, substeps, products, held=bool(self._held))
-        self._substeps = self._plants.substeps
+        eating = self._eating = PeopleMeals(
+            nominal,
+            varied,
+            meals,
+            grid,
+            warm_up_min=self._warm_up_min,
+            substeps=self._plants.substeps,
+            instead=meal_model,
+            announced=announced,
+            own_announcements=own_announcements,
+            products=products,
+        )
         self._single = Loop(
             plant=self._plants.single,
             controller=controller,
             sensor=sensor,
             pump=pump,
             setpoint_mg_dl=jnp.asarray(float(setpoint_mg_dl)),
-            rescue=rescue and rescue.for_gut(self._gut(nominal)),
+            rescue=rescue and rescue.for_gut(eating.gut(nominal)),
             announced_in_min=None if announced_in_min is None else jnp.asarray(float(announced_in_min)),
         )
         self._varies = {
@@ -217,13 +226,7 @@ class Cohort:
             "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
             "pump": varying(pump if varied_pump is None else varied_pump, pump),
         }
-        varied_gut, one_gut = self._gut(varied), self._gut(nominal)
-        self._one_digestion = self._digestion(one_gut)
-        self._digestion_varies = varying(self._digestion(varied_gut), self._one_digestion)
-        self._individual_meals = meals is None or any(varying(varied_gut, one_gut))
-        moments, announced_g = self._meals_of_all(None if self._individual_meals else meals)
-        self._individual_announcements = announced and (self._individual_meals or own_announcements)
-        self._shared = {"moments": moments, "t_min": grid.t_min, "told": announced_g}
+        self._shared = {"moments": eating.moments, "t_min": grid.t_min, "told": eating.told_g}
         if start_min is not None:
             self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
         if self._warm_up:
@@ -355,7 +358,7 @@ class Cohort:
         times = self._shared.get("time_of_day_min")
         state, reading_key = begin(loop, x, insulin, announced, key, None if times is None else jnp.asarray(times[0]))
         glucose = loop.plant.patient.glucose_mg_dl(x)
-        gut = self._one_digestion.init() if self._individual_meals else None
+        gut = self._eating.digestion.init() if self._eating.individual else None
         return _Carry(loop=state, gut=gut, fold=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
@@ -363,7 +366,7 @@ class Cohort:
         gut, inputs = carry.gut, {**shared, **reaching}
         moments = inputs["moments"]
         if gut is not None:
-            own: Digestion = replaced(self._one_digestion, self._digestion_varies, person.digestion)
+            own: Digestion = replaced(self._eating.digestion, self._eating.varies, person.digestion)
             with jax.named_scope("meals"):
                 gut, moments = own.sample(gut, inputs["meals"])
         announced = inputs["told"] if self._announced else jnp.zeros(())
@@ -397,15 +400,15 @@ class Cohort:
 
     def _make_engine(self, name: str | None, precision: str, products: str) -> Engine:
         parts = {name: chosen(getattr(self._single, name), varies) for name, varies in self._varies.items()}
-        numbers = chosen(self._one_digestion, self._digestion_varies)
+        numbers = chosen(self._eating.digestion, self._eating.varies)
         person = _PersonValues(plant=self._plants.values_of_nominal(), digestion=numbers, **parts)
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
         reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
-        if self._individual_meals:
-            reaching["meals"] = np.zeros(self._one_digestion.inputs)
-        if self._individual_announcements:
+        if self._eating.individual:
+            reaching["meals"] = np.zeros(self._eating.digestion.inputs)
+        if self._eating.announced_each:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
@@ -437,91 +440,26 @@ class Cohort:
 
         return _PersonValues(
             plant=self._plants.values_of(people.patient),
-            digestion=chosen(self._digestion(self._gut(people.patient)), self._digestion_varies),
+            digestion=self._eating.values_of(people.patient),
             controller=part("controller"),
             sensor=part("sensor"),
             pump=part("pump"),
         )
 
-    def _gut(self, patient: Patient) -> MealModel:
-        return meal_model_of(patient, self._instead)
-
-    def _digestion(self, gut: MealModel) -> Digestion:
-        return digestion(gut, self._substeps, self._plants.step_min)
-
-    def _in_loop(self, meals: Eaten) -> Eaten:
-        """Meals with times from the beginning of the warm-up."""
-        return dataclasses.replace(meals, t_min=meals.t_min + self._warm_up_min) if self._warm_up else meals
-
-    def _meals_of_all(self, meals: Eaten | None) -> tuple[Array, Array]:
-        """Moments ``(samples, substeps, 3)`` and announced carbohydrate ``(samples,)`` of meals that all people eat."""
-        samples = self._grid.samples
-        if meals is None:
-            return np.zeros((samples, self._substeps, 0)), np.zeros(samples)
-        meals = self._in_loop(meals)
-        absorption = absorb(self._gut(self._nominal), meals)
-        moments = np.asarray(absorption.moments(samples, self._substeps, self._plants.step_min))
-        return moments, _AtSamples(_for_people(meals, 1), self._grid).of(slice(0, samples)).dense()[:, 0]
-
-    def _inputs_of(self, people: People, n: int) -> tuple[Callable[[slice], Any], Array]:
+    def _inputs_of(self, people: People, n: int) -> tuple[Callable[[slice], dict[str, Any]], Array]:
         """Function of a piece of the run that gives the inputs of the first people, and what is announced first."""
         if (() if people.held is None else people.held.names) != self._held:
             raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
-
-        def held(piece: slice) -> dict[str, Any]:
-            of_piece = Held() if people.held is None else people.held.of(piece)
-            return {name: getattr(of_piece, name) for name in self._held}
-
-        if not (self._individual_meals or self._individual_announcements):
-            return held, np.full(n, self._shared["told"][0] if self._announced else 0.0)
-        meals = people.meals
-        if self._meals is not None:
-            meals = _for_people(self._meals, n)
-        if meals is None:
-            raise TypeError("this cohort was made for people with meals of their own; give meals")
-        meals = self._in_loop(meals)
-        counted_g = meals.carbs_g if people.announced_g is None else people.announced_g
-        told_min = meals.t_min if people.announced_min is None else people.announced_min + self._warm_up_min
-        told = _AtSamples(dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0)), self._grid)
-        everybody = people.insulin_mU_min.shape
-        gut = jax.tree.map(
-            lambda leaf: leaf[..., :n] if np.shape(leaf)[-1:] == everybody else leaf, self._gut(people.patient)
-        )
-        reaching_gut = digestion_inputs(gut, meals, self._substeps, self._plants.step_min, self._products)
+        told = people.announced_g, people.announced_min
+        everybody = people.insulin_mU_min.shape[0]
+        eaten, first_announced = self._eating.inputs(people.patient, n, people.meals, *told, everybody)
 
         def inputs(piece: slice) -> dict[str, Any]:
-            reaching = held(piece)
-            if self._individual_meals:
-                reaching["meals"] = reaching_gut(piece.start, piece.stop - piece.start)
-            if self._individual_announcements:
-                reaching["told"] = told.of(piece)
-            return reaching
+            held = Held() if people.held is None else people.held.of(piece)
+            return {**{name: getattr(held, name) for name in self._held}, **eaten(piece)}
 
-        return inputs, told.of(slice(0, 1)).dense()[0] if self._individual_announcements else np.zeros(n)
-
-
-def _for_people(meals: Eaten, people: int) -> Eaten:
-    """Meals of all ``(meals,)`` repeated for each person ``(meals, people)``."""
-    repeated: Eaten = jax.tree.map(lambda part: np.repeat(np.asarray(part, float)[:, None], people, axis=1), meals)
-    return repeated
+        return inputs, first_announced
 
 
 def _or_nan(reading: Reading) -> jax.Array:
     return jnp.where(reading.valid, reading.glucose_mg_dl, jnp.nan)
-
-
-class _AtSamples:
-    """Carbohydrate of meals ``(meals, people)`` at the samples in which they begin."""
-
-    def __init__(self, meals: Eaten, grid: SampleGrid) -> None:
-        self._number = np.floor(np.asarray(meals.t_min) / grid.sample_time_min).astype(np.intp)
-        self._carbs_g = np.asarray(meals.carbs_g)
-        self._first, self._last = self._number.min(axis=1), self._number.max(axis=1)
-
-    def of(self, piece: slice) -> Sparse:
-        """That of the samples of a piece, ``(samples, people)``."""
-        near = (self._last >= piece.start) & (self._first < piece.stop)
-        number, samples = self._number[near] - piece.start, piece.stop - piece.start
-        which, person = np.nonzero((number >= 0) & (number < samples))
-        carbs_g = self._carbs_g[near][which, person]
-        return Sparse((samples, number.shape[1]), number[which, person], person, carbs_g)
