@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.studies.league import League
-from glucoloop.studies.league.study import drawn, plot_league
+from glucoloop.studies.league.shown import drawn, plot_league
 
 
 def test_the_page_says_who_is_best_who_is_harmed_and_who_takes_no_part(league_page, reader):

@@ -23,7 +23,8 @@ from glucoloop.studies.league.numbers import (
     ranking,
     worst_mean,
 )
-from glucoloop.studies.league.study import LeagueSearch, lines_of, page, rows, shards_of
+from glucoloop.studies.league.shown import page
+from glucoloop.studies.league.study import LeagueSearch, lines_of, rows, shards_of
 
 ON_TARGET = {
     "time_70_180_pct": 90.0,

@@ -1,4 +1,4 @@
-"""A league carried out: its cells and rows, its tables and sentences, its page and figure."""
+"""A league carried out: its lines and their shards, the rows that are kept, and what is found in them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,20 +16,14 @@ from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.parts.setting import Default
 from glucoloop.patients.settings import NOMINAL
-from glucoloop.printable import NOT_AVAILABLE, how_many
+from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
-from glucoloop.report import Repeat
-from glucoloop.report.columns import Column, FittingTable, Row, headings, terminal_table
-from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
-from glucoloop.report.print_figure import figure_files
-from glucoloop.report.template import render
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.league import MOST_BEST, MOST_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
-    COLUMNS,
     LINE,
     METRICS,
     TARGETS,
@@ -38,14 +31,12 @@ from glucoloop.studies.league.numbers import (
     line_table,
     over_all_cells,
     ranking,
-    signed,
 )
+from glucoloop.studies.league.shown import columns_of
+from glucoloop.studies.league.shown import drawn as drawn
+from glucoloop.studies.league.shown import sentences as sentences
+from glucoloop.studies.league.shown import tables as tables
 from glucoloop.units import MIN_PER_DAY
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from glucoloop.report._style import Width
 
 _DESIGN_S: Final = 0.5
 _PATIENT_DAYS_S: Final = 2200.0
@@ -292,11 +283,6 @@ def _computed(line: Line, number: int, person: npt.NDArray[np.int64], best: reac
     return ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 
 
-def columns_of(asked: League) -> tuple[Column, ...]:
-    """Numbers of each line, with the distance to the best doses where those are asked for."""
-    return (*COLUMNS, *(reach.COLUMNS if asked.bound_people else ()))
-
-
 def _families(asked: League) -> Iterator[tuple[str, str]]:
     """Population and people of each family, and what is special about it."""
     for family, of_family in groupby(lines_of(asked), lambda line: line.family):
@@ -333,188 +319,3 @@ def _without_best(plans: pl.DataFrame) -> Iterator[str]:
         plans.filter(pl.col("reason") != "").select("family", "scenario", "reason").unique(maintain_order=True).rows()
     ):
         yield f"The best doses of {family} in {scenario} are not known: {reason.rstrip('.')}."
-
-
-# ---------------------------------------------------------------------------------------------- how it is shown
-
-
-def _by_family(asked: League, found: Findings) -> dict[str, list[Row]]:
-    return {name: [row for row in found.rows if row["family"] == name] for name in asked.family_names}
-
-
-def cell_name(row: Row) -> str:
-    """Sensor and scenario of a row, or both together."""
-    return "all cells" if row["sensor"] == ALL else f"{row['sensor']}, {row['scenario']}"
-
-
-def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
-    """A section for each family and a line for each controller, over all cells."""
-    sections = [
-        (family, [(row["controller"], [row]) for row in rows if row["sensor"] == ALL])
-        for family, rows in _by_family(asked, found).items()
-    ]
-    yield terminal_table(
-        "Controller",
-        sections,
-        columns_of(asked),
-        caption=f"Over all sensors and scenarios. In bold: on target (Battelino et al., 2019). Harmed: people below 54 "
-        f"or 70 mg/dl for over {asked.worse_by_pct:g} % of the time longer than under {asked.reference.label}. Less "
-        "ref.: the mean difference from it. GRI: glycemia risk index, 0 is best.",
-    )
-    if found.plain["nearest"]:
-        yield terminal_table(
-            "Family",
-            [("", [(row["family"], [row]) for row in found.plain["nearest"] if row["scenario"] == ALL])],
-            reach.NEAREST,
-            caption=reach.TOLD,
-        )
-
-
-def sentences(asked: League, found: Findings) -> Iterator[str]:
-    """Conclusions: the controllers that are best for whom, where each does harm, and those that take no part."""
-    yield from _verdicts(found)
-    yield from _harms(asked, found)
-    yield from found.plain["absent"]
-
-
-def _harms(asked: League, found: Findings) -> Iterator[str]:
-    for row in found.plain["harms"]:
-        median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
-        yield (
-            f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): of "
-            f"{how_many(row['people'], 'person', 'people')}, {row['harmed_below_54']} are below 54 mg/dl, and "
-            f"{row['harmed_below_70']} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer than under "
-            f"{asked.reference.label}. Below 54 mg/dl that is {median} % for the median of all people, {p95} % at "
-            f"the 95th percentile, and {most} % at most."
-        )
-
-
-def _verdicts(found: Findings) -> Iterator[str]:
-    """Best overall, best for the worst-off, for how many people each is best, and whom the best one harms."""
-    harmed = {(row["family"], row["controller"]): row["harmed_below_54"] for row in found.rows if row["sensor"] == ALL}
-    for of in found.plain["rankings"]:
-        if not of["people"]:
-            yield f"{of['family']}: nobody's numbers are known under all controllers that took part in all cells."
-            continue
-        best, worst = of["overall"]["best"], of["worst_off"]
-        whom = sorted(((number, label) for label, number in of["for_whom"].items() if number), reverse=True)
-        best_for = "; ".join(f"{label} for {number}" for number, label in whom) or "no single controller for anybody"
-        number = harmed[of["family"], best]
-        harm = how_many(number, "person is", "people are") if number else "nobody is"
-        yield (
-            f"{of['family']}: best overall is {_first(of['overall'])}. For the worst-off tenth, "
-            f"{how_many(worst['people'], 'person', 'people')}, it is {_first(worst)}. Of "
-            f"{how_many(of['people'], 'person', 'people')}, the least index is with {best_for}."
-            f"{'' if number is None else f' With {best} {harm} harmed below 54 mg/dl.'}"
-        )
-
-
-def _first(of: Mapping[str, Any]) -> str:
-    """The best controller, and how far ahead of the next it is."""
-    best = f"{of['best']} with a glycemia risk index of {of['gri'][of['best']]:.1f}"
-    if "second" not in of:
-        return f"{best}, the only one"
-    interval = "" if of["low"] is None else f" (95 % interval {of['low']:z.1f} to {of['high']:z.1f})"
-    told = f"{of['difference']:.1f}{interval} less than {of['second']}, the next"
-    return f"{best}, {told}" if of["told_apart"] else f"{best}, which is not told apart from {of['second']}: {told}"
-
-
-_ZONES: Final = tuple(
-    shade._replace(most=most, label=label)
-    for shade, (most, label) in zip(
-        SHADES_PCT[1:],
-        ((20.0, "A: to 20"), (40.0, "B: to 40"), (60.0, "C: to 60"), (80.0, "D: to 80"), (100.0, "E: above 80")),
-        strict=False,
-    )
-)
-"""Zones of the glycemia risk index, of D. C. Klonoff et al., J. Diabetes Sci. Technol. 17(5), 1226-1242, 2023."""
-
-
-def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
-    """Glycemia risk index of a family: cells in rows, all of them first, and controllers across."""
-    by_place = {(cell_name(row), row["controller"]): row for row in rows}
-    risk = next(column for column in COLUMNS if column.name == "gri_mean")
-
-    def cell(name: str, controller: str) -> HeatCell:
-        row = by_place[name, controller]
-        told = [f"{controller}, {family}, {name}"]
-        for group, columns in headings(COLUMNS):
-            told.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
-        shade = UNKNOWN
-        if row["gri_mean"] is not None:
-            shade = next((zone for zone in _ZONES if row["gri_mean"] <= zone.most), _ZONES[-1])
-        harmed = row["harmed_below_54"]
-        return HeatCell(shade, risk.value_text(row), f"▲{harmed}" if harmed else "", "\n".join(told))
-
-    controllers = list(dict.fromkeys(row["controller"] for row in rows))
-    return HeatMap("Glycemia risk index", list(dict.fromkeys(map(cell_name, rows))), controllers, cell)
-
-
-def plot_league(asked: League, found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
-    """Draw the glycemia risk index over all cells, families in rows and controllers across."""
-    maps = {family: family_map(family, rows) for family, rows in _by_family(asked, found).items()}
-    controllers = list(dict.fromkeys(name for each in maps.values() for name in each.columns))
-
-    def cell(family: str, controller: str) -> HeatCell:
-        each = maps[family]
-        return each.cell(each.rows[0], controller) if controller in each.columns else HeatCell(UNKNOWN, NOT_AVAILABLE)
-
-    shown = HeatMap("Glycemia risk index, over all sensors and scenarios", list(maps), controllers, cell, apart=0.0)
-    unknown = any(each.shade is UNKNOWN for each in shown.cells())
-    return plot_heat_maps(
-        [shown],
-        what="(zones of the index)",
-        mark="people harmed below 54 mg/dl" if any(each.mark for each in shown.cells()) else "",
-        shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
-        title=title,
-        width=width,
-    )
-
-
-def page(asked: League, found: Findings) -> str:
-    """The page of a league: one file that needs neither network nor script."""
-    by_family = _by_family(asked, found)
-    maps = {family: family_map(family, rows) for family, rows in by_family.items()}
-    unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
-    bodies = {
-        family: [(name, [(row["controller"], row) for row in alike]) for name, alike in groupby(rows, cell_name)]
-        for family, rows in by_family.items()
-    }
-    facts = {
-        "People": f"{asked.people} of each family, or all of one that has fewer",
-        "Scenarios": "; ".join(texts(asked.scenarios)),
-        "Sensors": "; ".join(texts(asked.sensors)),
-        "Controllers": "; ".join(case.label for case in asked.cases),
-        "Reference": asked.reference.label,
-        **({"Best doses": f"of the first {asked.bound_people} people in each scenario"} if asked.bound_people else {}),
-        "Seed": str(asked.seed),
-    }
-    files = {"league.csv": "all numbers", "people.parquet": "metrics of each person", "summary.json": "what was found"}
-    return render(
-        Path(__file__).with_name("page.html"),
-        "League of controllers",
-        sentences=_harms(asked, found),
-        facts=facts,
-        repeat=Repeat("league --config league.toml", asked.tree(whole=True), files, given=asked.tree()),
-        asked=asked,
-        about=found.plain["families"],
-        verdicts=dict(zip(by_family, _verdicts(found), strict=True)),
-        rankings=found.plain["rankings"],
-        maps=maps,
-        shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
-        bodies=bodies,
-        columns=columns_of(asked),
-        nearest=[
-            (family, [(row["scenario"] or "all", row) for row in of_family])
-            for family, of_family in groupby(found.plain["nearest"], lambda row: row["family"])
-        ],
-        nearest_columns=reach.NEAREST,
-        told=reach.TOLD,
-        distances={family: reach.distances(rows) if asked.bound_people else "" for family, rows in by_family.items()},
-        absent=found.plain["absent"],
-    )
-
-
-def drawn(asked: League, found: Findings) -> dict[str, bytes]:
-    """Page and figure, by the names of their files."""
-    return {"league.html": page(asked, found).encode(), **figure_files("figure", plot_league(asked, found))}
