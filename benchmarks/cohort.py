@@ -36,6 +36,7 @@ ROWS = (
     *(("plain", case) for case in ("basal", "mpc", "mpc-se", "nlqdmc-se")),
     ("noise", "mpc"),
     ("own meals", "mpc"),
+    *(("noise and own meals", case) for case in ("mpc", "mpc-se")),
 )
 SIMULATED = "simglucose"
 VERSIONS = {"JAX": "jax", "llvmlite": "llvmlite", "NumPy": "numpy"}
@@ -111,7 +112,7 @@ def speeds(one: Worker, every: Worker, repeats: int, python: str) -> dict[str, A
             slow = how["engine"] != "native"
             if slow and turn >= max(1, repeats // 3):
                 continue
-            for worker, name, threads in ((one, "one core", 1), (every, "all cores", len(cores()))):
+            for worker, name, threads in ((one, "one core", 1), (every, "all cores", 2 * len(cores()))):
                 people = how["block"] * threads * (1 if slow else 2)
                 given = {"situation": situation, "precision": precision, "case": case}
                 figures = worker("speed", **given, people=people, threads=threads)
@@ -185,7 +186,7 @@ def measure(quick: bool, python: str) -> dict[str, Any]:
                 (one("parts", situation=situation, precision=precision, people=4096) for _ in range(2 if quick else 4)),
                 key=lambda parts: sum(parts.values()),
             )
-            for situation in ("plain", "noise", "own meals")
+            for situation in ("plain", "noise", "own meals", "noise and own meals")
             for precision in PRECISIONS
         }
         say("accuracy")

@@ -11,6 +11,8 @@ NAMES = {
     "plain|nlqdmc-se": "NLQDMC/SE",
     "noise|mpc": "MPC, noise of 1.45 (mg/dl)²",
     "own meals|mpc": "MPC, everybody's own meals",
+    "noise and own meals|mpc": "MPC, noise and own meals",
+    "noise and own meals|mpc-se": "MPC/SE, noise and own meals",
 }
 CASES = {"basal": "Open loop, basal rate", "mpc": "MPC", "mpc-se": "MPC/SE", "mpc, no metrics": "MPC, no metrics"}
 _ONE, _ALL = "one core", "all cores"

@@ -34,11 +34,15 @@ from glucoloop.simulation.cohort import People
 from glucoloop.situations.situation import configured
 
 NOISE = ["white-noise, variance=1.45"]
-CASES = ("basal", "mpc", "mpc-se", "nlqdmc-se")
+OWN_MEALS = {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}
+STRAIGHT = ("basal", "mpc", "mpc-se")
+"""Cases whose program has no loops, so that its operations can be counted."""
+CASES = (*STRAIGHT, "nlqdmc-se")
 SITUATIONS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plain": (CASES, {}),
     "noise": (("mpc",), {"sensor": NOISE}),
-    "own meals": (("mpc",), {"meal_size_spread_pct": 30.0, "meal_time_spread_min": 45.0}),
+    "own meals": (("mpc",), OWN_MEALS),
+    "noise and own meals": (("mpc", "mpc-se"), {"sensor": NOISE, **OWN_MEALS}),
     "under the skin": (("mpc",), {"patient": "hovorka-2004", "sensor": NOISE}),
 }
 COMPARED = ("undershoot", "peak", "mean")
@@ -174,7 +178,7 @@ def kernels(precision: str, repeats: int) -> dict[str, Any]:
     """What each loop asks of the processor, and the ceiling that follows."""
     gflops = most_gflops(precision, repeats)
     prepared = trial("plain", precision)
-    loops = {name: of.loop.cohort for name, of in prepared.cases.items() if of.loop.engine == "native"}
+    loops = {name: prepared.cases[name].loop.cohort for name in STRAIGHT}
     loops["mpc, no metrics"] = without_metrics(precision)
     asked = {name: asked_for(loop._engine._kernel) for name, loop in loops.items()}
     reach = {name: ceilings(numbers, gflops) for name, numbers in asked.items()}
@@ -240,7 +244,7 @@ def accuracy(people: int, tolerance: float) -> dict[str, float]:
 def single_against_double(people: int) -> dict[str, dict[str, float]]:
     """Differences between the metrics of the two precisions, mg/dl, and for how many people one is above 0.1."""
     found = {}
-    for case in ("basal", "mpc", "mpc-se"):
+    for case in STRAIGHT:
         double, single = (
             engine.run_people(trial("plain", precision), case, np.arange(people)).metrics
             for precision in ("float64", "float32")

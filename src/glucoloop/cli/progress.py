@@ -57,7 +57,7 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
                 estimated = True
                 left_s = (total - task.completed) * seconds / work
                 if left_s >= _LONG_S:
-                    sentence = f"The rest takes about {_long(left_s)}, as measured: {work:.3g} of {total} {what} took"
+                    sentence = f"The rest takes about {_long(left_s)}, as measured: {_few(work)} of {total} {what} took"
                     console.print(f"{sentence} {seconds:.0f} s.", soft_wrap=True, markup=False, highlight=False)
             rate = task.speed or (task.completed - before) / max(task.elapsed or 0.0, 1e-9)
             rate_text = f"{rate:.3g}" if rate < 1000.0 else f"{rate:.0f}"
@@ -70,6 +70,11 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
 
         yield more
     raise_if_interrupted()
+
+
+def _few(work: float) -> str:
+    """A number of people or steps, with a digit or two of the part of one that long work is timed by."""
+    return f"{work:.0f}" if work >= 100.0 else f"{work:.3g}"
 
 
 def _long(seconds: float) -> str:
