@@ -1,4 +1,4 @@
-"""What each jump of people's meals adds to the step of a run in which it lies, for any linear meal model.
+"""Jumps of people's meals, and what each adds to the step of a run in which it lies, for any linear meal model.
 
 There are sixteen jumps in a day of four meals, and the answer to each is integrated by quadrature, so native code
 computes them where it has all that a model's `propagator` is made of.
@@ -31,7 +31,7 @@ class JumpsInSteps:
     """Jumps of people, each with the number of the step in which it lies and what it adds there."""
 
     def __init__(self, absorption: LinearAbsorption, step_min: float, products: str = FUSED) -> None:
-        """Of an absorption with jumps ``(jumps, people)``; they are computed once, however long the run is."""
+        """The absorption has jumps ``(jumps, people)``, which are computed once, however long the run is."""
         t_min, size = (np.asarray(part) for part in (absorption.jumps.t_min, absorption.jumps.size))
         step = np.floor(t_min / step_min)
         added = _added(jax.tree.structure(absorption.model), size.shape[0], step_min, products)

@@ -1,4 +1,4 @@
-"""What people of a cohort eat and announce, sample by sample of their loop, and the gut that each of them has."""
+"""Meals that people of a cohort eat and announce, sample by sample of their loop, and the gut that each of them has."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PeopleMeals:
     announced, own_announcements : bool
         Whether meals are announced, and whether what is announced differs between people.
     products : str
-        How products are rounded, see `native.targets.products`.
+        Rounding of products, see `native.targets.products`.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class PeopleMeals:
         self.digestion: Digestion = self._digestion(one)
         """Digestion of the nominal patient."""
         self.varies = varying(self._digestion(varied_gut), self.digestion)
-        """Which of its numbers differ between people."""
+        """Truths that tell which of its numbers differ between people."""
         self.individual = meals is None or any(varying(varied_gut, one))
         """Whether each person has a gut in the loop, for meals or guts differ."""
         self.announced_each = announced and (self.individual or own_announcements)
@@ -148,7 +148,7 @@ class _AtSamples:
         self._first, self._last = self._number.min(axis=1), self._number.max(axis=1)
 
     def of(self, piece: slice) -> Sparse:
-        """That of the samples of a piece, ``(samples, people)``."""
+        """Carbohydrate at the samples of a piece, ``(samples, people)``."""
         near = (self._last >= piece.start) & (self._first < piece.stop)
         number, samples = self._number[near] - piece.start, piece.stop - piece.start
         which, person = np.nonzero((number >= 0) & (number < samples))

@@ -1,4 +1,4 @@
-"""How a league is shown: its tables and sentences, its figure and its page."""
+"""Tables and sentences of a league, its figure and its page."""
 
 from __future__ import annotations
 
