@@ -1,10 +1,10 @@
 """Turn stress tests into the tables that ``guide/guard.md`` shows.
 
-    glucoloop stress --people 300 --controller imc --controller mpc --controller mpc-se --controller nlqdmc-se \
-        --controller meal-mpc --out stress
-    python docs/stress.py stress/summary.json
+    glucoloop stress --people 300 --controller imc --controller mpc --controller mpc-se --out linear
+    glucoloop stress --people 300 --controller nlqdmc-se --controller meal-mpc --out nonlinear
+    python docs/stress.py linear/summary.json nonlinear/summary.json
 
-It rewrites ``guide/stress_figures.md``: the faults from the folder, and what the guard costs a day without one from
+It rewrites ``guide/stress_figures.md``: the faults from the folders, and what the guard costs a day without one from
 trials that it carries out.
 """
 
@@ -76,9 +76,10 @@ def day(name, noise):
     return f"| {NAMES[name]} | {noise:g} | {' | '.join(columns)} |"
 
 
-def main(path):
-    summary = json.loads(Path(path).read_text(encoding="utf-8"))
-    rows = summary["rows"]
+def main(paths):
+    summaries = [json.loads(Path(path).read_text(encoding="utf-8")) for path in paths]
+    [people] = {summary["able"] for summary in summaries}
+    rows = [row for summary in summaries for row in summary["rows"]]
     columns = (
         "Highest, median",
         "95 % of people",
@@ -89,7 +90,7 @@ def main(path):
     )
     text = "\n".join(
         [
-            f"Of {summary['able']} people, those who spend more than 1 % of the time more below 60 mg/dl than without "
+            f"Of {people} people, those who spend more than 1 % of the time more below 60 mg/dl than without "
             "the fault, without the guard → with it; in brackets the largest such difference with it, in % of the "
             "time.",
             "",
@@ -103,7 +104,7 @@ def main(path):
             f"| :--- | ---: |{' ---: |' * len(columns)}",
             *(day(name, noise) for noise in (0.0, 1.45) for name in dict.fromkeys(row["controller"] for row in rows)),
             "",
-            f"On `parker2000`, seed {SEED}; {made(path)}.",
+            f"On `parker2000`, seed {SEED}; {made(*paths)}.",
         ]
     )
     (Path(__file__).resolve().parent / "guide" / "stress_figures.md").write_text(text + "\n", encoding="utf-8")
@@ -111,4 +112,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(sys.argv[1:])
