@@ -48,9 +48,9 @@ def lowest(rows):
     worst = min(guarded, key=lambda row: row["lowest_mg_dl"])
     under = {"": "no fault", **short_names([row["fault"] for row in guarded if row["fault"]])}[worst["fault"]]
     return (
-        f"With the guard somebody is below 54 mg/dl in {low} of the {len(guarded)} cells, those without a fault "
-        f"included; the lowest glucose is {worst['lowest_mg_dl']:.1f} mg/dl, of person {worst['lowest_person']} under "
-        f"{NAMES[worst['controller']]} ({under})."
+        f"With the guard {'somebody' if low else 'nobody'} is below 54 mg/dl in {low or 'any'} of the {len(guarded)} "
+        f"cells, those without a fault included; the lowest glucose is {worst['lowest_mg_dl']:.1f} mg/dl, of person "
+        f"{worst['lowest_person']} under {NAMES[worst['controller']]} ({under})."
     )
 
 
