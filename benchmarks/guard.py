@@ -18,7 +18,7 @@ from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
 
-CONTROLLERS = ("mpc", "mpc-se", "imc")
+CONTROLLERS = ("mpc", "imc", "mpc-se", "nlqdmc-se", "meal-mpc")
 
 
 def pair(controller: str, precision: str) -> engine.PreparedTrial:

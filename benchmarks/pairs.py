@@ -34,7 +34,7 @@ def answer(
     if asked.json:
         print(json.dumps(rows, indent=2))
         return
-    print(f"{'':22}{''.join(f'{way:>12}' for way in ways)}{'cost':>8}{head}")
+    print(f"{'':23}{''.join(f'{way:>12}' for way in ways)}{'cost':>8}{head}")
     for row in rows:
         speeds = "".join(f"{row[f'{way}_patient_days_s']:12.0f}" for way in ways)
-        print(f"{row['controller']:>8}, {row['precision']:12}{speeds}{row['cost_pct']:6.1f} %{more(row)}")
+        print(f"{row['controller']:>9}, {row['precision']:12}{speeds}{row['cost_pct']:6.1f} %{more(row)}")

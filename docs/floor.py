@@ -12,7 +12,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from made import made
+from made import NAMES, made
 
 from glucoloop._pytree import pytree
 from glucoloop.control import Controller, design_linear_mpc, design_mpc_se
@@ -27,7 +27,6 @@ from glucoloop.simulation import identify, linear_model, simulate
 OPERATING_POINT, SEED, SEEDS = "setpoint-81", 1, 60
 LOWEST_MG_DL = 60.0
 ROWS = {"mpc": ("10", "10M", "15", "15M"), "mpc-se": ("10", "15", "15M")}
-NAMES = {"mpc": "MPC", "mpc-se": "MPC/SE"}
 WAYS = {
     "as in the paper": {},
     "`qp`, no floor": {"constraints": "qp"},

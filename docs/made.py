@@ -1,9 +1,24 @@
-"""When, and with which version, the figures of a page were made: the last words of each table."""
+"""Words that tables of several pages share: names of controllers, and when and with which version figures were made."""
 
 from datetime import date, datetime
 from pathlib import Path
 
 import glucoloop
+
+NAMES = {
+    "mpc": "MPC",
+    "mpc-se": "MPC/SE",
+    "nlqdmc-se": "NLQDMC/SE",
+    "profile-mpc": "MPC by profile",
+    "meal-mpc": "Meal-aware MPC",
+    "imc": "IMC",
+    "pid": "PID",
+    "pid-ifb": "PID with insulin feedback",
+    "loop-like": "Loop-like",
+    "basal-bolus": "Basal and bolus",
+    "basal": "Basal rate",
+    "oref0": "oref0",
+}
 
 
 def made(*results, version=glucoloop.__version__):

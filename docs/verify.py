@@ -11,22 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-from made import made
-
-NAMES = {
-    "mpc": "MPC",
-    "mpc-se": "MPC/SE",
-    "nlqdmc-se": "NLQDMC/SE",
-    "profile-mpc": "MPC by profile",
-    "meal-mpc": "Meal-aware MPC",
-    "imc": "IMC",
-    "pid": "PID",
-    "pid-ifb": "PID with insulin feedback",
-    "loop-like": "Loop-like",
-    "basal-bolus": "Basal and bolus",
-    "basal": "Basal rate",
-    "oref0": "oref0",
-}
+from made import NAMES, made
 
 
 def share(value):

@@ -19,7 +19,7 @@ class Once:
     known, stop_after = {}, None
 
     def __init__(self, asked):
-        self.key = repr([(of.trial.cases, of.space, of.settings) for of in study.searches_of(asked).values()])
+        self.key = repr(asked)
         if self.key not in self.known:
             whole = SEARCH(asked)
             self.known[self.key] = list(whole.missing([])), whole

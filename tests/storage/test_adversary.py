@@ -9,11 +9,11 @@ from glucoloop.storage.findings import Findings
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
-from glucoloop.studies.adversary.study import GenerationScores, rows, searches_of
+from glucoloop.studies.adversary.study import GenerationScores, rows
 
 KEYS = {"controller": ["pid"], "errors_pct": [10.0], "generations": 3, "starts": 1, "sequences": 4}
 ASKED = configured(ADVERSARY.request, KEYS)
-(NAME,) = searches_of(ASKED)
+NAME = "pid, guarded, ±10 %"
 FIRST, SECOND = np.array([0.5, -np.inf, 2.0, 1.0 / 3.0]), np.arange(4.0)
 
 

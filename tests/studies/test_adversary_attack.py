@@ -15,7 +15,7 @@ from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.attack import Attack, ErrorSpace, random_errors, worst_errors
-from glucoloop.studies.adversary.study import searches_of
+from glucoloop.studies.adversary.study import loops
 
 ASKED = configured(
     Adversary,
@@ -39,13 +39,13 @@ def pid():
 
 @pytest.fixture(scope="module")
 def attack(pid):
-    (search,) = searches_of(ASKED).values()
+    ((search,),) = loops(ASKED)
     return Attack(search.trial, pid, search.space, lanes=4)
 
 
 @pytest.fixture(scope="module")
 def space():
-    (search,) = searches_of(ASKED).values()
+    ((search,),) = loops(ASKED)
     return search.space
 
 
@@ -64,7 +64,7 @@ def test_it_is_the_loop_of_simulate(attack, pid, space):
 def test_carbohydrate_is_announced_as_people_count_it():
     keys = {"controller": ["basal-bolus"], "guards": "without", "duration_min": 120.0, "people": 3, "seed": 5}
     told = {"announce_meals": True, "carb_error_pct": 30.0, "carb_bias_pct": -20.0}
-    (search,) = searches_of(configured(Adversary, {**keys, **told, "errors_pct": [10.0]})).values()
+    ((search,),) = loops(configured(Adversary, {**keys, **told, "errors_pct": [10.0]}))
     trial = search.trial
     attack = Attack(trial, controller_of(trial, trial.cases[0]), search.space, lanes=4)
     none, never = np.zeros((trial.samples, 3)), np.full((search.space.stretches, 3), float(trial.samples))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
@@ -17,9 +16,6 @@ from glucoloop.situations.option import Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial, Guards
 from glucoloop.studies.study import SearchStudy
 
-GENERATIONS: Final = 300
-FEW_GENERATIONS: Final = 30
-"""Number of generations for a slow controller."""
 _errors = functools.partial(Option, panel="Errors")
 _search = functools.partial(Option, panel="Search")
 
@@ -37,8 +33,7 @@ class Adversary(GuardedTrial):
     people: int = 1000
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    # slow ones are searched only when they are named
-    controller: tuple[Case, ...] = cases_of(*(name for name in PAPER_CONTROLLERS if not CONTROLLERS[name].slow))
+    controller: tuple[Case, ...] = cases_of(*PAPER_CONTROLLERS)
     guards: Guards = "with"
     errors_pct: Annotated[
         tuple[float, ...],
@@ -61,15 +56,7 @@ class Adversary(GuardedTrial):
             at_most=LARGEST_COUNTER,
         ),
     ] = None
-    generations: Annotated[
-        int | None,
-        _search(
-            "Number of generations of each search.",
-            default=f"{GENERATIONS}; {FEW_GENERATIONS} of slow controllers",
-            at_least=1,
-            at_most=1_000_000,
-        ),
-    ] = None
+    generations: Annotated[int, _search("Number of generations of each search.", at_least=1, at_most=1_000_000)] = 300
     starts: Annotated[int, _search("Searches side by side.", at_least=1, at_most=1024)] = 8
     sequences: Annotated[
         int, _search("Number of sequences in a generation, for each start.", at_least=4, at_most=4096)
@@ -96,11 +83,10 @@ ADVERSARY: Final = SearchStudy(
     help=(
         "Search for the worst plausible sensor errors: those by which glucose falls lowest.\n\n"
         "Each reading may be wrong by a part of the true glucose, and a few times the reading is stuck. An evolution "
-        "strategy (CMA-ES) tries about ten thousand sequences of errors on one person and keeps those with the most "
-        "time below 54 mg/dl. For comparison, random errors of the same size are simulated on a population. By default "
-        "IMC, MPC, MPC/SE and NLQDMC/SE are searched, with the guard and 50 g at 50 min; slow ones, such as meal-mpc, "
-        "take hours and are searched only if they are named. The folder of --out is written after each generation; "
-        "after Ctrl-C, the same command continues where it stopped.\n\n"
+        "strategy (CMA-ES) tries 77 thousand sequences of errors on one person and keeps those with the most time "
+        "below 54 mg/dl. For comparison, random errors of the same size are simulated on a population. By default IMC, "
+        "MPC, MPC/SE and NLQDMC/SE are searched, with the guard and 50 g at 50 min. The folder of --out is written "
+        "after each generation; after Ctrl-C, the same command continues where it stopped.\n\n"
         "  glucoloop adversary --out worst\n\n"
         "  glucoloop adversary --controller mpc --error 10 --guards both\n\n"
         "  glucoloop adversary --controller mpc --person 17 --error 20 --generations 1000 --out person-17\n\n"

@@ -29,7 +29,7 @@ from glucoloop.sensors.erring import erring
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.loop import Sampled
-from glucoloop.studies.adversary import GENERATIONS, Adversary
+from glucoloop.studies.adversary import Adversary
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.evolution import Evolution
 
@@ -281,7 +281,7 @@ def generations(
         space.centre, starts=effort.starts, population=effort.sequences, seed=effort.search_seed, known=known
     )
     best_score, best = -np.inf, np.zeros(space.dimension)
-    for number in range(effort.generations or GENERATIONS):
+    for number in range(effort.generations):
         points = sampler.ask()
         if number < len(before):
             score = np.asarray(before[number], float)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -25,7 +24,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.adversary import FEW_GENERATIONS, GENERATIONS, Adversary
+from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.attack import (
     VERY_LOW_MG_DL,
     Array,
@@ -54,8 +53,6 @@ class ErrorSearch(NamedTuple):
     trial: Trial
     """Trial with one case, the controller."""
     space: ErrorSpace
-    settings: Adversary
-    """Settings, with the number of generations for the controller."""
 
 
 def _called(row: Mapping[str, Any]) -> str:
@@ -84,17 +81,10 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
         for error in sorted(asked.errors_pct)
     ]
     for case in asked.cases:
-        usual = FEW_GENERATIONS if case.controller.slow else GENERATIONS
-        settings = dataclasses.replace(asked, generations=asked.generations or usual)
         for guarded in WITH_GUARD[asked.guards]:
             alone = asked.with_cases((asked.with_guard(case, guarded),))
             key = {"controller": case.label, "guarded": guarded}
-            yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space, settings) for space in spaces]
-
-
-def searches_of(asked: Adversary) -> dict[str, ErrorSearch]:
-    """All searches by name, in order."""
-    return {_name(search.key): search for searches in loops(asked) for search in searches}
+            yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space) for space in spaces]
 
 
 notes = boluses_into_a_vein
@@ -111,20 +101,22 @@ class GenerationScores(NamedTuple):
 
 def rows(asked: Adversary) -> Rows[GenerationScores]:
     """Rows that are kept: the scores of each generation."""
-    most = {name: search.settings.generations or 0 for name, search in searches_of(asked).items()}
+    names = {_name(search.key) for searches in loops(asked) for search in searches}
+    wanted = len(names) * asked.generations
 
     def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
         found = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
         number = sum(other.search == found.search for other in before)
-        if not found.generation == number < most.get(found.search, 0) or found.score.shape != (asked.lanes,):
+        known = found.search in names and found.generation == number < asked.generations
+        if not known or found.score.shape != (asked.lanes,):
             raise Refusal("this is no generation of the search")
         return found
 
     return Rows(
         file="scores.parquet",
         what="generations",
-        wanted=sum(most.values()),
-        most=sum(most.values()),
+        wanted=wanted,
+        most=wanted,
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
         cells=lambda scores: {**scores._asdict(), "score": scores.score.tolist()},
         row=row,
@@ -149,7 +141,7 @@ class AdversarySearch:
             first = searches[0]
             with one_at_a_time:
                 controller = controller_of(first.trial, first.trial.cases[0])
-                attack = Attack(first.trial, controller, first.space, lanes=first.settings.lanes)
+                attack = Attack(first.trial, controller, first.space, lanes=self._asked.lanes)
                 who = attack.person(self._asked.person)
             self._engines[_called(first.key)] = attack.engine_facts
             smaller: tuple[ErrorSpace, Array] | None = None
@@ -157,12 +149,12 @@ class AdversarySearch:
                 name = _name(one.key)
                 before = [row.score for row in rows if row.search == name]
                 known = None if smaller is None else one.space.points_of(*smaller)
-                for generation in generations(judge_of(attack, who), one.space, one.settings, before, known):
+                for generation in generations(judge_of(attack, who), one.space, self._asked, before, known):
                     if generation.number >= len(before):
                         yield GenerationScores(name, generation.number, generation.score)
                 smaller = one.space, generation.best
                 worst = worst_of(attack, who, one.space, generation)
-                self._numbers.append(_numbers(one, worst, attack, who))
+                self._numbers.append(_numbers(one, worst, attack, who, self._asked.search_seed))
                 self._loops.append(
                     worst.loop.select(*(pl.lit(value).alias(key) for key, value in one.key.items()), pl.all())
                 )
@@ -185,12 +177,12 @@ class AdversarySearch:
 search = AdversarySearch
 
 
-def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople) -> dict[str, Any]:
+def _numbers(search: ErrorSearch, worst: Worst, attack: Attack, who: VirtualPeople, seed: int) -> dict[str, Any]:
     """Numbers of one search, with those without errors, and with random ones of the same size on the people."""
     space, trial = search.space, search.trial
     never = np.full((space.stretches, 1), float(space.samples))
     without = attack.harm(who, np.zeros((space.samples, 1)), never)
-    random = random_errors(attack, space, trial.people, search.settings.search_seed)
+    random = random_errors(attack, space, trial.people, seed)
     people = random.lowest_mg_dl.size
     return {
         **search.key,
