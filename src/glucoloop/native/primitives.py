@@ -28,6 +28,8 @@ CALLS: Final = {
     "custom_vmap_call": "call",
 }
 """The primitives that call another function, and the parameter which holds that function."""
+SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
+"""The primitives that return their operands."""
 
 
 class UnsupportedError(ValueError):
@@ -59,6 +61,14 @@ def _parameter(equation: Any, name: str) -> Any:
 def _closed(function: Any) -> Any:
     """The function with its constants."""
     return function if hasattr(function, "consts") else core.ClosedJaxpr(function, ())
+
+
+def method(of: object, name: str, prefix: str = "_") -> Callable[..., Any]:
+    """Method of an object that carries out a primitive, by the names of both; a primitive without one is refused."""
+    found: Callable[..., Any] | None = getattr(of, f"{prefix}{name.replace('-', '_')}", None)
+    if found is None:
+        raise UnsupportedError(f"the operation {name!r}")
+    return found
 
 
 def part(equation: Any) -> str | None:
@@ -147,7 +157,7 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
         case "split":
             ends = np.cumsum(_parameter(equation, "sizes"))
             return np.split(arrays[0], ends[:-1], _parameter(equation, "axis"))
-        case "optimization_barrier":
+        case _ if name in SAME:
             return list(arrays)
     with jax.ensure_compile_time_eval():
         return [np.asarray(found) for found in bind(equation, [jnp.asarray(array) for array in arrays])]
