@@ -160,7 +160,7 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
         case _ if name in SAME:
             return list(arrays)
     with jax.ensure_compile_time_eval():
-        return [np.asarray(found) for found in bind(equation, [jnp.asarray(array) for array in arrays])]
+        return [np.asarray(found) for found in bind(equation, jax.device_put(list(arrays)))]
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ def gathered(
     equation: Any, operand: npt.NDArray[np.int64], indices: npt.NDArray[np.int64], outside: int
 ) -> npt.NDArray[np.int64]:
     """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
-    (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
+    (found,) = bind(equation, jax.device_put([operand, indices]), fill_value=outside)
     return np.asarray(found, np.int64)
 
 
@@ -308,9 +308,9 @@ def scatter_places(
     """Destination of each element of the updates of a scatter; the destinations are distinct."""
     size = int(np.prod(updates, dtype=np.int64))
     kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
-    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
+    marks = np.arange(1, size + 1, dtype=kind).reshape(updates)
     with jax.ensure_compile_time_eval():
-        (marked,) = bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
+        (marked,) = bind(equation, jax.device_put([np.zeros(shape, kind), indices, marks]))
     flat = np.asarray(marked).ravel().astype(np.int64)
     places = np.full(size, -1, np.int64)
     there = np.flatnonzero(flat)
