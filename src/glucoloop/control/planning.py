@@ -208,10 +208,11 @@ def plans_of_people(
     determined = xp.isfinite(determinant) & (determinant != 0.0) & ~xp.asarray(hidden)
     solvable = xp.where(determined[:, None, None], people_first, np.eye(m))
     gain = -xp.linalg.solve(solvable, gradient.transpose(2, 0, 1))[:, 0].T
+    put: Any = jnp.asarray if xp is jnp else jax.device_put  # which compiles nothing either
     return MovePlan(
-        gain=jnp.asarray(xp.where(determined, gain, np.nan)),
-        hessian=jnp.asarray(hessian),
-        gradient=jnp.asarray(xp.where(hidden, np.nan, gradient)),
+        gain=put(xp.where(determined, gain, np.nan)),
+        hessian=put(hessian),
+        gradient=put(xp.where(hidden, np.nan, gradient)),
         limits=limits,
         floor=floor,
         response=None if floor is None else jnp.asarray(A),

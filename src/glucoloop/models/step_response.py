@@ -125,6 +125,8 @@ class StepResponseModel:
         """The same patient behind a measurement dead time: leading zeros, same gain, and a longer memory."""
         if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 0:
             raise Refusal(f"A delay of {samples!r} samples is not a whole number of at least 0.")
+        if samples == 0:
+            return self
         zeros, later = jnp.zeros((int(samples), *self.step_response.shape[1:])), self.realisation
         if later is not None:
             later = dataclasses.replace(later, after=later.after + int(samples))
@@ -143,10 +145,12 @@ class StepResponseModel:
 def extended(step_response: Any, realisation: Realisation | None, samples: int) -> Any:
     """Step response S_1..S_N of at least the given length, constant after S_M or going on with its realisation."""
     memory = step_response.shape[0]
-    missing = max(0, samples - memory)
+    missing = samples - memory
+    if missing <= 0:
+        return step_response
     xp: Any = jnp if is_traced(step_response, realisation) or isinstance(step_response, Array) else np
     after = xp.repeat(step_response[-1:], missing, axis=0)
-    if realisation is not None and missing:
+    if realisation is not None:
         states = realisation.advanced(memory).states(missing)
         after = after + xp.cumsum(xp.tensordot(states.T, xp.asarray(realisation.output), 1), axis=0)
     return xp.concatenate([step_response, after])

@@ -50,7 +50,7 @@ REDUCTIONS: Final[dict[str, tuple[str, float | bool]]] = {
 """Operation of each reduction, and its result where there is nothing."""
 MOVES: Final = frozenset({
     "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "concatenate", "rev", "expand_dims", "split",
-    "stack", "unstack", "tile", "pad", "copy", "copy_p", "stop_gradient", "optimization_barrier",
+    "stack", "unstack", "tile", "pad", *primitives.SAME,
 })  # fmt: skip
 _UNUSED: Final = -1
 
@@ -158,10 +158,7 @@ class Flattener:
             return [self._reduce(operation, inputs[0], primitives.axes(equation), start)]
         if name in MOVES:
             return self._move(equation, inputs)
-        handler = getattr(self, f"_do_{name.replace('-', '_')}", None)
-        if handler is None:
-            raise UnsupportedError(f"the operation {name!r}")
-        result = handler(equation, *inputs)
+        result = primitives.method(self, name, "_do_")(equation, *inputs)
         return result if isinstance(result, list) else [result]
 
     def _elementwise(self, operation: Callable[..., Value], *inputs: Values) -> Values:

@@ -31,7 +31,7 @@ DOUBLE: Final = "float64"
 SINGLE: Final = "float32"
 
 _LN2: Final = math.log(2.0)
-_PRODUCTS: Final = (1.0, 2.0, 3.0, 4.0)
+SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
 """Exponents for which a power is a product."""
 FURTHEST_WHOLE: Final = 2.0**30
 """Bound on whole numbers that are made from real ones."""
@@ -254,7 +254,7 @@ class Functions:
     def power(self, x: Value, exponent: Value) -> Value:
         """``x^y`` for x above zero; for any x where y is known to be a small whole number."""
         y = self._p.constants.get(exponent, 0.0)
-        if y in _PRODUCTS:
+        if y in SMALL_POWERS:
             return functools.reduce(functools.partial(self._p.apply, "mul"), [x] * int(y))
         return self("exp", self._do("mul", exponent, self("log", x)))
 

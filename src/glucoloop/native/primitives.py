@@ -28,6 +28,8 @@ CALLS: Final = {
     "custom_vmap_call": "call",
 }
 """The primitives that call another function, and the parameter which holds that function."""
+SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
+"""The primitives that return their operands."""
 
 
 class UnsupportedError(ValueError):
@@ -59,6 +61,14 @@ def _parameter(equation: Any, name: str) -> Any:
 def _closed(function: Any) -> Any:
     """The function with its constants."""
     return function if hasattr(function, "consts") else core.ClosedJaxpr(function, ())
+
+
+def method(of: object, name: str, prefix: str = "_") -> Callable[..., Any]:
+    """Method of an object that carries out a primitive, by the names of both; a primitive without one is refused."""
+    found: Callable[..., Any] | None = getattr(of, f"{prefix}{name.replace('-', '_')}", None)
+    if found is None:
+        raise UnsupportedError(f"the operation {name!r}")
+    return found
 
 
 def part(equation: Any) -> str | None:
@@ -147,10 +157,10 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
         case "split":
             ends = np.cumsum(_parameter(equation, "sizes"))
             return np.split(arrays[0], ends[:-1], _parameter(equation, "axis"))
-        case "optimization_barrier":
+        case _ if name in SAME:
             return list(arrays)
     with jax.ensure_compile_time_eval():
-        return [np.asarray(found) for found in bind(equation, [jnp.asarray(array) for array in arrays])]
+        return [np.asarray(found) for found in bind(equation, jax.device_put(list(arrays)))]
 
 
 @dataclass(frozen=True)
@@ -288,7 +298,7 @@ def gathered(
     equation: Any, operand: npt.NDArray[np.int64], indices: npt.NDArray[np.int64], outside: int
 ) -> npt.NDArray[np.int64]:
     """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
-    (found,) = bind(equation, [jnp.asarray(operand), jnp.asarray(indices)], fill_value=outside)
+    (found,) = bind(equation, jax.device_put([operand, indices]), fill_value=outside)
     return np.asarray(found, np.int64)
 
 
@@ -298,9 +308,9 @@ def scatter_places(
     """Destination of each element of the updates of a scatter; the destinations are distinct."""
     size = int(np.prod(updates, dtype=np.int64))
     kind = equation.invars[0].aval.dtype  # in which a scatter that adds does so; it holds small whole numbers
-    marks = jnp.arange(1, size + 1, dtype=kind).reshape(updates)
+    marks = np.arange(1, size + 1, dtype=kind).reshape(updates)
     with jax.ensure_compile_time_eval():
-        (marked,) = bind(equation, [jnp.zeros(shape, kind), jnp.asarray(indices), marks])
+        (marked,) = bind(equation, jax.device_put([np.zeros(shape, kind), indices, marks]))
     flat = np.asarray(marked).ravel().astype(np.int64)
     places = np.full(size, -1, np.int64)
     there = np.flatnonzero(flat)

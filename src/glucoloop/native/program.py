@@ -61,7 +61,8 @@ Value = int
 Home = tuple[int, ...]
 """Number of the innermost loop in which a value changes, after those of the loops around it."""
 
-_COMPARISONS: Final = ("lt", "le", "eq", "ne")
+_SYMMETRIC: Final = frozenset(("add", "mul", "and", "or", "eq", "ne", "word_add", "word_xor"))
+"""Operations of which the order of the arguments does not matter."""
 DOES: Final[dict[str, Callable[..., Any]]] = {
     "add": np.add, "sub": np.subtract, "exact_sub": np.subtract, "mul": np.multiply, "div": np.divide,
     "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "floor": np.floor, "copy_sign": np.copysign, "lt": np.less,
@@ -74,6 +75,12 @@ OF_WORDS: Final[dict[str, Callable[..., Any]]] = {
     "shift_left": np.left_shift, "shift_right": np.right_shift,
 }  # fmt: skip
 """The same of words."""
+_KINDS: Final = {
+    **dict.fromkeys(("lt", "le", "eq", "ne", "and", "or", "xor", "not", "is_finite"), BOOL),
+    **dict.fromkeys((*OF_WORDS, "word"), WORD),
+    "pair": PAIR,
+}
+"""Types of what operations give, unless it is a number."""
 _OF_CONSTANTS: Final[dict[str, Callable[..., Any]]] = {
     **DOES,
     **OF_WORDS,
@@ -174,14 +181,10 @@ class Program:
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
             return simpler
-        if operation in ("add", "mul", "and", "or", "eq", "ne", "word_add", "word_xor"):
+        if operation in _SYMMETRIC:
             arguments = tuple(sorted(arguments))
-        kind = BOOL if operation in (*_COMPARISONS, "and", "or", "xor", "not", "is_finite") else FLOAT
-        if operation in (*OF_WORDS, "word", "pair"):
-            kind = PAIR if operation == "pair" else WORD
-        if operation == "select":
-            kind = self.types[arguments[1]]
-        level = max(self.levels[argument] for argument in arguments)
+        kind = self.types[arguments[1]] if operation == "select" else _KINDS.get(operation, FLOAT)
+        level = max([self.levels[argument] for argument in arguments])
         return self._new((operation, arguments), operation, arguments, kind, level)
 
     def loop(self, loop: LoopForm, arguments: Sequence[Value]) -> Value:
@@ -200,13 +203,13 @@ class Program:
         return self._new(("part", arguments), "part", arguments, self.types[of], SAMPLE)
 
     def _new(self, key: object, operation: str, arguments: tuple[Value, ...], kind: str, level: int) -> Value:
-        if key not in self._known:
-            self._known[key] = len(self.operations)
+        place = self._known.setdefault(key, len(self.operations))
+        if place == len(self.operations):
             self.operations.append((operation, arguments))
             self.types.append(kind)
             self.levels.append(level)
-            self.homes.append(max((self.homes[a] for a in arguments), key=len, default=()))
-        return self._known[key]
+            self.homes.append(max([self.homes[a] for a in arguments], key=len, default=()))
+        return place
 
     def _simplified(self, operation: str, arguments: tuple[Value, ...]) -> Value | None:
         a, b = (*arguments, -1, -1)[:2]

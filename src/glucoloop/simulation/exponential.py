@@ -135,6 +135,11 @@ def design(
     return _design(Content((T, K, A, b, row)), step_min, Content(tuple(dense_times_min)))
 
 
+def working_state(patient: SemilinearPatient) -> jax.Array:
+    """The patient's `working_state`, which is kept, since its dozen small operations take longer to load than to do."""
+    return kept_result(type(patient).working_state, patient)
+
+
 @functools.lru_cache(maxsize=64)
 def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matrices:
     """Cached design of the same patient, since matrix exponentials cost more than a day of closed loop."""
@@ -153,16 +158,17 @@ def _design(linearisation: Content, h: float, dense_times_min: Content) -> Matri
         for position, t in enumerate(times):
             rows[position] = row @ _quadratic_weights(L, h, t / h)
     wanted = [i * most + position for i, times in enumerate(dense_times) for position in range(times.size)]
-    return Matrices(
-        driven_end=jnp.asarray(scipy.linalg.expm(h * augmented)[:d]),
-        driven_gauss=jnp.asarray(np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path)),
-        beyond_transport=jnp.asarray(K),
-        half=jnp.asarray(np.stack([half_0, h / 2.0 * half_1, h * half_2])),
-        full=jnp.asarray(np.stack([full_0, h * full_1, 2.0 * h * full_2])),
-        end=jnp.asarray(_quadratic_weights(L, h, 1.0)[1:]),
-        dense=jnp.asarray(dense),
-        wanted=jnp.asarray(wanted),
-    )
+    arrays = {
+        "driven_end": scipy.linalg.expm(h * augmented)[:d],
+        "driven_gauss": np.einsum("gf,fij->gij", _PROJECT_ON_GAUSS, path),
+        "beyond_transport": K,
+        "half": np.stack([half_0, h / 2.0 * half_1, h * half_2]),
+        "full": np.stack([full_0, h * full_1, 2.0 * h * full_2]),
+        "end": _quadratic_weights(L, h, 1.0)[1:],
+        "dense": dense,
+        "wanted": np.asarray(wanted),
+    }
+    return Matrices(**jax.device_put(arrays))  # jnp.asarray compiles a program for each shape
 
 
 def step(
@@ -356,11 +362,11 @@ class Exponential:
         substeps = self.steps_of(grid)
         h, dense = substeps_of(grid, substeps)
         with at_once():
-            state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else patient.working_state()
+            state = patient.steady_state(patient.basal_insulin_mU_min) if self.near_rest else working_state(patient)
             matrices = design(patient, h, dense, state)
         plant = ExponentialPlant(patient=patient, matrices=matrices)
         moments = absorption.moments(grid.samples, substeps, h)
-        return plant, Exogenous(t_min=jnp.asarray(grid.t_min), moments=moments)
+        return plant, Exogenous(t_min=jax.device_put(grid.t_min), moments=moments)
 
     def at_sample(
         self, plant: ExponentialPlant, absorption: Absorption, grid: SampleGrid, index: jax.Array

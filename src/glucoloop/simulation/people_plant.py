@@ -19,7 +19,14 @@ from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import SemilinearPatient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
-from glucoloop.simulation.exponential import ExponentialPlant, Matrices, design, substeps_for, substeps_of
+from glucoloop.simulation.exponential import (
+    ExponentialPlant,
+    Matrices,
+    design,
+    substeps_for,
+    substeps_of,
+    working_state,
+)
 from glucoloop.simulation.parts import compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.simulation.varying import chosen, replaced, varying
@@ -47,9 +54,10 @@ class PeoplePlant:
         self._products = products
         self.substeps = PER_NOMINAL * substeps_for(grid.sample_time_min) if substeps is None else substeps
         self.step_min, dense = substeps_of(grid, self.substeps)
-        matrices = design(nominal, self.step_min, dense, nominal.working_state(), nominal.stiff_couplings())
+        state = working_state(nominal)
+        matrices = design(nominal, self.step_min, dense, state, nominal.stiff_couplings())
         patient_varies = varying(varied, nominal)
-        y, z = nominal.split(nominal.working_state())
+        y, z = nominal.split(state)
         if _depends(lambda p: p.transport(y), nominal, patient_varies):
             matrices = dataclasses.replace(matrices, transport=_transport(nominal, y))
         if _depends(lambda p: p.glucose_mg_dl(p.join(y, z)), nominal, patient_varies):
@@ -102,7 +110,7 @@ def _probe(nominal: SemilinearPatient, varied: SemilinearPatient) -> jax.Array:
     Refused if their glucose is not proportional to the nominal patient's in every state: readings inside a step would
     then be wrong.
     """
-    y, z = nominal.split(nominal.working_state())
+    y, z = nominal.split(working_state(nominal))
     blocks = np.eye(y.size)
     row = np.array([float(nominal.glucose_mg_dl(nominal.join(jnp.asarray(block), 0.0 * z))) for block in blocks])
     probe = row / (row @ row)

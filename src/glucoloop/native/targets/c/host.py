@@ -53,11 +53,8 @@ class Library:
 
     def step(self, state: Sequence[Any], observation: Sequence[Any]) -> tuple[list[Array], list[Array]]:
         """The leaves of the next state and of the decision."""
-        held, seen, decided = (
-            self._filled("state", state),
-            self._filled("observation", observation),
-            self._empty("decision"),
-        )
+        held, seen = self._filled("state", state), self._filled("observation", observation)
+        decided = self._empty("decision")
         self._code.gl_step(*map(_pointer, (self._workspace, held, seen, decided)))
         return self._leaves("state", held), self._leaves("decision", decided)
 

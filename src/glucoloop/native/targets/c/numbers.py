@@ -21,6 +21,12 @@ INFIX: Final = {
     "ge": ">=", "eq": "==", "ne": "!=", "and": "&&", "or": "||", "xor": "!=",
 }  # fmt: skip
 """Operations of programs and of traced functions that are written between two numbers."""
+CALLS: Final = {
+    **{name: f"gl_{name}" for name in ("abs", "sqrt", "floor", "square", "sign", "max", "min")},
+    **{name: f"gl_{name}" for name in ("copy_sign", "mantissa", "exponent", "power_of_two")},
+    "is_finite": "gl_finite", "lt_to": "gl_below",
+}  # fmt: skip
+"""Operations of both that are functions of `helpers`."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,12 @@ class Format:
             return "INFINITY" if rounded > 0.0 else "(-INFINITY)"
         text = re.sub(r"\.?0*p", "p", rounded.hex()) if "." in rounded.hex() else rounded.hex()
         return f"({text}{self.suffix})" if text.startswith("-") else f"{text}{self.suffix}"
+
+    def constant(self, number: Any, kind: str) -> str:
+        """A constant of any kind."""
+        if kind == TRUTH:
+            return "true" if number else "false"
+        return self.literal(float(number)) if kind == REAL else str(int(number))
 
 
 FORMATS: Final = {

@@ -43,6 +43,11 @@ class Structure:
     """Name of the pointer in the function."""
     fields: Sequence[Field]
 
+    @property
+    def held(self) -> list[Field]:
+        """Fields that are not empty, as they lie in memory: real numbers first, then whole ones of 32 bits."""
+        return sorted((field for field in self.fields if field.size), key=lambda field: field.kind != REAL)
+
     def element(self, field: Field, index: int | str = 0) -> str:
         """An element of a field, as C text."""
         place = f"{self.pointer}->{field.name}"
@@ -53,10 +58,9 @@ class Structure:
         return [(self.element(field, i), field.kind) for field in self.fields for i in range(field.size)]
 
     def memory(self, precision: str) -> np.dtype[Any]:
-        """Places in memory: real numbers first, then whole ones of 32 bits, lowest byte first; see `declaration`."""
+        """Places in memory, the lowest byte of a number first; see `declaration`."""
         real = np.dtype(precision).newbyteorder("<")
-        held = sorted((field for field in self.fields if field.size), key=lambda field: field.kind != REAL)
-        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in held]
+        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in self.held]
         filling = [("reserved", np.dtype("<i4"), (1,))]
         whole = np.dtype(parts or filling)
         return np.dtype([*parts, *filling]) if whole.itemsize % real.itemsize else whole
@@ -91,15 +95,12 @@ def record(pointer: str, tree: Any) -> Structure:
 def declaration(
     name: str, structure: Structure, format: Format, comment: str, meanings: Mapping[str, str] | None = None
 ) -> list[str]:
-    """The structure in C: real numbers first, then whole ones of 32 bits, so that there is no gap inside.
+    """The structure in C, with `Structure.held` in their order, so that there is no gap inside.
 
     A field without a meaning has its path in the tree as its comment.
     """
-    held = [field for field in structure.fields if field.size]
-    reals = [field for field in held if field.kind == REAL]
-    others = [field for field in held if field.kind != REAL]
     lines = [f"/* {comment} */", "typedef struct", "{"]
-    for field in (*reals, *others):
+    for field in structure.held:
         type_name = format.type if field.kind == REAL else "int32_t"
         size = f"[{field.size}]" if field.is_array else ""
         shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
@@ -108,10 +109,10 @@ def declaration(
         remark = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
         remark = remark if meanings is None else meanings.get(field.name, remark)
         lines.append(f"  {type_name} {field.name}{size};" + (f" /* {remark} */" if remark else ""))
-    words = sum(field.size for field in others)
+    words = sum(field.size for field in structure.held if field.kind != REAL)
     if format.type == "double" and words % 2:
         lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")
-    if not held:
+    if not structure.held:
         lines.append("  int32_t reserved; /* this controller keeps nothing; 0 */")
     return [*lines, f"}} {name};"]
 

@@ -15,9 +15,9 @@ from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.api import MEANINGS, header, record_bytes, saving
 from glucoloop.native.targets.c.compact.translate import Body, compact
-from glucoloop.native.targets.c.compact.writer import Tables
+from glucoloop.native.targets.c.compact.writer import WORKSPACE, Tables
 from glucoloop.native.targets.c.helpers import helpers, template
-from glucoloop.native.targets.c.numbers import FORMATS, REAL, TRUTH, WHOLE, Format, kind_of, type_of
+from glucoloop.native.targets.c.numbers import FORMATS, TRUTH, WHOLE, Format, kind_of, type_of
 from glucoloop.native.targets.c.records import Structure, declaration, record
 from glucoloop.native.targets.c.unrolled import elementary, unrolled
 from glucoloop.refusal import Refusal
@@ -159,7 +159,7 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
         if last is not None:
             bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
         code = _code(bodies, tables, format, [] if last is None else last.function(format))
-    workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in (REAL, WHOLE, TRUTH)}
+    workspace = {kind: max(body.workspace.get(kind, 0) for body in bodies) for kind in WORKSPACE}
     records = {"state": state, "observation": observation, "decision": decision}
     design = hashlib.sha256("\n".join([_structures(records, workspace, format), *code]).encode()).hexdigest()
     size = state.memory(traced.precision).itemsize
@@ -244,11 +244,9 @@ def _function(name: str, body: Body, format: Format) -> list[str]:
     for pointer in ("state", "observation", "decision"):
         if f"{pointer}->" not in text and any(pointer in parameter for parameter in given):
             lines.insert(0, f"(void){pointer};")
-    used = [kind for kind in (REAL, WHOLE, TRUTH) if body.workspace.get(kind)]
-    letters = {REAL: "w", WHOLE: "k", TRUTH: "b"}
-    locals_ = [f"{type_of(kind, format)} *const {letters[kind]} = workspace->{letters[kind]};" for kind in used]
-    if not used:
-        locals_ = ["(void)workspace;"]
+    used = [(type_of(kind, format), letter) for kind, letter in WORKSPACE.items() if body.workspace.get(kind)]
+    locals_ = [f"{type_name} *const {letter} = workspace->{letter};" for type_name, letter in used]
+    locals_ = locals_ or ["(void)workspace;"]
     return _indented([f"void {name}({', '.join(given)})", "{", *locals_, *lines, "}"])
 
 
@@ -278,10 +276,7 @@ def _tables(tables: Tables, text: str, format: Format) -> list[str]:
 
 
 def _rows(array: npt.NDArray[np.generic], kind: str, format: Format) -> list[str]:
-    if kind == REAL:
-        texts = [format.literal(float(number)) for number in array.tolist()]
-    else:
-        texts = [("true" if n else "false") if kind == TRUTH else str(n) for n in array.tolist()]
+    texts = [format.constant(number, kind) for number in array.tolist()]
     return [f"  {', '.join(texts[i : i + 6])}{',' if i + 6 < len(texts) else ''}" for i in range(0, len(texts), 6)]
 
 
@@ -302,7 +297,7 @@ def _structures(
         lines += [*declaration(f"gl_{name}", records[name], format, comment, of_fields), ""]
     room = [
         f"  {type_of(kind, format)} {letter}[{max(1, workspace[kind])}];"
-        for kind, letter in ((REAL, "w"), (WHOLE, "k"), (TRUTH, "b"))
+        for kind, letter in WORKSPACE.items()
         if workspace[kind] or (kind == TRUTH and not any(workspace.values()))
     ]
     room_comment = (

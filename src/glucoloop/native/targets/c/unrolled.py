@@ -9,21 +9,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import Final
 
 from glucoloop.native.functions import Functions
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import BOOL, Block, Value
 from glucoloop.native.targets.c.compact.arithmetic import FUNCTIONS, function
-from glucoloop.native.targets.c.numbers import FORMATS, INFIX, REAL, TRUTH, Format, type_of
+from glucoloop.native.targets.c.numbers import CALLS, FORMATS, INFIX, REAL, TRUTH, Format, type_of
 
 Element = tuple[str, str]
 """An element of a structure: C text and kind."""
-
-_CALLS: Final = {
-    **{name: f"gl_{name}" for name in ("abs", "sqrt", "floor", "copy_sign", "mantissa", "exponent", "power_of_two")},
-    "is_finite": "gl_finite",
-}
 
 
 def unrolled(lowered: Lowered, given: Sequence[Element], returned: Sequence[Element]) -> list[str]:
@@ -155,8 +149,7 @@ class _Writer:
     def name(self, value: Value) -> str:
         """A value as C text."""
         if value in self._p.constants:
-            known = self._p.constants[value]
-            return ("true" if known else "false") if isinstance(known, bool) else self._format.literal(known)
+            return self._format.constant(self._p.constants[value], TRUTH if self._is_truth(value) else REAL)
         return self._names[value]
 
     def _is_truth(self, value: Value) -> bool:
@@ -175,8 +168,6 @@ class _Writer:
         names = [self.name(a) for a in arguments]
         if operation in INFIX:
             return f"{names[0]} {INFIX[operation]} {names[1]}"
-        if operation in _CALLS:
-            return f"{_CALLS[operation]}({', '.join(names)})"
         match operation:
             case "neg":
                 return f"-{names[0]}"
@@ -191,6 +182,8 @@ class _Writer:
                 return f"{names[0]} ? {self._format.literal(1.0)} : {self._format.literal(0.0)}"
             case "max" | "min":
                 return self._extreme(operation, arguments, names)
+            case _ if operation in CALLS:
+                return f"{CALLS[operation]}({', '.join(names)})"
             case _:
                 raise ValueError(f"the operation {operation!r} has no text in C")
 

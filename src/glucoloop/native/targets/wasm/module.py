@@ -24,7 +24,7 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
@@ -106,16 +106,10 @@ def object_code(name: str, lowered: Lowered) -> bytes:
     binding.initialize_all_asmprinters()
     module = binding.parse_assembly(f'target triple = "{_TRIPLE}"\n{_emitter(lowered, name).text()}')
     module.verify()
-    code: bytes = _machine().emit_object(module)
+    target = binding.Target.from_triple(_TRIPLE)
+    code: bytes = target.create_target_machine(cpu=_PROCESSOR, features=_FEATURES, opt=2).emit_object(module)
     return code
 
 
 def _emitter(lowered: Lowered, name: str) -> Emitter:
     return Emitter(lowered, STRICT, lanes(lowered.precision), apart=name)
-
-
-def _machine() -> Any:
-    from llvmlite import binding
-
-    target = binding.Target.from_triple(_TRIPLE)
-    return target.create_target_machine(cpu=_PROCESSOR, features=_FEATURES, opt=2)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from jax import lax
 
 from glucoloop.native import flatten, primitives
-from glucoloop.native.functions import FURTHEST_WHOLE
+from glucoloop.native.functions import FURTHEST_WHOLE, SMALL_POWERS
 from glucoloop.native.interpreter import interpret, larger, smaller
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError
@@ -36,11 +36,8 @@ ELEMENTWISE: Final = frozenset({
     *flatten.ELEMENTWISE, *flatten.FUNCTIONS, "round", "integer_pow", "square", "sign", "gt", "ge", "lt_to", "le_to",
     "select_n", "clamp", "convert_element_type",
 })  # fmt: skip
-SAME: Final = frozenset(("copy", "copy_p", "stop_gradient", "optimization_barrier"))
-"""Operations that return their operands."""
 LARGEST_CONSTANT: Final = 1024
 """Largest number of elements of an array that is computed beforehand rather than in C."""
-SMALL_POWERS: Final = (1.0, 2.0, 3.0, 4.0)
 
 
 def function_of(name: str, equation: Any) -> str | None:
@@ -85,7 +82,7 @@ class Arithmetic:
     ) -> list[Array]:
         """Results of an operation without an inner function; `known` says which factors of a product are constants."""
         with np.errstate(all="ignore"):
-            if name in SAME:
+            if name in primitives.SAME:
                 return list(given)
             if name in flatten.MOVES:
                 return self._moved(equation, given)
@@ -95,10 +92,7 @@ class Arithmetic:
                 return [self._reduced(name, equation, given[0])]
             if name == "dot_general":
                 return [self._product(equation, given[0], given[1], (known[0], known[1]))]
-            found = getattr(self, f"_{name.replace('-', '_')}", None)
-            if found is None:
-                raise UnsupportedError(f"the operation {name!r}")
-            results = found(equation, *given)
+            results = primitives.method(self, name)(equation, *given)
         return results if isinstance(results, list) else [results]
 
     def _apply(self, name: str, *given: Array) -> Array:
@@ -232,9 +226,8 @@ class Arithmetic:
         if axis is None:  # by places that are constant, or else the translation refuses it
             (places,) = self._known_places(equation, lambda: [gather_places(equation, a.shape, indices)])
             return np.asarray(a.ravel()[places])
-        bounded = np.clip(indices[..., 0], 0, a.shape[axis] - 1)
-        found: Array = gathered_to(equation, np.take(a, bounded, axis=axis), axis, indices.ndim - 1)
-        return found
+        taken = np.moveaxis(a, axis, 0)[np.clip(indices[..., 0], 0, a.shape[axis] - 1)]
+        return np.moveaxis(taken, range(indices.ndim - 1, taken.ndim), primitives.gathered_offsets(equation))
 
     def _scattered(self, equation: Any, a: Array, indices: Array, updates: Array, *, adds: bool) -> Array:
         known = self._known_places(
@@ -316,7 +309,7 @@ class Evaluation:
             rows = primitives.rounds(loop, arrays, lambda given: [array for array, _ in self._run(loop.round, given)])
             return [(array, False) for array in rows]
         results = self._arithmetic(name, equation, arrays, known)
-        small = name in SAME or all(result.size <= LARGEST_CONSTANT for result in results)
+        small = name in primitives.SAME or all(result.size <= LARGEST_CONSTANT for result in results)
         return [(result, small and all(known)) for result in results]
 
 
@@ -366,15 +359,3 @@ def gather_places(equation: Any, shape: tuple[int, ...], indices: Array) -> npt.
     if (found < 0).any():
         raise UnsupportedError("a place outside an array")
     return found
-
-
-def gathered_to(equation: Any, found: Any, axis: int, batches: int) -> Any:
-    """Slices taken along one axis, with their axes in the order of the result."""
-    out = primitives.gathered_offsets(equation)
-    ndim = found.ndim
-    taken = list(range(axis, axis + batches))
-    remaining = [i for i in range(ndim) if i not in taken]
-    order, of_remaining, of_taken = [], iter(remaining), iter(taken)
-    for i in range(ndim):
-        order.append(next(of_remaining) if i in out else next(of_taken))
-    return found.transpose(order)

@@ -7,16 +7,13 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.native import primitives
+from glucoloop.native.functions import SMALL_POWERS
 from glucoloop.native.primitives import UnsupportedError
-from glucoloop.native.targets.c.compact.arithmetic import SMALL_POWERS, function_of
+from glucoloop.native.targets.c.compact.arithmetic import function_of
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Operation
 from glucoloop.native.targets.c.compact.writer import Writer
-from glucoloop.native.targets.c.numbers import INFIX, REAL, WHOLE
+from glucoloop.native.targets.c.numbers import CALLS, INFIX, REAL, WHOLE
 
-_CALLS: Final = {
-    "abs": "gl_abs", "sqrt": "gl_sqrt", "floor": "gl_floor", "square": "gl_square", "sign": "gl_sign",
-    "is_finite": "gl_finite", "max": "gl_max", "min": "gl_min", "lt_to": "gl_below",
-}  # fmt: skip
 _OF_WHOLE: Final = ("max", "min", "abs", "div", "rem")
 
 
@@ -38,8 +35,8 @@ def template(operation: Operation, writer: Writer) -> str:
         if name in ("and", "or", "xor") and first != np.bool_:
             raise UnsupportedError("bits of whole numbers")
         return f"({{0}} {INFIX[name]} {{1}})"
-    if name in _CALLS:
-        return f"{_CALLS[name]}({_arguments(operation)})"
+    if name in CALLS:
+        return f"{CALLS[name]}({_arguments(operation)})"
     match name:
         case "neg":
             return "(-{0})"
@@ -67,7 +64,7 @@ def _arguments(operation: Operation) -> str:
 
 
 def _power(n: int, writer: Writer) -> str:
-    one = writer.literal(1, REAL)
+    one = writer.format.constant(1, REAL)
     if n == 0:
         return one
     text = "{0}" if abs(n) == 1 else "gl_square({0})" if abs(n) == 2 else f"gl_power({{0}}, {abs(n)})"
@@ -88,12 +85,12 @@ def _conversion(equation: Any, writer: Writer) -> str:
     source, target = equation.invars[0].aval.dtype, primitives.new_dtype(equation)
     real_source, real_target = np.issubdtype(source, np.floating), np.issubdtype(target, np.floating)
     if target == np.bool_:
-        return f"({{0}} != {writer.literal(0, REAL if real_source else WHOLE)})"
+        return f"({{0}} != {writer.format.constant(0, REAL if real_source else WHOLE)})"
     if source == np.bool_:
         kind = REAL if real_target else WHOLE
         if kind == WHOLE:  # MISRA C:2012, rule 10.6: a small literal has a narrower type
             return "({0} ? (int32_t)1 : (int32_t)0)"
-        return f"({{0}} ? {writer.literal(1, kind)} : {writer.literal(0, kind)})"
+        return f"({{0}} ? {writer.format.constant(1, kind)} : {writer.format.constant(0, kind)})"
     if real_source and not real_target:
         return "gl_whole({0})"
     return f"(({writer.format.type}){{0}})" if real_target else "{0}"

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.native import primitives
-from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, SAME, Arithmetic, Array, constant
+from glucoloop.native.targets.c.compact.arithmetic import LARGEST_CONSTANT, Arithmetic, Array, constant
 from glucoloop.native.targets.c.numbers import REAL, kind_of
 
 
@@ -79,7 +79,7 @@ class _Flattener:
         name, called = equation.primitive.name, primitives.called(equation)
         if called is not None:
             return self._run(called, inputs)
-        if name in SAME:
+        if name in primitives.SAME:
             return inputs
         if name == "custom_linear_solve":
             solve, taken = primitives.solver(equation)

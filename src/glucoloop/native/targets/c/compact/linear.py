@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import replace
 from typing import Any
@@ -14,7 +13,7 @@ from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import banded_factor, constant_band
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
 from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, permuted, shape_of
-from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
+from glucoloop.native.targets.c.compact.values import Maker, Scalar, Value, View, dense
 from glucoloop.native.targets.c.compact.writer import FEW
 from glucoloop.native.targets.c.helpers import COLUMNS
 from glucoloop.native.targets.c.numbers import REAL, WHOLE
@@ -49,10 +48,10 @@ class LinearAlgebra(ValueStore):
         inner = [shape_of(left)[i] for i in summed_a]
 
         def total(indices: list[str]) -> Scalar:
-            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+            found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
             with self._w.loops(inner) as of_inner:
-                of_a = self._w.element(a, [*indices[: n + f], *of_inner])
-                of_b = self._w.element(b, [*indices[:n], *indices[n + f :], *of_inner])
+                of_a = a.value([*indices[: n + f], *of_inner])
+                of_b = b.value([*indices[:n], *indices[n + f :], *of_inner])
                 self._w.say(f"{found.text} = {found.text} + ({of_a} * {of_b});")
             return found
 
@@ -73,15 +72,15 @@ class LinearAlgebra(ValueStore):
         rows, columns = (b, a) if swapped else (a, b)
         columns = columns.permuted((1, 0))
         if columns.strides[1] != 1:  # the columns must follow one another
-            columns = self._materialised(Tree(columns.shape, REAL, "{0}", (columns,)))
+            columns = self._copied(columns)
 
         def write(to: View) -> None:
             to = to.permuted((1, 0)) if swapped else to
             given = (
                 f"{rows.shape[0]}, {columns.shape[1]}, {columns.shape[0]}",
-                f"{_start(rows)}, {rows.strides[0]}, {rows.strides[1]}",
-                f"{_start(columns)}, {columns.strides[0]}",
-                f"{_start(to)}, {to.strides[0]}, {to.strides[1]}",
+                f"&{rows.element()}, {rows.strides[0]}, {rows.strides[1]}",
+                f"&{columns.element()}, {columns.strides[0]}",
+                f"&{to.element()}, {to.strides[0]}, {to.strides[1]}",
             )
             self._w.say(f"gl_product({', '.join(given)});")
 
@@ -96,18 +95,17 @@ class LinearAlgebra(ValueStore):
         begins = np.append(0, np.cumsum(counts)).astype(np.int32)
         shifts = (flat_band.argmax(axis=1) - begins[:-1]).astype(np.int32)
         if counts.size == 1 and counts[0] <= FEW:
-            text = self._w.literal(0, output.kind)
+            text = self._w.format.constant(0, output.kind)
             for number, place in zip(nonzero, np.flatnonzero(flat_band[0]), strict=True):
-                text = f"({text} + ({self._w.literal(number, output.kind)} * {line.value([str(place)])}))"
+                text = f"({text} + ({self._w.format.constant(number, output.kind)} * {line.value([str(place)])}))"
             return self._w.local(Scalar(text, output.kind))
         numbers, begin, shift = (self._w.table(array) for array in (nonzero, begins, shifts))
         to = self._w.array((counts.size,), output.kind)
         i, p = self._w.fresh("i"), self._w.fresh("i")
         self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
-        with self._w.block(f"for (int32_t {i} = 0; {i} < {counts.size}; {i}++)"):
-            found = self._w.variable(output.kind, self._w.literal(0, output.kind))
-            head = f"for (int32_t {p} = {begin}[{i}]; {p} < {begin}[{i} + 1]; {p}++)"
-            with self._w.block(head):
+        with self._w.counted(i, counts.size):
+            found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
+            with self._w.counted(p, f"{begin}[{i} + 1]", f"{begin}[{i}]"):
                 element = line.value([f"({p} + {shift}[{i}])"])
                 self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {element});")
             self._w.assign(to, [i], found.text)
@@ -123,7 +121,7 @@ class LinearAlgebra(ValueStore):
         self._w.write(self._readable_or_maker(given, environment, flat), to)
         at = self._w.array(order.shape, WHOLE)
         n = factors.shape[0]
-        self._w.say(f"gl_lu({n}, &{to.element(['0', '0'])}, &{at.element(['0'])});")
+        self._w.say(f"gl_lu({n}, &{to.element()}, &{at.element()});")
         return [to, Scalar("0", WHOLE), at]
 
     def _triangular_solve(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
@@ -146,11 +144,9 @@ class LinearAlgebra(ValueStore):
         n, columns = to.shape
         to = to if lower else to.reversed(0)
         i, j, k = (self._w.fresh("i") for _ in range(3))
-        with contextlib.ExitStack() as stack:
-            stack.enter_context(self._w.block(f"for (int32_t {i} = 0; {i} < {n}; {i}++)"))
-            stack.enter_context(self._w.block(f"for (int32_t {j} = 0; {j} < {columns}; {j}++)"))
+        with self._w.counted(i, n), self._w.counted(j, columns):
             total = self._w.variable(REAL, to.value([i, j]))
-            with self._w.block(f"for (int32_t {k} = 0; {k} < {i}; {k}++)"):
+            with self._w.counted(k, i):
                 self._w.say(f"{total.text} = {total.text} - ({a.value([i, k])} * {to.value([k, j])});")
             text = total.text if how.unit_diagonal else f"({total.text} / {a.value([i, i])})"
             self._w.assign(to, [i, j], text)
@@ -159,18 +155,13 @@ class LinearAlgebra(ValueStore):
     def _solved_at_once(self, output: Variable, a: View, right: View, *, lower: bool, unit: bool) -> View:
         """Solution for many right sides by the shared function."""
         if right.strides != dense(right.shape):
-            right = self._materialised(Tree(right.shape, REAL, "{0}", (right,)))
+            right = self._copied(right)
         x = self._w.array(output.shape, REAL)
         b, to = (right, x) if lower else (right.reversed(0), x.reversed(0))
         given = (
             f"{to.shape[0]}, {to.shape[1]}",
-            f"{_start(a)}, {a.strides[0]}, {a.strides[1]}, {'true' if unit else 'false'}",
-            f"{_start(b)}, {_start(to)}, {to.strides[0]}",
+            f"&{a.element()}, {a.strides[0]}, {a.strides[1]}, {'true' if unit else 'false'}",
+            f"&{b.element()}, &{to.element()}, {to.strides[0]}",
         )
         self._w.say(f"gl_solve({', '.join(given)});")
         return x
-
-
-def _start(view: View) -> str:
-    """Address of the first element."""
-    return f"&{view.element(['0'] * len(view.shape))}"

@@ -10,7 +10,7 @@ from dataclasses import replace
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.flat import Flat, Operation, Variable
 from glucoloop.native.targets.c.compact.stored import Environment, ValueStore
-from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, views_of
+from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View
 from glucoloop.native.targets.c.compact.writer import Writer
 from glucoloop.native.targets.c.numbers import REAL
 
@@ -34,7 +34,7 @@ class Loops(ValueStore):
         rows = operation.inputs[loop.constants + loop.carried :]
         values: list[Value] = [self._stored(given, environment) for given in constants]
         each = [self._stored(given, environment) for given in rows]
-        held: list[Value] = []
+        held: list[Value] = []  # with 0 for what no round needs
         of_loop = inner.inputs[loop.constants : loop.constants + loop.carried]
         for given, output, inside in zip(carried, operation.outputs, of_loop, strict=False):
             if output in flat.uses or inside in inner.uses:
@@ -42,20 +42,18 @@ class Loops(ValueStore):
                 self._changing.add(inside)
             else:
                 held.append(Scalar("0", output.kind))
-        stacked: list[View | None] = []
-        for output in operation.outputs[loop.carried :]:
-            stacked.append(self._w.array(output.shape, output.kind) if output in flat.uses else None)
+        gives = operation.outputs[loop.carried :]
+        stacked = [self._w.array(output.shape, output.kind) if output in flat.uses else None for output in gives]
         i = self._w.fresh("i")
-        with self._w.block(f"for (int32_t {i} = 0; {i} < {loop.length}; {i}++)"):
-            of_round: list[Value] = []
-            for value in each:
-                of_round.append(self._row(value, i, reverse=loop.reverse))
+        with self._w.counted(i, loop.length):
+            of_round = [self._row(value, i, reverse=loop.reverse) for value in each]
             results = self._body(inner, dict(zip(inner.inputs, [*values, *held, *of_round], strict=True)))
             for value, place in zip(results[loop.carried :], stacked, strict=True):
                 if place is not None:
                     row = place.reversed(0).row(0, i) if loop.reverse else place.row(0, i)
                     self._w.write(value, row)
-            self._carry_on(results[: loop.carried], held)
+            carried_on = zip(results[: loop.carried], held, strict=True)
+            self._put([(value, to) for value, to in carried_on if to != Scalar("0", to.kind)])
         return [*held, *(Scalar("0", REAL) if place is None else place for place in stacked)]
 
     def _held(self, value: Value, output: Variable) -> Value:
@@ -75,27 +73,24 @@ class Loops(ValueStore):
             return value.parts[0] if math.prod(shape) == 1 else replace(value, shape=shape)
         return value  # a loop of one round
 
-    def _carry_on(self, results: Sequence[Value], held: Sequence[Value]) -> None:
-        """Pass on the carried values, when nothing reads their old values any more."""
-        changing = {place.number for place in held if isinstance(place, View)}
+    def _put(self, pairs: Sequence[tuple[Value, Value]]) -> None:
+        """Store values in their places, when nothing reads any more what is there."""
+        changing = {to.number for _, to in pairs if isinstance(to, View)}
         waiting: list[tuple[Value, Value]] = []
-        for value, place in zip(results, held, strict=True):
-            if value == place or place == Scalar("0", place.kind):
+        for value, to in pairs:
+            if value == to:
                 continue
-            if isinstance(place, Scalar):
-                waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), place))
-            elif any(view.number in changing for view in views_of(value)):
-                fresh = self._w.array(place.shape, place.kind)
-                self._w.write(value, fresh)
-                waiting.append((fresh, place))
+            if isinstance(to, Scalar):
+                waiting.append((self._w.local(replace(self._scalar(value), is_name=False)), to))
             else:
-                waiting.append((value, place))
-        for value, place in waiting:  # arrays first: they may be computed from the old numbers
-            if isinstance(place, View):
-                self._w.write(value, place)
-        for value, place in waiting:
-            if isinstance(place, Scalar) and isinstance(value, Scalar):
-                self._w.say(f"{place.text} = {value.text};")
+                reads = any(view.number in changing for view in value.views())
+                waiting.append((self._copied(value) if reads else value, to))
+        for value, to in waiting:  # arrays first: they may be computed from the old numbers
+            if isinstance(to, View):
+                self._w.write(value, to)
+        for value, to in waiting:
+            if isinstance(to, Scalar):
+                self._w.say(f"{to.text} = {self._scalar(value).text};")
 
     def _cond(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
         index, *given = operation.inputs
@@ -107,23 +102,13 @@ class Loops(ValueStore):
             head = "else" if n == last else f"{'else ' if n else ''}if ({which} {'<=' if n == 0 else '=='} {n})"
             with self._w.block(head):
                 found = self._body(branch, dict(zip(branch.inputs, values, strict=True)))
-                self._chosen(
-                    [(v, to) for v, to, o in zip(found, results, operation.outputs, strict=True) if o in flat.uses]
-                )
+                needed = zip(found, results, operation.outputs, strict=True)
+                pairs = [(value, to) for value, to, output in needed if output in flat.uses]
+                for value, to in pairs:
+                    if isinstance(to, Scalar):  # a variable of its own, which nothing reads
+                        self._w.say(f"{to.text} = {self._scalar(value).text};")
+                self._put([(value, to) for value, to in pairs if isinstance(to, View)])
         return results
-
-    def _chosen(self, pairs: Sequence[tuple[Value, Value]]) -> None:
-        """Store the results of a branch; a place may be that of an argument, which other results read."""
-        for value, to in pairs:
-            if isinstance(to, Scalar):
-                self._w.say(f"{to.text} = {self._scalar(value).text};")
-        changing = {to.number for _, to in pairs if isinstance(to, View)}
-        arrays = [(value, to) for value, to in pairs if isinstance(to, View) and value != to]
-        reading = [any(view.number in changing for view in views_of(value)) for value, _ in arrays]
-        ready = [self._copied(value) if reads else value for (value, _), reads in zip(arrays, reading, strict=True)]
-        for value, (_, to) in zip(ready, arrays, strict=True):
-            if isinstance(to, View):
-                self._w.write(value, to)
 
     def _place_of_choice(self, i: int, operation: Operation, values: Sequence[Value], flat: Flat) -> Value:
         """Place for a result of a choice; that of the argument if a branch returns it and nothing else needs it."""
@@ -131,7 +116,7 @@ class Loops(ValueStore):
         if output not in flat.uses:
             return Scalar("0", output.kind)
         if math.prod(output.shape) == 1:
-            return self._w.variable(output.kind, self._w.literal(0, output.kind))
+            return self._w.variable(output.kind, self._w.format.constant(0, output.kind))
         for branch in operation.inner:
             for variable, given, value in zip(branch.inputs, operation.inputs[1:], values, strict=True):
                 alone = isinstance(given, Variable) and given in self._changing and flat.uses[given] == 1

@@ -63,16 +63,15 @@ def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]
         for line in {lives[array.number][0] for array in arrays}
     )
     order = sorted(arrays, key=lambda array: (-array.size, lives[array.number]))
-    best, least = _in_order(order, lives)
-    for _ in range(_ATTEMPTS):
-        place, total = _in_order(order, lives)
-        if total < least:
-            best, least = place, total
-        if least == needed:
+    best = found = _in_order(order, lives)
+    for _ in range(1, _ATTEMPTS):
+        if best[1] == needed:
             break
-        beyond = [array for array in order if place[array.number] + array.size > needed]
+        beyond = [array for array in order if found[0][array.number] + array.size > needed]
         order = [*beyond, *(array for array in order if array not in beyond)]
-    return best, least
+        found = _in_order(order, lives)
+        best = min(best, found, key=lambda of_order: of_order[1])
+    return best
 
 
 def _in_order(order: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -37,9 +36,8 @@ class Moves(ValueStore):
             return [self._joined(operation, environment, flat)]
         (given,) = operation.inputs
         used = [v for v in operation.outputs if v in flat.uses]
-        if all(math.prod(v.shape) == 1 for v in (*operation.outputs,)) and math.prod(shapes[0]) == 1:
-            value = self._scalar(self._read(given, environment))
-            return [value]
+        if all(math.prod(v.shape) == 1 for v in operation.outputs) and math.prod(shapes[0]) == 1:
+            return [self._scalar(self._read(given, environment))]
         maps = places_of(operation.equation, shapes)
         results: list[Value] = []
         for output, places in zip(operation.outputs, maps, strict=True):
@@ -56,37 +54,24 @@ class Moves(ValueStore):
             number = self._w.local(self._scalar(self._stored(given, environment)))
             return number if places.size == 1 else Tree(places.shape, number.kind, "{0}", (number,))
         value = self._readable(given, environment, flat) if whole else self._stored(given, environment)
-        if isinstance(value, Tree) and value.is_uniform:
-            (only,) = value.parts
-            if isinstance(only, Scalar):
-                return only if places.size == 1 else replace(value, shape=places.shape)
-        moved: Any
-        if isinstance(value, Tree):
-            moved = value.mapped(lambda view: view.moved(places), places.shape)
+        moved = value.mapped(lambda view: view.moved(places), places.shape)
+        if moved is None:
+            view = self._view(given, environment)
+            moved = view.moved(places)
             if moved is None:
-                value = self._stored(given, environment)
-        if isinstance(value, View):
-            moved = value.moved(places)
-            if moved is None:
-                return self._looked_up(value, places)
-        return (
-            Scalar(moved.value(["0"] * places.ndim), moved.kind)
-            if places.size == 1 and isinstance(moved, View)
-            else (self._scalar(moved) if places.size == 1 else moved)
-        )
+                return self._looked_up(view, places)
+        return self._scalar(moved) if places.size == 1 else moved
 
     def _looked_up(self, source: View, places: Places) -> Value:
         """Elements at irregular places, by a table of these."""
         index = self._w.constant(places.astype(np.int32))
-        strides = dense(source.shape)
-        if source.strides != strides:
-            source = self._materialised(Tree(source.shape, source.kind, "{0}", (source,)))
+        if source.strides != dense(source.shape):
+            source = self._copied(source)
         line = replace(source, shape=(math.prod(source.shape),), strides=(1,))
 
         def write(to: View) -> None:
             with self._w.loops(places.shape) as found:
-                at = self._w.element(index, found) if not isinstance(index, Maker) else "0"
-                self._w.assign(to, found, line.value([at]))
+                self._w.assign(to, found, line.value([index.value(found)]))
 
         return Maker(places.shape, source.kind, write, (source,))
 
@@ -172,7 +157,7 @@ class Moves(ValueStore):
             if adds and not isinstance(update, Maker):
                 if math.prod(part.shape) == 1:
                     text = self._scalar(update).text
-                    value = Scalar(f"({part.element(['0'] * len(part.shape))} + {text})", output.kind)
+                    value = Scalar(f"({part.element()} + {text})", output.kind)
                 else:
                     number = self._w.local(update) if isinstance(update, Scalar) else update
                     value = Tree(part.shape, output.kind, "({0} + {1})", (part, number))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 from glucoloop.native import primitives
 from glucoloop.native.flatten import REDUCTIONS
@@ -26,13 +25,13 @@ class Reductions(ValueStore):
         turned = permuted(value, [*remaining, *axes])
         inner = [value.shape[axis] for axis in axes]
         name, nothing = REDUCTIONS[operation.name]
-        start = self._w.literal(nothing, output.kind)
+        start = self._w.format.constant(nothing, output.kind)
         step = f"{{0}} {INFIX[name]} {{1}}" if name in INFIX else f"gl_{name}({{0}}, {{1}})"
 
         def total(indices: list[str]) -> Scalar:
             found = self._w.variable(output.kind, start)
             with self._w.loops(inner) as of_inner:
-                text = self._w.element(turned, [*indices, *of_inner])
+                text = turned.value([*indices, *of_inner])
                 self._w.say(f"{found.text} = {step.format(found.text, text)};")
             return found
 
@@ -46,17 +45,16 @@ class Reductions(ValueStore):
             return [value]
         order = [*(i for i in range(len(value.shape)) if i != axis), axis]
         turned = permuted(value, order)
-        if reverse:
-            turned = _reversed(turned, len(order) - 1)
+        last = len(order) - 1
+        turned = turned.mapped(lambda view: view.reversed(last), turned.shape) if reverse else turned
 
         def write(to: View) -> None:
             to = to.permuted(order)
-            to = to.reversed(len(order) - 1) if reverse else to
+            to = to.reversed(last) if reverse else to
             with self._w.loops(turned.shape[:-1]) as outer:
-                found = self._w.variable(output.kind, self._w.literal(0, output.kind))
+                found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
                 with self._w.loops(turned.shape[-1:]) as along:
-                    text = self._w.element(turned, [*outer, *along])
-                    self._w.say(f"{found.text} = {found.text} + {text};")
+                    self._w.say(f"{found.text} = {found.text} + {turned.value([*outer, *along])};")
                     self._w.assign(to, [*outer, *along], found.text)
 
         return [Maker(output.shape, output.kind, write, (value,))]
@@ -77,7 +75,7 @@ class Reductions(ValueStore):
             best = self._w.variable(kind, number(turned.value([*indices, "0"])))
             found = self._w.variable(WHOLE, "0")
             i = self._w.fresh("i")
-            with self._w.block(f"for (int32_t {i} = 1; {i} < {turned.shape[-1]}; {i}++)"):
+            with self._w.counted(i, turned.shape[-1], 1):
                 element = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
                 new = (
                     f" || (({element.text} != {element.text}) && ({best.text} == {best.text}))" if kind == REAL else ""
@@ -91,9 +89,3 @@ class Reductions(ValueStore):
 
     _argmax = functools.partialmethod(_first, sign=">")
     _argmin = functools.partialmethod(_first, sign="<")
-
-
-def _reversed(value: Any, axis: int) -> Any:
-    return (
-        value.reversed(axis) if isinstance(value, View) else value.mapped(lambda view: view.reversed(axis), value.shape)
-    )

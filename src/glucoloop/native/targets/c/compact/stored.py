@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Variable
-from glucoloop.native.targets.c.compact.values import LARGEST_EXPRESSION, Maker, Scalar, Tree, Value, View
+from glucoloop.native.targets.c.compact.values import LARGEST_EXPRESSION, Maker, Readable, Scalar, Tree, Value, View
 from glucoloop.native.targets.c.compact.writer import Writer
 
 Environment = dict[Variable, Value]
@@ -32,13 +32,13 @@ class ValueStore:
 
     def _scalar(self, value: Value) -> Scalar:
         """A value of one element as a number."""
-        if isinstance(value, Scalar):
-            return value
         if isinstance(value, Maker):
-            value = self._materialised(value)
-        return Scalar(self._w.element(value, ["0"] * len(value.shape)), value.kind)
+            value = self._copied(value)
+        if isinstance(value, Tree) and value.is_uniform:
+            (value,) = value.parts
+        return value if isinstance(value, Scalar) else Scalar(value.value(), value.kind)
 
-    def _stored(self, operand: Operand, environment: Environment) -> Value:
+    def _stored(self, operand: Operand, environment: Environment) -> Readable:
         """A value that may be read anywhere below, any number of times."""
         value = self._read(operand, environment)
         if math.prod(shape_of(operand)) == 1:
@@ -53,14 +53,14 @@ class ValueStore:
         value = self._stored(operand, environment)
         if isinstance(value, View):
             return value
-        view = self._materialised(
-            Tree(shape_of(operand), value.kind, "{0}", (value,)) if isinstance(value, Scalar) else value
-        )
-        if isinstance(operand, Variable) and not isinstance(value, Scalar):
+        if isinstance(value, Scalar):
+            return self._copied(Tree(shape_of(operand), value.kind, "{0}", (value,)))
+        view = self._copied(value)
+        if isinstance(operand, Variable):
             environment[operand] = view
         return view
 
-    def _readable(self, operand: Operand, environment: Environment, flat: Flat) -> Scalar | View | Tree:
+    def _readable(self, operand: Operand, environment: Environment, flat: Flat) -> Readable:
         """A value whose elements are each read once."""
         value = self._read(operand, environment)
         if math.prod(shape_of(operand)) == 1:
@@ -68,10 +68,7 @@ class ValueStore:
         once = isinstance(operand, Variable) and flat.uses[operand] == 1
         if isinstance(value, Tree) and (value.is_uniform or (once and value.size < LARGEST_EXPRESSION)):
             return value
-        found = self._stored(operand, environment)
-        if isinstance(found, Maker):
-            raise AssertionError("a stored array is in memory")
-        return found
+        return self._stored(operand, environment)
 
     def _readable_or_maker(self, given: Operand, environment: Environment, flat: Flat) -> Value:
         """Value as of `_readable`, or a maker for a value that may be written once its place is known."""
@@ -102,5 +99,4 @@ def permuted(value: Any, axes: Sequence[int]) -> Any:
     """Value with its axes in another order."""
     if isinstance(value, Scalar):
         return value
-    shape = tuple(value.shape[i] for i in axes)
-    return value.permuted(axes) if isinstance(value, View) else value.mapped(lambda view: view.permuted(axes), shape)
+    return value.mapped(lambda view: view.permuted(axes), tuple(value.shape[i] for i in axes))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from glucoloop.native import primitives
 from glucoloop.native.flatten import MOVES, REDUCTIONS
-from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import ELEMENTWISE
 from glucoloop.native.targets.c.compact.expressions import template
 from glucoloop.native.targets.c.compact.flat import CLIP, INSIDE, Flat, Operation, Variable, flatten
@@ -20,7 +20,7 @@ from glucoloop.native.targets.c.compact.memory import placed
 from glucoloop.native.targets.c.compact.moves import Moves
 from glucoloop.native.targets.c.compact.reductions import Reductions
 from glucoloop.native.targets.c.compact.stored import Environment
-from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, dense, views_of
+from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View, dense
 from glucoloop.native.targets.c.compact.writer import Tables, Writer
 from glucoloop.native.targets.c.numbers import FORMATS
 from glucoloop.native.targets.c.records import Structure
@@ -46,7 +46,7 @@ class Translator(LinearAlgebra, Moves, Reductions, Loops):
                 continue
             if isinstance(value, Scalar) or math.prod(to.shape) == 1:
                 value = self._w.local(self._scalar(value))
-            elif any(view.is_field for view in views_of(value)):
+            elif any(view.is_field for view in value.views()):
                 value = self._materialised(value)
             waiting.append((value, to))
         for value, to in waiting:
@@ -66,10 +66,7 @@ class Translator(LinearAlgebra, Moves, Reductions, Loops):
         elif name in REDUCTIONS:
             results = [self._reduced(operation, environment, flat)]
         else:
-            handler: Callable[..., Sequence[Value]] | None = getattr(self, f"_{name.replace('-', '_')}", None)
-            if handler is None:
-                raise UnsupportedError(f"the operation {name!r}")
-            results = handler(operation, environment, flat)
+            results = primitives.method(self, name)(operation, environment, flat)
         environment.update(zip(operation.outputs, results, strict=True))
 
     def _elementwise(self, operation: Operation, environment: Environment, flat: Flat) -> Value:

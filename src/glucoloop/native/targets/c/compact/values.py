@@ -32,6 +32,20 @@ class Scalar:
         """Shape of one number."""
         return ()
 
+    def value(self, indices: Sequence[str] = ()) -> str:
+        """The text of the number, whatever the indices."""
+        del indices
+        return self.text
+
+    def mapped(self, change: Callable[[View], View | None], shape: tuple[int, ...]) -> Scalar:
+        """The number itself, which is that of each element."""
+        del change, shape
+        return self
+
+    def views(self) -> list[View]:
+        """Arrays that the number is read from, of which there are none."""
+        return []
+
 
 @dataclass(frozen=True)
 class View:
@@ -53,11 +67,11 @@ class View:
     """Whether it belongs to a structure of the caller."""
 
     def element(self, indices: Sequence[str] = ()) -> str:
-        """The lvalue of an element."""
+        """The lvalue of an element, without indices of the first one."""
         if self.is_plain:
             return self.array
         parts = [*self.terms]
-        for index, stride in zip(indices, self.strides, strict=True):
+        for index, stride in zip(indices, self.strides, strict=bool(indices)):
             if stride and index != "0":
                 parts.append(index if stride == 1 else f"{stride} * {index}")
         if self.number is not None:
@@ -72,6 +86,15 @@ class View:
         """The text by which an element is read."""
         text = self.element(indices)
         return f"({text} != 0)" if self.kind == TRUTH and self.is_field else text
+
+    def views(self) -> list[View]:
+        """The array itself."""
+        return [self]
+
+    def mapped(self, change: Callable[[View], View | None], shape: tuple[int, ...]) -> View | None:
+        """The changed view, which has the shape."""
+        del shape
+        return change(self)
 
     def moved(self, places: Places) -> View | None:
         """The elements at places, counted row by row; None unless they are at regular distances."""
@@ -110,7 +133,7 @@ class Tree:
     shape: tuple[int, ...]
     kind: str
     template: str
-    parts: tuple[Scalar | View | Tree, ...]
+    parts: tuple[Readable, ...]
 
     @property
     def is_uniform(self) -> bool:
@@ -124,34 +147,21 @@ class Tree:
 
     def views(self) -> list[View]:
         """Arrays that the expression reads."""
-        found: list[View] = []
-        for part in self.parts:
-            found += [part] if isinstance(part, View) else part.views() if isinstance(part, Tree) else []
-        return found
+        return [view for part in self.parts for view in part.views()]
 
     def mapped(self, change: Callable[[View], View | None], shape: tuple[int, ...]) -> Tree | None:
         """The same expression of changed views; None if one cannot be changed."""
-        parts: list[Scalar | View | Tree] = []
+        parts: list[Readable] = []
         for part in self.parts:
-            changed: Any = part
-            if isinstance(part, View):
-                changed = change(part)
-            elif isinstance(part, Tree):
-                changed = part.mapped(change, shape)
+            changed = part.mapped(change, shape)
             if changed is None:
                 return None
             parts.append(changed)
         return replace(self, shape=shape, parts=tuple(parts))
 
-    def value(self, read: Callable[[View], str]) -> str:
-        """The text of an element."""
-        texts = []
-        for part in self.parts:
-            if isinstance(part, View):
-                texts.append(read(part))
-            else:
-                texts.append(part.text if isinstance(part, Scalar) else part.value(read))
-        return self.template.format(*texts)
+    def value(self, indices: Sequence[str] = ()) -> str:
+        """The text of an element, without indices of the first one."""
+        return self.template.format(*(part.value(indices) for part in self.parts))
 
 
 @dataclass(frozen=True)
@@ -164,24 +174,18 @@ class Maker:
     reads: tuple[Any, ...]
     """Values that are read during the writing."""
 
+    def views(self) -> list[View]:
+        """Arrays that the writing reads."""
+        return [view for part in self.reads for view in part.views()]
 
-Value = Scalar | View | Tree | Maker
+
+Readable = Scalar | View | Tree
+Value = Readable | Maker
 
 
 def dense(shape: Sequence[int]) -> tuple[int, ...]:
     """The strides of an array whose rows follow one another."""
     return tuple(math.prod(shape[i + 1 :]) for i in range(len(shape)))
-
-
-def views_of(value: Any) -> list[View]:
-    """All arrays that a value is read from."""
-    if isinstance(value, View):
-        return [value]
-    if isinstance(value, Tree):
-        return value.views()
-    if isinstance(value, Maker):
-        return [view for part in value.reads for view in views_of(part)]
-    return []
 
 
 def places_at(first: int, strides: Sequence[int], shape: Sequence[int]) -> Places:

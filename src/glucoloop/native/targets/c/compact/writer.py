@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.targets.c.compact.memory import Array
-from glucoloop.native.targets.c.compact.values import Maker, Scalar, Tree, Value, View, dense
+from glucoloop.native.targets.c.compact.values import Maker, Readable, Scalar, Tree, Value, View, dense
 from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, kind_of, type_of
 
 WORKSPACE: Final = {REAL: "w", WHOLE: "k", TRUTH: "b"}
@@ -57,19 +58,13 @@ class Writer:
         self._count += 1
         return f"{letter}{self._count}"
 
-    def literal(self, number: Any, kind: str) -> str:
-        """Text of a constant."""
-        if kind == TRUTH:
-            return "true" if number else "false"
-        return self.format.literal(float(number)) if kind == REAL else str(int(number))
-
-    def constant(self, array: npt.NDArray[Any]) -> Value:
+    def constant(self, array: npt.NDArray[Any]) -> Readable:
         """A known array."""
         kind = kind_of(array.dtype)
         flat = array.ravel()
         bits = np.ascontiguousarray(flat).view(np.uint8).reshape(flat.size, -1) if flat.size else flat
         if flat.size and (bits == bits[0]).all():
-            text = self.literal(flat[0], kind)
+            text = self.format.constant(flat[0], kind)
             # MISRA C:2012, rule 10.6: a small literal alone has a narrower type than the variables of its kind.
             number = Scalar(f"(int32_t){text}" if kind == WHOLE else text, kind, is_name=True)
             return number if array.size == 1 else Tree(array.shape, kind, "{0}", (number,))
@@ -105,6 +100,10 @@ class Writer:
         yield
         self.say("}")
 
+    def counted(self, index: str, end: int | str, begin: int | str = 0) -> contextlib.AbstractContextManager[None]:
+        """A loop over numbers from `begin` to below `end`."""
+        return self.block(f"for (int32_t {index} = {begin}; {index} < {end}; {index}++)")
+
     @contextlib.contextmanager
     def loops(self, shape: Sequence[int]) -> Iterator[list[str]]:
         """Loops over the axes of a shape, and the indices; an axis of one element has no loop."""
@@ -115,7 +114,7 @@ class Writer:
                     indices.append("0")
                     continue
                 i = self.fresh("i")
-                stack.enter_context(self.block(f"for (int32_t {i} = 0; {i} < {n}; {i}++)"))
+                stack.enter_context(self.counted(i, n))
                 indices.append(i)
             yield indices
 
@@ -124,8 +123,7 @@ class Writer:
         if isinstance(value, Maker):
             value.write(to)
         elif math.prod(to.shape) == 1:
-            text = value.text if isinstance(value, Scalar) else self.element(value, ["0"] * len(value.shape))
-            self.assign(to, ["0"] * len(to.shape), text)
+            self.assign(to, (), value.value())
         elif isinstance(value, Scalar):
             self._fill(Tree(to.shape, value.kind, "{0}", (self.local(value),)), to)
         else:
@@ -138,39 +136,27 @@ class Writer:
             text = f"({text}) ? 1 : 0"
         self.say(f"{to.element(indices)} = {text};")
 
-    def element(self, value: Scalar | View | Tree, indices: Sequence[str]) -> str:
-        """The text of an element."""
-        if isinstance(value, Scalar):
-            return value.text
-        if isinstance(value, View):
-            return value.value(indices)
-        return value.value(lambda view: view.value(indices))
-
-    def _fill(self, value: View | Tree, to: View) -> None:
-        views = [to, *([value] if isinstance(value, View) else value.views())]
+    def _fill(self, value: Readable, to: View) -> None:
+        views = [to, *value.views()]
         shape, strides = _joined(to.shape, [view.strides for view in views])
 
         def lean(view: View) -> View:
             return replace(view, shape=shape, strides=strides[views.index(view)])
 
         to = lean(to)
-        thin: Any = lean(value) if isinstance(value, View) else value.mapped(lean, shape)
+        thin: Any = value.mapped(lean, shape)
         if math.prod(shape) <= FEW:
             for i in range(math.prod(shape)):
-                indices = [str(n) for n in np.unravel_index(i, shape)]
-                self.assign(_at(to, indices), (), self.element(_pinned(thin, indices), ()))
+                at = functools.partial(_at, indices=np.unravel_index(i, shape))
+                self.assign(at(to), (), thin.mapped(at, ()).value())
             return
         with self.loops(shape) as found:
-            self.assign(to, found, self.element(thin, found))
+            self.assign(to, found, thin.value(found))
 
 
-def _at(view: View, indices: Sequence[str]) -> View:
+def _at(view: View, indices: Sequence[Any]) -> View:
     base = view.base + sum(int(i) * stride for i, stride in zip(indices, view.strides, strict=True))
     return replace(view, shape=(), strides=(), base=base)
-
-
-def _pinned(value: Any, indices: Sequence[str]) -> Any:
-    return _at(value, indices) if isinstance(value, View) else value.mapped(lambda view: _at(view, indices), ())
 
 
 def _joined(shape: Sequence[int], strides: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
