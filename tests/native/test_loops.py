@@ -101,7 +101,7 @@ def test_native_code_is_the_interpreter_to_the_bit_however_it_is_cut(
     """Several vectors go in turn through each chunk, and one after the other."""
     monkeypatch.setattr(emit, "FITS_THE_CACHE", fits)
     for name in ("OPERATIONS_A_CHUNK", "OPERATIONS_OF_SEVERAL"):
-        monkeypatch.setattr(emit, name, size)
+        monkeypatch.setattr(emit, name, (size, size))
     given = [x.astype(precision) for x in numbers()]
     found = native(everything, *numbers(), precision=precision, products="strict")(*given)
     _, wanted = interpret(lowered(everything, precision=precision), own=flat(given))

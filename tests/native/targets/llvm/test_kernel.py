@@ -119,7 +119,7 @@ def test_threads_make_no_difference(compiled, numbers, threads):
 @pytest.mark.long
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
 def test_how_the_work_is_cut_makes_no_difference(lowered, compiled, numbers, monkeypatch, size):
-    monkeypatch.setattr(emit, "OPERATIONS_A_CHUNK", size)
+    monkeypatch.setattr(emit, "OPERATIONS_A_CHUNK", (size, size))
     cut = compile_kernel(lowered["float64"])
     assert cut.text.count("chunk") > compiled["float64"].text.count("chunk")
     for a, b in zip(run(cut, numbers), run(compiled["float64"], numbers), strict=True):

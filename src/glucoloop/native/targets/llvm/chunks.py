@@ -20,12 +20,10 @@ FITS_THE_CACHE: Final = 1500
 """Number of operations, about, whose instructions fit the processor's first-level cache, at 20 bytes each."""
 LONG: Final = 6000
 """Number of operations from which on a program has other chunks than a shorter one."""
-OPERATIONS_A_CHUNK: Final = 2000
-OPERATIONS_OF_LONG: Final = 500
-"""The same in a long program: then what one vector of people needs of memory fits the cache."""
-OPERATIONS_OF_SEVERAL: Final = 75
+OPERATIONS_A_CHUNK: Final = 2000, 500
+"""The same of a chunk, in a short program and a long one, where what a vector needs of memory then fits the cache."""
+OPERATIONS_OF_SEVERAL: Final = 75, 150
 """The same where several vectors go through each chunk in turn: of a shorter chunk, more stays in registers."""
-OPERATIONS_OF_SEVERAL_IN_LONG: Final = 150
 
 Cell = tuple[str, int, str | None]
 """Name of an array of a loop, a place in it, and the name of a number that is added to the place."""

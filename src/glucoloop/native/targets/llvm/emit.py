@@ -17,9 +17,7 @@ from glucoloop.native.targets.llvm.chunks import (
     FITS_THE_CACHE,
     LONG,
     OPERATIONS_A_CHUNK,
-    OPERATIONS_OF_LONG,
     OPERATIONS_OF_SEVERAL,
-    OPERATIONS_OF_SEVERAL_IN_LONG,
     Chunk,
     Rounds,
     plan_chunks,
@@ -82,15 +80,9 @@ class Emitter:
         """Place of each row's value, which waits in memory."""
         inner = {v for row in rows for v in row.inner} | (self._sums.keys() - self._rows.keys())
         values = [v for v in values if v not in inner]
-        one_at_a_time = apart or vectors > 1 or len(values) <= FITS_THE_CACHE
-        self._group = 1 if one_at_a_time else VECTORS_A_BLOCK
+        self._group = 1 if apart or vectors > 1 or len(values) <= FITS_THE_CACHE else VECTORS_A_BLOCK
         factors = {first: row.factors for first, row in self._rows.items()}
-        short, long = (
-            (OPERATIONS_A_CHUNK, OPERATIONS_OF_LONG)
-            if one_at_a_time
-            else (OPERATIONS_OF_SEVERAL, OPERATIONS_OF_SEVERAL_IN_LONG)
-        )
-        size = long if len(values) > LONG else short
+        size = (OPERATIONS_A_CHUNK if self._group == 1 else OPERATIONS_OF_SEVERAL)[len(values) > LONG]
         self._plan = plan_chunks(program, layout, program.bodies(values), self._taken, size, vectors=factors)
         self.room = 0
         """Number of vectors in which the function works that is written, unless it is apart."""
