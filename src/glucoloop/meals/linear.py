@@ -11,6 +11,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from glucoloop._kept import kept_result
 from glucoloop._pytree import pytree, static
@@ -36,7 +37,7 @@ class LinearAbsorption:
 
     def moments(self, samples: int, substeps: int, step_min: float) -> jax.Array:
         """Exact moments of the appearance over every step of a run, ``(samples, substeps, 3, ...)``."""
-        starts = jnp.arange(samples * substeps).reshape(samples, substeps) * step_min
+        starts = np.arange(samples * substeps).reshape(samples, substeps) * step_min
         moments: jax.Array = kept_result(_moments, starts, step_min, self)
         return moments
 

@@ -290,8 +290,8 @@ class Cohort:
         with one_at_a_time:
             of_all, (reaching_in, first_announced) = self._values_of(people), self._inputs_of(people, number)
             reaching = reaching_in(slice(0, min(samples, most)))
-            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(of_all, x, insulin, jnp.asarray(first_announced[again]), people.key)
+            rest = people.x, people.insulin_mU_min
+            carry, keys = self._begin_people(of_all, *rest, first_announced[again], people.key)
             for computed in jax.tree.leaves((of_all, carry, keys)):
                 computed.block_until_ready()
             person = of_all
@@ -316,10 +316,10 @@ class Cohort:
         with one_at_a_time:
             person = self._values_of(people)
             reaching_in, first_announced = self._inputs_of(people, people.insulin_mU_min.shape[0])
-            x, insulin = jnp.asarray(people.x), jnp.asarray(people.insulin_mU_min)
-            carry, keys = self._begin_people(person, x, insulin, jnp.asarray(first_announced), people.key)
+            rest = people.x, people.insulin_mU_min
+            carry, keys = self._begin_people(person, *rest, first_announced, people.key)
             glucose, reading = map(np.asarray, self._look_at_people(person, carry, keys, 0))
-        number, samples = insulin.shape[0], self._grid.samples
+        number, samples = people.insulin_mU_min.shape[0], self._grid.samples
 
         @functools.lru_cache(maxsize=1)
         def inputs_in(piece: int) -> dict[str, StoredInputs]:
