@@ -78,12 +78,7 @@ def test_the_covariance_goes_on_as_that_of_the_transition_itself():
     )
     # further appearance comes in as a disturbance does, for one sample
     flux = F[:3, 5]
-    minutes = settings.gut_min * np.exp(float(estimate.log_gut_time))
-    first, second = np.asarray(estimate.gut_mg)
-    left = np.exp(-5.0 / minutes) * (first * (1.0 + 5.0 / minutes) + second)
-    appears = float(MODEL.meal_gain) * (first + second - left) / 5.0
-    further = settings.glucose_noise_mg_min**2 + (settings.appearance_error_pct / 100.0 * appears) ** 2
-    Q[:3, :3] = further * np.outer(flux, flux)
+    Q[:3, :3] = settings.glucose_noise_mg_min**2 * np.outer(flux, flux)
     later = predict(estimate, insulin)
     wanted = F @ np.asarray(estimate.covariance) @ F.T + Q
     size = np.sqrt(np.diag(wanted))

@@ -351,7 +351,6 @@ def design_profile_mpc(
             disturbance_noise_mg_min=settings.disturbance_noise_mg_min,
             disturbance_min=settings.disturbance_min,
             glucose_noise_mg_min=settings.glucose_noise_mg_min,
-            appearance_error=settings.appearance_error_pct / 100.0,
             counting_error=settings.counting_error_pct / 100.0,
             measurement_variance=settings.measurement_variance or max(noise_variance, _LEAST_VARIANCE),
             sensor_error_mg_dl=settings.sensor_error_mg_dl,

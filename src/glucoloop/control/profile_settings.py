@@ -119,13 +119,6 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
     glucose_noise_mg_min: Annotated[
         float, About("Standard deviation of a part of that appearance which is new at each sample.", at_least=0.0)
     ] = 10.0
-    appearance_error_pct: Annotated[
-        float,
-        About(
-            "Standard deviation, new at each sample, of the appearance of meals, in percent of what is expected.",
-            at_least=0.0,
-        ),
-    ] = 30.0
     measurement_variance: Annotated[
         float,
         About("Variance of white noise of a reading, R; 0: that of the sensor, at least 0.25.", at_least=0.0),

@@ -76,8 +76,6 @@ class FedFilter:
     """Time constant with which the disturbance fades."""
     glucose_noise_mg_min: jax.Array | float
     """Standard deviation of further appearance, new at every sample."""
-    appearance_error: jax.Array | float
-    """Standard deviation of the same, beside the former, as a share of what appears from the gut."""
     counting_error: jax.Array | float
     """Relative standard deviation of announced carbohydrate."""
     measurement_variance: jax.Array | float
@@ -154,9 +152,7 @@ class FedFilter:
             (1.0 - correlation**2) * self.sensor_error_mg_dl**2,
             0.0,
         )
-        appears = model.meal_gain * self.gut_of(estimate).appearance_mg_min(estimate.gut_mg, minutes)
-        further = self.glucose_noise_mg_min**2 + (self.appearance_error * appears) ** 2
-        Q = jnp.pad(further * jnp.outer(of_flux, of_flux), (0, 5))
+        Q = jnp.pad(self.glucose_noise_mg_min**2 * jnp.outer(of_flux, of_flux), (0, 5))
         Q = Q + jnp.diag(jnp.concatenate([jnp.zeros(r), jnp.stack([jnp.asarray(value, float) for value in noise])]))
         predicted: FedEstimate = dataclasses.replace(after, covariance=F @ estimate.covariance @ F.T + Q)
         return predicted
