@@ -7,7 +7,7 @@ Three days of 45, 70 and 60 g, the sizes of which spread by 30 % and the times b
 with an error of 30 %. Readings have white noise of variance 1.45 (white), or lag by 10 min and have a correlated error
 with a standard deviation of 9 mg/dl (cgm). Ratio and factor of each person's profile are titrated on the person and
 then multiplied by lognormal errors with a standard deviation of 15 %. The settings of profile-mpc were chosen on people
-of seed 1 in the cases of hovorka and of wilinska; no setting has seen those of seed 4.
+of seeds 1 and 2 in the cases of hovorka and of wilinska; no setting has seen those of seeds 4 and 51.
 """
 
 from __future__ import annotations

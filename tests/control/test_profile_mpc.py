@@ -181,7 +181,7 @@ def test_the_forecast_has_the_appearance_of_meals_to_come():
         state.to_come, carbs_g=jnp.asarray([50.0, 20.0, 0.0, 0.0]), in_min=jnp.asarray([20.0, 7.0, 0.0, 0.0])
     )
     minutes = np.asarray(CONTROLLER.forecast.step.minutes)
-    appeared, expected = CONTROLLER._later(to_come) * minutes, []
+    appeared, expected = CONTROLLER._later(state.estimate, to_come) * minutes, []
     for end in np.cumsum(minutes):
         filled = [
             np.sum(CONTROLLER.filter.gut.after(jnp.asarray([1000.0 * carbs_g, 0.0]), end - at)) if end > at else None

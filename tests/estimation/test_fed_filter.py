@@ -10,6 +10,7 @@ import pytest
 import glucoloop as gl
 from glucoloop.control.profile_mpc import design_profile_mpc
 from glucoloop.control.profile_settings import ProfileMPCSettings
+from glucoloop.models.profiled import GutCompartments
 from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model
@@ -38,8 +39,9 @@ def some():
 
 
 def vector(estimate):
-    """Fed states, gut, disturbance and error of the sensor."""
-    return np.array([*estimate.x[:3], *estimate.gut_mg, estimate.disturbance_mg_min, estimate.sensor_mg_dl], np.float64)
+    """Fed states, gut, disturbance, error of the sensor and log time of the gut."""
+    others = estimate.disturbance_mg_min, estimate.sensor_mg_dl, estimate.log_gut_time
+    return np.array([*estimate.x[:3], *estimate.gut_mg, *others], np.float64)
 
 
 def with_vector(estimate, v):
@@ -49,20 +51,30 @@ def with_vector(estimate, v):
         gut_mg=jnp.asarray(v[3:5]),
         disturbance_mg_min=jnp.asarray(v[5]),
         sensor_mg_dl=jnp.asarray(v[6]),
+        log_gut_time=jnp.asarray(v[7]),
     )
 
 
 def test_the_covariance_goes_on_as_that_of_the_transition_itself():
     estimate, insulin = some(), jnp.asarray(4.0)
     v = vector(estimate)
-    F = np.empty((7, 7))
-    for i in range(7):
+    F = np.empty((8, 8))
+    for i in range(8):
         h = 1e-4 * max(1.0, abs(v[i]))
-        ends = [vector(predict(with_vector(estimate, v + sign * h * np.eye(7)[i]), insulin)) for sign in (1.0, -1.0)]
+        ends = [vector(predict(with_vector(estimate, v + sign * h * np.eye(8)[i]), insulin)) for sign in (1.0, -1.0)]
         F[:, i] = (ends[0] - ends[1]) / (2.0 * h)
     settings = ProfileMPCSettings()
     Q = np.diag(
-        [0.0, 0.0, 0.0, (1000.0 * settings.meal_noise_g) ** 2, 0.0, settings.disturbance_noise_mg_min**2, 0.51 * 36.0]
+        [
+            0.0,
+            0.0,
+            0.0,
+            (1000.0 * settings.meal_noise_g) ** 2,
+            0.0,
+            settings.disturbance_noise_mg_min**2,
+            0.51 * 36.0,
+            0.0,
+        ]
     )
     # further appearance comes in as a disturbance does, for one sample
     flux = F[:3, 5]
@@ -76,12 +88,13 @@ def test_the_covariance_goes_on_as_that_of_the_transition_itself():
 def test_a_reading_corrects_as_the_formula_of_kalman_says():
     estimate = predict(some(), jnp.asarray(4.0))
     P, v = np.asarray(estimate.covariance), vector(estimate)
-    C = np.zeros(7)
+    C = np.zeros(8)
     C[0] = 18.016 / (float(PATIENT.parameters.V_G) * float(PATIENT.parameters.weight_kg))
     C[6] = 1.0
     K = P @ C / (C @ P @ C + 2.0)
-    corrected = update(estimate, jnp.asarray(150.0), jnp.asarray(True))
-    np.testing.assert_allclose(vector(corrected), v + K * (150.0 - C @ v), rtol=1e-9)
+    corrected, wanted = update(estimate, jnp.asarray(150.0), jnp.asarray(True)), v + K * (150.0 - C @ v)
+    np.testing.assert_allclose(vector(corrected)[:7], wanted[:7], rtol=1e-9)
+    assert float(corrected.log_gut_time) == pytest.approx(np.clip(wanted[7], -1.0, 0.0))
     np.testing.assert_allclose(corrected.covariance, P - np.outer(K, C @ P), rtol=1e-6, atol=1e-9)
 
 
@@ -109,3 +122,18 @@ def test_readings_of_a_smaller_meal_take_back_what_was_announced():
         believed = update(believed, MODEL.glucose_mg_dl(real.x), jnp.asarray(True))
     assert float(jnp.sum(believed.gut_mg)) == pytest.approx(float(jnp.sum(real.gut_mg)), rel=0.35)
     assert float(MODEL.glucose_mg_dl(believed.x)) == pytest.approx(float(MODEL.glucose_mg_dl(real.x)), abs=6.0)
+
+
+@pytest.mark.parametrize(("minutes", "learned"), [(20.0, 20.0), (36.0, 36.0), (60.0, 36.0)])
+def test_the_time_of_a_gut_is_learned_but_never_taken_to_be_longer_than_usual(minutes, learned):
+    """Four meals of a person whose gut has another time, announced and read exactly, while insulin stays as it is."""
+    gut, basal = GutCompartments(time_to_peak_min=minutes), jnp.asarray(10.0)
+    real = dataclasses.replace(FILTER, gut=gut)
+    truth, estimate = real.init(MODEL), FILTER.init(MODEL)
+    real_predict = jax.jit(lambda estimate: real.predict(MODEL, estimate, basal))
+    for sample in range(4 * 72):
+        if sample % 72 == 0:
+            truth, estimate = real.announce(truth, jnp.asarray(40.0)), FILTER.announce(estimate, jnp.asarray(40.0))
+        truth, estimate = real_predict(truth), predict(estimate, basal)
+        estimate = update(estimate, MODEL.glucose_mg_dl(truth.x), jnp.asarray(True))
+    assert float(FILTER.gut_of(estimate).time_to_peak_min) == pytest.approx(learned, rel=0.1)

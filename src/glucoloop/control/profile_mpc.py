@@ -161,20 +161,20 @@ class ProfileMPC:
         word, asked = observation.delivered_bolus_mU, state.asked_bolus_mU
         return asked if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, asked)
 
-    def _later(self, to_come: MealsToCome | None) -> jax.Array | None:
+    def _later(self, estimate: FedEstimate, to_come: MealsToCome | None) -> jax.Array | None:
         """Mean appearance ``(p,)`` in the steps ahead of meals that are still to be eaten, or None for none."""
         if to_come is None:
             return None
         minutes = self.forecast.step.minutes
         ends = jnp.concatenate([jnp.zeros(1), jnp.cumsum(minutes)])
         eaten_for = jnp.maximum(ends[:, None] - to_come.in_min, 0.0)
-        appeared = self.filter.gut.appeared(eaten_for) @ (MG_PER_G * to_come.carbs_g)
+        appeared = self.filter.gut_of(estimate).appeared(eaten_for) @ (MG_PER_G * to_come.carbs_g)
         flux: jax.Array = jnp.diff(appeared) / minutes
         return flux
 
     def _glucose(self, estimate: FedEstimate, later_mg_min: jax.Array | None, plan: jax.Array) -> jax.Array:
         """Glucose ``(p,)`` at the ends of the steps ahead, under a plan, with the appearance of meals to come."""
-        gut, fading = self.filter.gut, self.filter.disturbance_min
+        gut, fading = self.filter.gut_of(estimate), self.filter.disturbance_min
 
         def one(carry: Any, entry: Any) -> Any:
             x, content, disturbance = carry
@@ -211,7 +211,7 @@ class ProfileMPC:
     ) -> jax.Array:
         """Rates ``(m,)`` of the blocks, the first of which takes a bolus with a meal."""
         doubted, basal = self._doubted(estimate), self.model.basal_mU_min
-        later = self._later(to_come)
+        later = self._later(estimate, to_come)
         sure = jnp.maximum(1.0 - self.doubt * self.filter.counting_error, 0.0)
         doubted_later = None if later is None else sure * later
         blocks = self.forecast.block_min
@@ -355,6 +355,7 @@ def design_profile_mpc(
             measurement_variance=settings.measurement_variance or max(noise_variance, _LEAST_VARIANCE),
             sensor_error_mg_dl=settings.sensor_error_mg_dl,
             sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
+            gut_time_error=settings.gut_error_pct / 100.0,
             fed=model.fed_states(),
         ),
         forecast=forecast,

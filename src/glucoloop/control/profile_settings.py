@@ -66,7 +66,7 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
         About(
             "Standard deviations by which the cautious forecast takes the content of the gut to be less.", at_least=0.0
         ),
-    ] = 1.5
+    ] = 1.0
     disturbance_doubt: Annotated[
         float,
         About(
@@ -93,8 +93,17 @@ class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
         ),
     ] = True
     gut_min: Annotated[
-        float, About("Time from eating to the largest appearance of glucose, in minutes.", above=0.0)
-    ] = 40.0
+        float,
+        About("Longest time from eating to the largest appearance of glucose that is believed, in minutes.", above=0.0),
+    ] = 36.0
+    gut_error_pct: Annotated[
+        float,
+        About(
+            "Standard deviation of people's own times, which are learned from their meals, in percent; 0: gut_min is "
+            "everybody's.",
+            at_least=0.0,
+        ),
+    ] = 25.0
     counting_error_pct: Annotated[
         float, About("Standard deviation of the error of announced carbohydrate, in percent.", at_least=0.0)
     ] = 30.0
