@@ -95,7 +95,10 @@ def check(asked: Export, folder: Path) -> list[Rung]:
     same = read_text(folder / "controller.c", "a controller") == exported.source.code
     found = f"design {exported.source.design[:16]}"
     if not same:
-        found = "controller.c is another file than the one that this version of glucoloop writes"
+        found = (
+            "controller.c is another file than the one that this version of glucoloop writes on this computer; "
+            "a design made on another kind of processor may differ in its last digits"
+        )
     chips, of_loop = chips_for(chip_of(asked.target)), made.recorded(asked.samples, asked.seed)
     return [
         Rung(name, same, found, {}),
