@@ -67,12 +67,16 @@ def sentences(asked: League, found: Findings) -> Iterator[str]:
     yield from found.plain["absent"]
 
 
+def _are(number: int) -> str:
+    return f"{number} {'is' if number == 1 else 'are'}"
+
+
 def _harms(asked: League, found: Findings) -> Iterator[str]:
     for row in found.plain["harms"]:
         median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
         yield (
             f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): of "
-            f"{how_many(row['people'], 'person', 'people')}, {row['harmed_below_54']} are below 54 mg/dl, and "
+            f"{how_many(row['people'], 'person', 'people')}, {_are(row['harmed_below_54'])} below 54 mg/dl, and "
             f"{row['harmed_below_70']} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer than under "
             f"{asked.reference.label}. Below 54 mg/dl that is {median} % for the median of all people, {p95} % at "
             f"the 95th percentile, and {most} % at most."
