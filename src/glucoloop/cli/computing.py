@@ -91,4 +91,4 @@ def _begun(trial: Trial) -> str:
     which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
-    return f"{begun}; a decision of {' and of '.join(slow)} takes long." if slow else f"{begun}."
+    return f"{begun}; compiling {' and '.join(slow)} takes up to a minute." if slow else f"{begun}."

@@ -45,7 +45,8 @@ class ControllerPart(Part):
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
     slow: ClassVar[bool] = False
-    """Whether a decision takes so long that studies of many loops use fewer and shorter ones with this controller."""
+    """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that
+    studies of many loops use fewer and shorter ones with it."""
     searched: ClassVar[tuple[Tuned, ...]] = ()
     """Settings that `glucoloop robust` can search, with their usual ranges."""
 

@@ -168,7 +168,10 @@ def notes(asked: League) -> Iterator[str]:
 
 def _left_out(asked: League) -> Iterator[str]:
     for name in asked.left_out:
-        yield f"{name} takes no part, since its decisions take long; --controller {name} has it in the league."
+        yield (
+            f"{name} takes no part, since each of its loops compiles for up to a minute; --controller {name} has it in "
+            "the league."
+        )
 
 
 def rows(asked: League) -> Rows[ShardResult]:
