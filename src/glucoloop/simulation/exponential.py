@@ -137,7 +137,11 @@ def design(
 
 def working_state(patient: SemilinearPatient) -> jax.Array:
     """The patient's `working_state`, which is kept, since its dozen small operations take longer to load than to do."""
-    return kept_result(type(patient).working_state, patient)
+    return kept_result(_working_state, patient)
+
+
+def _working_state(patient: SemilinearPatient) -> jax.Array:
+    return patient.working_state()
 
 
 @functools.lru_cache(maxsize=64)
