@@ -10,7 +10,7 @@ import pytest
 from device_files import clarity
 from glucoloop.cli import app
 from glucoloop.cli.request import request_of
-from glucoloop.parts.code import loaded
+from glucoloop.component.code import loaded
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
 from glucoloop.studies.catalogue import STUDIES
@@ -142,5 +142,5 @@ def test_the_layers_of_contributing_are_those_that_are_checked():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contract = settings["tool"]["importlinter"]["contracts"][0]
     checked = [re.findall(r"\((?!_)(\w+)\)", layer) for layer in contract["layers"]]
-    [told] = [block for block in blocks(ROOT / "CONTRIBUTING.md", "") if "cli > papers" in block]
+    [told] = [block for block in blocks(ROOT / "CONTRIBUTING.md", "") if "cli > reproduction" in block]
     assert [layer.split(", ") for layer in re.split(r"\s*>\s*", told.strip())] == [layer for layer in checked if layer]

@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About, Setting
-from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About, Setting
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import GLUCOSE_BOUND, RATE_STEP
 
 START: Final = "start_min"
 LATEST: Final = "latest_min"

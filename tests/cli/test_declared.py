@@ -12,9 +12,9 @@ import polars as pl
 import pytest
 
 from glucoloop.cli import app
-from glucoloop.cli.declared import study_options
+from glucoloop.cli.study_command import study_options
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.part import Part
+from glucoloop.component.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
 from glucoloop.storage.findings import Findings

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.cli.mistakes import BUG
+from glucoloop.cli.errors import BUG
 from glucoloop.situations import run as situation
 from glucoloop.storage.findings import Findings
 
@@ -493,7 +493,7 @@ def test_bug_keeps_its_traceback(monkeypatch):
 def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
     made: dict = {}
     exec(compile("def bug(*_, **__):\n    return float('abc')\n", situation.__file__, "exec"), made)
-    monkeypatch.setattr("glucoloop.cli.declared.read_root", made["bug"])
+    monkeypatch.setattr("glucoloop.cli.study_command.read_root", made["bug"])
     with pytest.raises(ValueError, match="could not convert") as raised:
         main(["run"])
     assert raised.value.__notes__ == [BUG]

@@ -128,7 +128,7 @@ def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_pa
 
 
 def test_help_of_trials_imports_nothing_heavy():
-    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.experiments")
+    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.build")
     for command in ("trial", "query"):
         code = (
             "import sys\n"

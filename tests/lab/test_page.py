@@ -12,8 +12,8 @@ import sys
 import pytest
 
 from browser import MODULES, NODE, needs_modules
-from glucoloop.lab.body import FAMILIES
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
+from glucoloop.lab.patient_functions import FAMILIES
 from glucoloop.native.targets.wasm.module import HOST
 from glucoloop.pages.script import PAGES
 from glucoloop.patients.settings import PATIENTS

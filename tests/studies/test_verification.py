@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
+from glucoloop.build.faulty import faulty_pump, faulty_sensor
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.episodes import Episode
-from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite

@@ -13,11 +13,11 @@ from typing import Final
 
 import glucoloop
 from glucoloop.cli.command import Command
+from glucoloop.cli.errors import BUG, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.interrupts import catching_interrupts
-from glucoloop.cli.mistakes import BUG, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.screen import note, width_of_text
-from glucoloop.parts.code import loaded, only_code
-from glucoloop.parts.setting import known_names
+from glucoloop.component.code import loaded, only_code
+from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, RESULTS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
@@ -60,7 +60,7 @@ def program_help() -> str:
 def command_of(name: str) -> Command:
     """A command by its name; Refusal for an unknown one."""
     if name in STUDIES:
-        from glucoloop.cli.declared import command_of_study
+        from glucoloop.cli.study_command import command_of_study
 
         return command_of_study(loaded(STUDIES[name].place))
     if name not in COMMANDS:

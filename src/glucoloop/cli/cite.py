@@ -9,13 +9,13 @@ from typing import Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import note
+from glucoloop.component.catalogue import catalogues
+from glucoloop.component.code import loaded
+from glucoloop.component.grammar import NONE
+from glucoloop.component.part import Part
+from glucoloop.component.references import Reference, cited_parts, known_references, reference
+from glucoloop.component.setting import Setting, known_names
 from glucoloop.metrics.settings import METRICS
-from glucoloop.parts.catalogue import catalogues
-from glucoloop.parts.code import loaded
-from glucoloop.parts.grammar import NONE
-from glucoloop.parts.part import Part
-from glucoloop.parts.references import Reference, cited_parts, known_references, reference
-from glucoloop.parts.setting import Setting, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
 

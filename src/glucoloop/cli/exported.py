@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder

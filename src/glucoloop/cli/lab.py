@@ -7,7 +7,7 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 

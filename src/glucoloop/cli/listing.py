@@ -8,7 +8,7 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.screen import width_of_text
-from glucoloop.parts.listing import listed, listing
+from glucoloop.component.listing import listed, listing
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.studies.catalogue import STUDIES
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
-from glucoloop.printable import how_many
+from glucoloop.text import how_many
 
 BETWEEN_LINES_S: Final = 10.0
 _MEASURED_S: Final = 5.0

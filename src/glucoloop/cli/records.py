@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
+from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.cli.screen import show
-from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from glucoloop.cli.mistakes import written_whole
+from glucoloop.cli.errors import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.screen import note, stage
-from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
-from glucoloop.parts.part import Part
+from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
+from glucoloop.component.part import Part
 from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for
@@ -235,7 +235,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 def completed(request: Request, root: type[P]) -> P:
     """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now."""
     with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
+        from glucoloop.cli.jax_cache import keep_compiled
 
         keep_compiled()  # before the patient's rest is computed
         asked = asked_for(root, request.tree)

@@ -36,8 +36,8 @@ from glucoloop.control.protocol import (
     gives_boluses,
 )
 from glucoloop.control.tuning import check_rate
-from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0

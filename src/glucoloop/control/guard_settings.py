@@ -10,11 +10,12 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import Part
-from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
-from glucoloop.parts.setting import About
-from glucoloop.plausible import (
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import Part
+from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
+from glucoloop.component.setting import About
+from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import (
     ACTION_TIME,
     ANY_SETTING,
     GLUCOSE_BOUND,
@@ -23,7 +24,6 @@ from glucoloop.plausible import (
     GLUCOSE_RISE,
     WAITING_TIME,
 )
-from glucoloop.refusal import Refusal
 
 _bounded: Final = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
 _limit: Final = functools.partial(_bounded, at_least=0.0)

@@ -13,22 +13,22 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.build.assemble import AtRest
+from glucoloop.build.designs import with_guard
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.experiments.assemble import AtRest
-from glucoloop.experiments.designs import with_guard
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals.days import LivedDays
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.asked import Asked
 from glucoloop.simulation.engines import one_at_a_time
+from glucoloop.simulation.external_doses import Asked
 from glucoloop.simulation.loop import Sampled
-from glucoloop.simulation.stepped import Begun, SteppedPeople
+from glucoloop.simulation.vector_stepper import Begun, SteppedPeople
 from glucoloop.situations.situation import configured
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 

@@ -13,10 +13,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
 from glucoloop.refusal import Refusal
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID
 from glucoloop.units import MU_PER_U
 
 

@@ -28,8 +28,8 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.patients.settings import NOMINAL
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
-from glucoloop.profile import Profile
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 
 MOST_VARIATIONS: Final = 100

@@ -11,7 +11,7 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.parts.number_text import number_of
+from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.devices import kind_of

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import polars as pl
 
-from glucoloop.parts.number_text import number_of
+from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.extract import Extract, cells, extract_frame, with_basal

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import polars as pl
 
-from glucoloop.parts.setting import choices_text
+from glucoloop.component.setting import choices_text
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart

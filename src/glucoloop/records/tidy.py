@@ -8,12 +8,12 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.printable import how_many
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.extract import VALUES, Extract
 from glucoloop.records.record import SCHEMA, DeviceRecord
 from glucoloop.records.times import clock, settled_clock
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, S_PER_MIN
 
 NO_VALUE: Final = "rows without glucose, carbohydrate or insulin"

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.shown_units import other_value, shown_unit
+from glucoloop.display_units import other_value, shown_unit
 
 Floats = npt.NDArray[np.float64]
 

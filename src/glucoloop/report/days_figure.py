@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.display_units import other_value
 from glucoloop.report._style import (
     GREY,
     SETPOINT,
@@ -23,7 +24,6 @@ from glucoloop.report._style import (
     time_axis,
 )
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
-from glucoloop.shown_units import other_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

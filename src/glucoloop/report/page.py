@@ -8,12 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.display_units import other_number
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
-from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.report._runs import (
+from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
+from glucoloop.report.columns import metric_rows
+from glucoloop.report.descriptions import fault_in_words, windows
+from glucoloop.report.labelled_traces import (
     STATUS_WORDS,
     Floats,
     PlottedRun,
@@ -22,13 +25,10 @@ from glucoloop.report._runs import (
     limits_passed,
     values_in_words,
 )
-from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
-from glucoloop.report.columns import metric_rows
-from glucoloop.report.descriptions import fault_in_words, windows
 from glucoloop.report.template import Repeat, render
 from glucoloop.report.validity import periods_below, periods_text
-from glucoloop.shown_units import other_number
 from glucoloop.simulation import Trace
+from glucoloop.text import glucose_text
 
 TARGET_MG_DL: Final = (70.0, 180.0)
 """Range of glucose that plots mark."""

@@ -20,12 +20,12 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
+from glucoloop.component.code import loaded
+from glucoloop.display_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
 from glucoloop.pages.script import colours, page_script
-from glucoloop.parts.code import loaded
-from glucoloop.printable import glucose_text, percent
 from glucoloop.report.columns import headings
-from glucoloop.shown_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
 from glucoloop.situations.toml import toml_text, with_code
+from glucoloop.text import glucose_text, percent
 
 FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"

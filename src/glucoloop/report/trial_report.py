@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.exercise import Exercise
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.report.template import Repeat
 
 Floats = npt.NDArray[np.float64]

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
-from glucoloop.parts.number_text import NUMBER, UNITS_OF_TIME
-from glucoloop.plausible import CONFIRM_OPTION, MEAL, refuse_unusual
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import CONFIRM_OPTION, MEAL, refuse_unusual
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)

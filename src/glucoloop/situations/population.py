@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.arguments import converted
+from glucoloop.component.grammar import NAME, part_tree, plain
+from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
-from glucoloop.parts.grammar import NAME, part_tree, plain
-from glucoloop.parts.setting import known_names
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, population, population_names
 from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
-from glucoloop.printable import how_many, is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file
+from glucoloop.text import how_many, is_printable
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""

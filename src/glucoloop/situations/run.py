@@ -6,28 +6,28 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
+from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelPart
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.setting import Default
-from glucoloop.plausible import GLUCOSE
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import USUAL_DAY, DaySettings, ScenarioPart
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.unit_guess import GLUCOSE
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from glucoloop.exercise import Bouts as DrawnBouts
-    from glucoloop.exercise import Exercise
     from glucoloop.meals import Meal, Scenario
     from glucoloop.meals.days import LivedDays
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
+    from glucoloop.physiology.exercise import Bouts as DrawnBouts
+    from glucoloop.physiology.exercise import Exercise
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -138,7 +138,7 @@ class FedSituation(DaySettings, ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
-        from glucoloop.exercise import refuse_exercise
+        from glucoloop.physiology.exercise import refuse_exercise
         from glucoloop.situations.exercise_text import same_exercise
         from glucoloop.situations.meal_text import same_meals
 
@@ -217,7 +217,7 @@ class FedSituation(DaySettings, ControlledSituation):
     @functools.cached_property
     def bouts(self) -> tuple[Exercise, ...]:
         """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
-        from glucoloop.exercise import exercise_in_order, repeated_daily
+        from glucoloop.physiology.exercise import exercise_in_order, repeated_daily
         from glucoloop.situations.exercise_text import parse_exercise
 
         a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
@@ -225,7 +225,7 @@ class FedSituation(DaySettings, ControlledSituation):
 
     def bouts_of(self, person: npt.ArrayLike) -> DrawnBouts | None:
         """Exercise of persons of the seed, with times from the beginning of the warm-up, which has none; or None."""
-        from glucoloop.exercise import draw_bouts
+        from glucoloop.physiology.exercise import draw_bouts
 
         if not self.exercise:
             return None

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import tomli_w
 
 import glucoloop
-from glucoloop.parts.code import names_code
+from glucoloop.component.code import names_code
 from glucoloop.refusal import Refusal
 
 VERSION_KEY = "glucoloop"

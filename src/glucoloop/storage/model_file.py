@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 import glucoloop
+from glucoloop.component.setting import shown
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
-from glucoloop.parts.setting import shown
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.situations.toml import deeper_than

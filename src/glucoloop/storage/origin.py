@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 import glucoloop
 from glucoloop import arithmetic
-from glucoloop.parts.code import outside_code
+from glucoloop.component.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage.files import json_text, stored_json
 

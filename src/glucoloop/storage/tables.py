@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.parts.number_text import number_of
-from glucoloop.printable import one_line
+from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.text import one_line
 
 if TYPE_CHECKING:
     from glucoloop.identification import Record

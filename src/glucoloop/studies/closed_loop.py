@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of, nominal_model, paced_situation
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings, gives_boluses
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, nominal_model, paced_situation
 from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.models.settings import FilePart
-from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Trace
@@ -25,6 +24,7 @@ from glucoloop.situations.case import Case
 from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, rests_without_rhythm
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
+from glucoloop.unit_guess import CONFIRM_OPTION
 from glucoloop.units import u_h_from_mu_min
 
 

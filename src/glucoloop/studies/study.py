@@ -45,7 +45,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.parts.part import Part
+from glucoloop.component.part import Part
 
 PARTS_TOLD: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "

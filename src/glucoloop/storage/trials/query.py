@@ -17,12 +17,12 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop._extras import needed_for
-from glucoloop.printable import is_printable, one_line
 from glucoloop.refusal import Refusal
 from glucoloop.storage.files import stored_json
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
+from glucoloop.text import is_printable, one_line
 
 with needed_for("a question in SQL"):
     import duckdb

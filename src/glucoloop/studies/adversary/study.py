@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
@@ -37,6 +36,7 @@ from glucoloop.studies.adversary.attack import (
     worst_of,
 )
 from glucoloop.studies.guarded import WITH_GUARD
+from glucoloop.text import glucose_text
 from glucoloop.tuning.evolution import library
 
 if TYPE_CHECKING:

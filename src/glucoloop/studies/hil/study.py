@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.build import build, files, portable_files, refuse_missing_tools
 from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, EMULATED_WITHIN_S

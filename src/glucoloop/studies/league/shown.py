@@ -7,7 +7,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Row, headings, terminal_table
 from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
@@ -16,6 +15,7 @@ from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
+from glucoloop.text import NOT_AVAILABLE, how_many
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,9 +14,8 @@ import polars as pl
 
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.setting import Default
+from glucoloop.component.setting import Default
 from glucoloop.patients.settings import NOMINAL
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
@@ -36,6 +35,7 @@ from glucoloop.studies.league.shown import columns_of
 from glucoloop.studies.league.shown import drawn as drawn
 from glucoloop.studies.league.shown import sentences as sentences
 from glucoloop.studies.league.shown import tables as tables
+from glucoloop.text import how_many
 from glucoloop.units import MIN_PER_DAY
 
 _DESIGN_S: Final = 0.5

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import polars as pl
 
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.printable import how_many, printable
 from glucoloop.records import FileRefusal, read_record
 from glucoloop.refusal import Refusal
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.studies.record_report.simulated import is_simulated, simulated_courses
+from glucoloop.text import how_many, printable
 
 
 class RecordSource(NamedTuple):

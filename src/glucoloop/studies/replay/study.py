@@ -14,16 +14,15 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
 from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
@@ -37,6 +36,7 @@ from glucoloop.situations.situation import Situation
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
+from glucoloop.text import how_many
 from glucoloop.twins import CarriedResidual, RecordedDays, Simulator, StoredTwin
 from glucoloop.twins.course import WARM_UP_MIN
 from glucoloop.twins.days import SAMPLE_MIN

@@ -19,29 +19,29 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.build.assemble import of_nominal_person
+from glucoloop.build.designs import design_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import surroundings_of
+from glucoloop.build.titration import profile_of, with_profiles
 from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import fold_of, loop_of
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import known_names
 from glucoloop.control import Controller
-from glucoloop.experiments.assemble import of_nominal_person
-from glucoloop.experiments.designs import design_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.experiments.titration import profile_of, with_profiles
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.setting import known_names
 from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
-from glucoloop.printable import how_many
-from glucoloop.profile import Profile, given_profile
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, decimals
 from glucoloop.report.descriptions import engine_facts
-from glucoloop.simulation.varying import varying
+from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, Search
+from glucoloop.text import how_many
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.tuning.samplers import Evaluated
 
 Array = npt.NDArray[Any]

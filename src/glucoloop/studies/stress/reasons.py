@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.printable import glucose_text, how_many
+from glucoloop.text import glucose_text, how_many
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0

@@ -14,7 +14,6 @@ import polars as pl
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.trial import Trial
 from glucoloop.faults import FAULTS
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
 from glucoloop.report import Repeat
 from glucoloop.report.columns import (
     Column,
@@ -39,6 +38,7 @@ from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.stress import StressTest
 from glucoloop.studies.stress.reasons import reason_of
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

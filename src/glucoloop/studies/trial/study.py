@@ -14,7 +14,6 @@ from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.metrics.settings import result_named
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
@@ -30,6 +29,7 @@ from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""

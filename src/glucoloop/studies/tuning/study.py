@@ -14,18 +14,18 @@ import polars as pl
 from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FilePart
 from glucoloop.patients.settings import USUAL_PATIENT
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.report.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
+from glucoloop.text import how_many
 from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.tuning.search import search, usual_tuning

@@ -7,9 +7,9 @@ import math
 import shlex
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.part import Part
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.parts.part import Part
 from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option

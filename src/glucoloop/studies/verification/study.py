@@ -20,7 +20,6 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES, Caps, Counted, breaches, held_by_controller
 from glucoloop.patients.settings import PATIENTS
-from glucoloop.printable import how_many
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.descriptions import engine_notes
@@ -40,6 +39,7 @@ from glucoloop.studies.verification.campaign import (
     circumstances_of,
     run_campaign,
 )
+from glucoloop.text import how_many
 from glucoloop.threefry import uniforms
 
 _BOLUS_OF_RATE_MIN: Final = 60.0
