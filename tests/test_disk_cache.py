@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop import disk_cache as kept
-from glucoloop.disk_cache import SUFFIX
+from glucoloop import _disk_cache as kept
+from glucoloop._disk_cache import SUFFIX
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm import kernel
 from glucoloop.patients.sorensen.parameters.parker1999 import PARKER_1999

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glucoloop import unit_guess
 from glucoloop.unit_guess import CONFIRM_OPTION, Quantity, question_about, refuse_unusual
 from glucoloop.units import mg_dl_from_mmol_l, mu_min_from_u_h
 

@@ -11,12 +11,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.build.random_keys import record_key
 from glucoloop.build.surroundings import record_sensor
 from glucoloop.build.titration import profile_of
 from glucoloop.control import Controller, Guard, GuardSettings, guarded, paced
 from glucoloop.control.part import ControllerPart
-from glucoloop.disk_cache import kept_result
 from glucoloop.identification import FirstOrderModel, Identification
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.sensor_lag import behind_lag

@@ -17,13 +17,13 @@ VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
 
 
 def keep_compiled() -> None:
-    """Switch JAX's persistent cache and `glucoloop.disk_cache` on, unless the environment says ``off`` for the folder.
+    """Switch JAX's persistent cache and `glucoloop._disk_cache` on, unless the environment says ``off`` for the folder.
 
     It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
     """
     import platformdirs
 
-    from glucoloop.disk_cache import keep_results
+    from glucoloop._disk_cache import keep_results
 
     configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
     value = os.environ.get(VARIABLE, "").strip()

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree, static
-from glucoloop.disk_cache import kept_result
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
 

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, is_traced
-from glucoloop.disk_cache import kept_result
 from glucoloop.refusal import Refusal
 
 P = TypeVar("P")

@@ -29,9 +29,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
-from glucoloop.disk_cache import kept_result
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, SemilinearPatient

@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop._disk_cache import kept_result
 from glucoloop.arguments import ArgumentTypeError, at_once, is_traced
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.control.tuning import check_sample_time
-from glucoloop.disk_cache import kept_result
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient, SemilinearPatient, inputs_of
 from glucoloop.refusal import Refusal

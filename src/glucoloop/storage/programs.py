@@ -1,6 +1,6 @@
 """Folder of compiled programs. They are executable code, so it must be private, and they are checked before use.
 
-JAX and `glucoloop.disk_cache` read and write the entries, and run any entry that they find. A person who may write
+JAX and `glucoloop._disk_cache` read and write the entries, and run any entry that they find. A person who may write
 to the folder could run code and change results; so a folder that others own or can write to is not used. A list holds
 the digest of each entry, written when the process that compiled it ends; an entry that is not as it is listed is
 removed before it is run. This detects damage, an interrupted write and an edited entry. It does not protect against a
@@ -16,7 +16,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from glucoloop.disk_cache import SUFFIX
+from glucoloop._disk_cache import SUFFIX
 from glucoloop.refusal import Refusal
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
@@ -24,7 +24,7 @@ from glucoloop.storage.disk import SUMS
 MOST_BYTES: Final = 256_000_000
 """Largest size of all entries together; the oldest are removed first."""
 _ENDS: Final = ("-cache", SUFFIX)
-"""Ends of the names of entries: JAX's, and those of `glucoloop.disk_cache`."""
+"""Ends of the names of entries: JAX's, and those of `glucoloop._disk_cache`."""
 _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
