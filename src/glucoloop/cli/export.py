@@ -42,11 +42,12 @@ def _export(typed: Given) -> None:
     request = request_of(typed, OPTIONS)
     read_root(Export, request.tree)
     output = request.output
-    asked = completed(request, Export)
-    note(boluses_into_a_vein(asked))
-    with output.folder() as folder:
-        if folder is None:
-            raise Refusal("an exported controller is a folder; name one with --out")
+    if output.place is None:
+        raise Refusal("an exported controller is a folder; name one with --out")
+    with output.folder("run.toml", "controller.c") as folder:
+        assert folder is not None
+        asked = completed(request, Export)
+        note(boluses_into_a_vein(asked))
         from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):

@@ -54,14 +54,17 @@ class Output:
             raise Refusal("--overwrite is about an output folder; name one with --out")
         return self.out
 
-    def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
-        """The output folder, or None if nothing is to be written."""
+    def folder(self, *holds: str) -> contextlib.AbstractContextManager[OutputFolder | None]:
+        """The output folder, or None if nothing is to be written; every one of the command holds files of these names.
+
+        It is entered before anything is computed, so that a place that cannot be used is refused at once.
+        """
         from glucoloop.storage.folder import output_folder
 
         place = self.place
         if place is None:
             return written_whole(contextlib.nullcontext(), None)
-        return written_whole(output_folder(place, overwrite=self.overwrite), place)
+        return written_whole(output_folder(place, overwrite=self.overwrite, holds=holds), place)
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class _StudyRun:
             what=what,
             keys=self.asked.tree(whole=True),
             given=self.asked.tree(),
-            final=(*self.study.files, TABLES, self.study.summary),
+            final=_final(self.study),
             may_change=frozenset(may_change),
         )
 
@@ -165,10 +165,12 @@ class _StudyRun:
 
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
+    from glucoloop.storage.trials.folder import SHARDS, TrialFolder, trial_folder
+
     out = _needed_folder(study, request.output)
+    _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
     run = _StudyRun.of(study, request)
     module = run.module
-    from glucoloop.storage.trials.folder import trial_folder
 
     work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
     if request.output.overwrite:
@@ -193,10 +195,12 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
 def _run_search(study: SearchStudy, request: Request) -> None:
     output = request.output
     out = _needed_folder(study, output) if study.needs_folder else output.place
+    from glucoloop.storage.rows import RowsFolder, rows_folder
+
+    if out is not None:
+        _refuse_unusable(study, out, RowsFolder, study.results, overwrite=output.overwrite)
     run = _StudyRun.of(study, request)
     module = run.module
-    from glucoloop.storage.rows import rows_folder
-
     row_kind = module.rows(run.asked)
 
     def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
@@ -223,7 +227,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
     files: dict[str, str] = {}
-    with request.output.folder() if study.keeps_files else contextlib.nullcontext() as folder:
+    with request.output.folder(f"{study.name}.toml", study.summary) if study.keeps_files else contextlib.nullcontext() as folder:
         run = _StudyRun.of(study, request)
         asked = run.asked
         module = run.module
@@ -253,6 +257,20 @@ def _needed_folder(study: Study, output: Output) -> Path:
     if output.out is None:
         raise Refusal(f"--out is missing; {study.what} is kept in a folder, name one like --out {study.name}")
     return output.out
+
+
+def _final(study: Study) -> tuple[str, ...]:
+    """Files that are written when everything is done."""
+    return (*study.files, TABLES, study.summary)
+
+
+def _refuse_unusable(study: Study, out: Path, kind: type[ResumableFolder], results: str, *, overwrite: bool) -> None:
+    """Refuse, before anything is imported or computed, a folder that the study can never use."""
+    from glucoloop.storage.resumable import refuse_unusable
+
+    names = (f"{study.name}.toml", results, *_final(study))
+    what = "trial" if isinstance(study, TrialStudy) else "search"
+    refuse_unusable(out, what, kind.record, names, overwrite=overwrite)
 
 
 def _paths(out: Path, *files: str) -> dict[str, str]:

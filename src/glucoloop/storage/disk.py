@@ -139,6 +139,15 @@ def put_file(place: Path, data: bytes) -> None:
     sync(place.parent)
 
 
+def check_writable(place: Path) -> None:
+    """Raise what `put_file` would raise where no file can be put, and leave the place as it is."""
+    is_file(place)
+    part = part_of(place)
+    with _making(part):
+        _write_new(part, b"")
+        remove(part)
+
+
 def put_folder(place: Path, files: Mapping[str, bytes]) -> None:
     """Put a folder in its place, with its files and the list of their digests.
 
@@ -208,17 +217,22 @@ def remove(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def made_folders(path: Path) -> Iterator[None]:
-    """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails."""
+def made_folders(path: Path, *, kept: bool = True) -> Iterator[None]:
+    """Make a folder and its parents for the block; the new ones that are still empty are removed if it fails.
+
+    Unless `kept`, they are removed in any case.
+    """
     new = [folder for folder in (path, *path.parents) if not folder.is_dir()]
     try:
         os.makedirs(path, exist_ok=True)
         yield
     except BaseException:
-        for folder in new:
+        kept = False
+        raise
+    finally:
+        for folder in () if kept else new:
             with contextlib.suppress(OSError):
                 os.rmdir(folder)
-        raise
 
 
 def sync(folder: Path) -> None:

@@ -88,6 +88,8 @@ class TrialStudy(Study):
 class SearchStudy(Study):
     """A study that keeps a row for each of its steps, and goes on where it was."""
 
+    results: str
+    """File of its rows."""
     needs_folder: bool = True
     """Whether it is always kept in a folder."""
     extent: tuple[str, ...] = ()

@@ -23,7 +23,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.adversary import Adversary
+from glucoloop.studies.adversary import ADVERSARY, Adversary
 from glucoloop.studies.adversary.attack import (
     VERY_LOW_MG_DL,
     Array,
@@ -113,7 +113,7 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         return found
 
     return Rows(
-        file="scores.parquet",
+        file=ADVERSARY.results,
         what="generations",
         wanted=wanted,
         most=wanted,

@@ -158,5 +158,6 @@ LEAGUE: Final = SearchStudy(
     request=League,
     option_texts={"default": {"sensors": "dexcom-g6; and white-noise, variance=1.45"}},
     extent=("bound_people",),
+    results="people.parquet",
     files=("league.csv", "league.parquet", "league.html", "figure.pdf", "figure.png", "figure.svg"),
 )

@@ -20,7 +20,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.league import MOST_BEST, MOST_PEOPLE, League, reach, texts
+from glucoloop.studies.league import LEAGUE, MOST_BEST, MOST_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
@@ -189,7 +189,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         return ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
 
     return Rows(
-        file="people.parquet",
+        file=LEAGUE.results,
         what="shards",
         wanted=len(shards_of(asked)),
         most=len(shards),

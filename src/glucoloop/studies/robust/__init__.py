@@ -243,6 +243,7 @@ ROBUST: Final = SearchStudy(
             True,
         ),
     },
+    results="candidates.parquet",
     files=("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg"),
     summary="robust.json",
     extent=("rounds", "prefer", "top"),

@@ -39,7 +39,7 @@ from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust import BOTH, Search
+from glucoloop.studies.robust import BOTH, ROBUST, Search
 from glucoloop.text import how_many
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.tuning.samplers import Evaluated
@@ -378,7 +378,7 @@ def rows_of(asked: Search) -> Rows[Candidate]:
         return {name: float("nan") if cell is None else cell for name, cell in cells.items()}
 
     return Rows(
-        file="candidates.parquet",
+        file=ROBUST.results,
         what="candidates",
         wanted=asked.rounds * asked.batch,
         most=_MOST_CANDIDATES,
