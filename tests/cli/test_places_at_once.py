@@ -31,7 +31,7 @@ def computing(monkeypatch):
     def computed(*_, **__):
         pytest.fail("it was computed")
 
-    places = ("cli.declared.completed", "cli.export.completed", "records.read_record", "lab.pack.page")
+    places = ("cli.study_command.completed", "cli.export.completed", "records.read_record", "lab.pack.page")
     for place in places:
         monkeypatch.setattr(f"glucoloop.{place}", computed)
 
