@@ -227,7 +227,11 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
     files: dict[str, str] = {}
-    with request.output.folder(f"{study.name}.toml", study.summary) if study.keeps_files else contextlib.nullcontext() as folder:
+    with (
+        request.output.folder(f"{study.name}.toml", study.summary)
+        if study.keeps_files
+        else contextlib.nullcontext() as folder
+    ):
         run = _StudyRun.of(study, request)
         asked = run.asked
         module = run.module
