@@ -24,7 +24,7 @@ FOUND = [*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")]
 PAGES = [README, *sorted(page for page in FOUND if WRITTEN not in page.parents)]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
 REQUESTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
-COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
+COMMAND = re.compile(r"(?:python3 dev run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
 def blocks(page, *languages):
@@ -38,7 +38,7 @@ def commands(page):
     lines = [line.strip() for block in joined for line in block.splitlines()]
     spans = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
     found = [line for line in [*lines, *spans] if COMMAND.match(line)]
-    return [line.replace("python3 dev.py run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
+    return [line.replace("python3 dev run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
 
 
 def written():

@@ -1,4 +1,4 @@
-"""The Pythons of this machine, and the virtual environments that ``dev.py`` makes of them."""
+"""The Pythons of this machine, and the virtual environments that ``python3 dev`` makes of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import NoReturn
 
 OLDEST_PYTHON = (3, 11)
 NEWEST_PYTHON = (3, 14)  # for which the packages of the lock are offered
-ROOT = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / "requirements.lock"
 DEV_LOCK = ROOT / "requirements-dev.lock"
 PROJECT = ROOT / "pyproject.toml"
@@ -77,7 +77,7 @@ class Environment:
 
 def stop(message: str, code: int = 1) -> NoReturn:
     """Leave with a sentence instead of a traceback."""
-    print(f"dev.py: {message}", file=sys.stderr)
+    print(f"dev: {message}", file=sys.stderr)
     raise SystemExit(code)
 
 
@@ -90,13 +90,13 @@ def probe(path: str | Path) -> Python | None:
 
     It is asked, not believed: a name like python3.13 on PATH may be a shim of a version that is not activated.
     """
-    asked = (
+    script = (
         "import ensurepip, sys, venv; print(getattr(sys, '_base_executable', None) or sys.executable); "
         "print(*sys.version_info[:2])"
     )
     try:
         said = subprocess.run(
-            [str(path), "-c", asked], capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL
+            [str(path), "-c", script], capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL
         )
         executable, version = said.stdout.splitlines()
         major, minor = map(int, version.split())
@@ -135,21 +135,21 @@ def other_pythons() -> list[Python]:
     return [found[version] for version in sorted(found, reverse=True)]
 
 
-def find_python(asked: str) -> Python:
+def find_python(name: str) -> Python:
     """The interpreter that ``--python`` asks for, by version or by path."""
-    if not re.fullmatch(r"\d+(\.\d+)*", asked):
-        python = probe(shutil.which(asked) or Path(asked).expanduser())
+    if not re.fullmatch(r"\d+(\.\d+)*", name):
+        python = probe(shutil.which(name) or Path(name).expanduser())
         if python is None:
             oldest = ".".join(map(str, OLDEST_PYTHON))
-            stop(f"--python is {asked!r}, which is no Python {oldest} or newer with the module venv.", 2)
+            stop(f"--python is {name!r}, which is no Python {oldest} or newer with the module venv.", 2)
         return python
     known = [this_python(), *other_pythons()]
     for python in known:
-        if python.name == asked:
+        if python.name == name:
             return python
     names = ", ".join(sorted((python.name for python in known), key=lambda name: int(name.split(".")[1])))
     stop(
-        f"--python is {asked!r}, and no such Python was found on PATH or among pyenv's versions (found: {names}). "
+        f"--python is {name!r}, and no such Python was found on PATH or among pyenv's versions (found: {names}). "
         "Give one of these, or the path of an interpreter.",
         2,
     )
@@ -163,7 +163,7 @@ def check_python() -> None:
     newer = other_pythons()
     if not newer:
         stop(f"{message} Install a newer Python, then run this again with it.")
-    stop(f"{message} This machine has a newer one: {newer[0].path} dev.py {' '.join(sys.argv[1:])}")
+    stop(f"{message} This machine has a newer one: {newer[0].path} dev {' '.join(sys.argv[1:])}")
 
 
 def digest(path: Path) -> str:

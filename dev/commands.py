@@ -1,15 +1,14 @@
-#!/usr/bin/env python3
 """Set up, run and check glucoloop with nothing but Python.
 
-    python3 dev.py run [ARGS]          run ``glucoloop run ARGS``
-    python3 dev.py test                the quick checks: format, lint, types, layers, and tests that take seconds
-    python3 dev.py test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
-    python3 dev.py long                what the first leaves out: the tests that are marked long, documentation
-    python3 dev.py try [--newest]      the first commands and tests/native on the newest other Python; where
+    python3 dev run [ARGS]          run ``glucoloop run ARGS``
+    python3 dev test                the quick checks: format, lint, types, layers, and tests that take seconds
+    python3 dev test PYTEST_ARGS    only pytest, with these arguments (paths from the repository root)
+    python3 dev long                what the first leaves out: the tests that are marked long, documentation
+    python3 dev try [--newest]      the first commands and tests/native on the newest other Python; where
                                        there is none, or with --newest, with the newest release of every package
-    python3 dev.py setup               only create or refresh the environment, with the tools of developers
-    python3 dev.py lock                renew the two locks (needs uv)
-    python3 dev.py release TAG [--ran LOG]
+    python3 dev setup               only create or refresh the environment, with the tools of developers
+    python3 dev lock                renew the two locks (needs uv)
+    python3 dev release TAG [--ran LOG]
                                        the wheel and the source distribution of a tag, in dist, once .ci/run was
                                        green on it; LOG is what an earlier call wrote of that
 
@@ -26,12 +25,11 @@ from __future__ import annotations
 import contextlib
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from dev_environment import (
+from environment import (
     DEV_LOCK,
     LOCK,
     NEWEST_PYTHON,
@@ -51,7 +49,7 @@ from dev_environment import (
     take_python,
     this_python,
 )
-from dev_release import asked, release
+from release import release, release_arguments
 
 QUICK = "not long"
 
@@ -166,7 +164,7 @@ def renew_locks() -> None:
     oldest = ".".join(map(str, OLDEST_PYTHON))
     options = f"--universal --fork-strategy fewest --python-version {oldest} --generate-hashes --no-emit-index-url "
     options += "--no-emit-find-links --quiet --extra query"
-    header = ["--custom-compile-command", "python3 dev.py lock"]
+    header = ["--custom-compile-command", "python3 dev lock"]
     for lock, own in (
         (DEV_LOCK, "--group dev --extra dask --extra gym --extra search"),
         (LOCK, f"--group build --constraints {DEV_LOCK.name}"),
@@ -194,7 +192,7 @@ def main(arguments: list[str]) -> int:
         renew_locks()
         return 0
     if verb == "release":
-        tag, ran = asked(rest)
+        tag, ran = release_arguments(rest)
         setup(env, dev=False)
         release(tag, env.program("python"), ran)
         return 0
@@ -212,13 +210,3 @@ def main(arguments: list[str]) -> int:
     else:
         quick_checks(env)
     return 0
-
-
-if __name__ == "__main__":
-    try:
-        sys.exit(main(sys.argv[1:]))
-    except KeyboardInterrupt:
-        print(file=sys.stderr)
-        stop("interrupted.", 130)
-    except OSError as error:
-        stop(f"{error}.")

@@ -18,7 +18,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from dev_environment import ROOT, say, stop
+from environment import ROOT, say, stop
 
 FOLDER = "dist"
 COMMIT, STATUS = "commit ", "exit status "
@@ -151,7 +151,7 @@ def release(tag: str, python: str, ran: Path | None, root: Path = ROOT) -> None:
     say(f"{tag} is {commit}; .ci/run was green by {ran}")
 
 
-def asked(words: Sequence[str]) -> tuple[str, Path | None]:
+def release_arguments(words: Sequence[str]) -> tuple[str, Path | None]:
     """The tag, and the log of a run of the checks if one is given."""
     match words:
         case [tag] if not tag.startswith("-"):
