@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import unicodedata
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -11,20 +11,37 @@ NOT_AVAILABLE: Final = "n/a"
 """Text in the place of a number that is not known."""
 NOT_VALID: Final = "not valid"
 """Text in the place of a glucose below 0: the valid range of the patient's model ended above it."""
-_UNPRINTABLE: Final = ("Cc", "Cs", "Zl", "Zp")
-"""Unicode categories of controls, lone surrogates, and ends of lines and paragraphs."""
+_UNPRINTABLE: Final = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)
+"""Control characters, ends of lines and paragraphs, lone surrogates, and marks that turn the direction of a text."""
+_LONGEST_SHOWN: Final = 60
 
 
 def is_printable(text: str) -> bool:
-    """Whether a text can stand in a line: no control characters, line ends or lone surrogates."""
-    return not any(unicodedata.category(character) in _UNPRINTABLE for character in text)
+    """Whether a text can stand in a line and shows all that it holds: none of the characters above."""
+    return _UNPRINTABLE.search(text) is None
 
 
 def printable(text: str) -> str:
     """A text in one line, with the escape of what cannot be printed in its place."""
-    if is_printable(text):
-        return text
-    return "".join(letter if is_printable(letter) else repr(letter)[1:-1] for letter in text)
+    return _UNPRINTABLE.sub(lambda letter: ascii(letter[0])[1:-1], text)
+
+
+def printable_lines(text: str) -> str:
+    """A text of several lines, with the escape of what cannot be printed in its place."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+def printable_json(text: str) -> str:
+    """A JSON text of the same value, in which what cannot be printed stands as an escape."""
+    return _UNPRINTABLE.sub(lambda letter: letter[0] if letter[0] == "\n" else f"\\u{ord(letter[0]):04x}", text)
+
+
+def shown(value: object) -> str:
+    """A value in a message."""
+    text = f"{value:g}" if isinstance(value, float) else repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def one_line(message: object) -> str:

@@ -163,6 +163,8 @@ def trial(tmp_path_factory):
     tables = {"people.parquet": people, "bands.parquet": pl.DataFrame(counts)}
     told = {
         **origin.of_shard(0),
+        "first_person": 0,
+        "people": 2,
         "rows": {name: table.height for name, table in tables.items()},
     }
     files = {SHARD: json.dumps(told).encode()}

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from glucoloop.component.setting import known_names, shown
+from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
+from glucoloop.text import shown
 
 NAME: Final = "name"
 NONE: Final = "none"

@@ -17,6 +17,7 @@ from typing import Any, Final, Literal, Self
 
 from glucoloop.component.number_text import NUMBER
 from glucoloop.refusal import Refusal
+from glucoloop.text import shown
 from glucoloop.unit_guess import CONFIRM_OPTION, Quantity, refuse_unusual
 from glucoloop.units import OTHER_UNITS, UNIT_BY_ENDING, ending_of, factor_to
 
@@ -41,7 +42,6 @@ class WithUnit(float):
 _NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-z(%][A-Za-z ²^2()/]*)?")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
-_LONGEST: Final = 60
 _MOST_NAMES: Final = 12
 ALL_SETTINGS: Final = "--help of the command has each, and glucoloop list"
 """Text on where all settings are described."""
@@ -272,12 +272,6 @@ def choices_text(choices: Sequence[object]) -> str:
     """Choices in words: ``a, b or c``."""
     *first, last = map(str, choices)
     return f"{', '.join(first)} or {last}" if first else last
-
-
-def shown(value: object) -> str:
-    """A value in a message."""
-    text = f"{value:g}" if isinstance(value, float) else repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def declared_setting(name: str, hint: Any, default: Default) -> Setting:

@@ -6,11 +6,14 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import glucoloop
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import checked, json_value
 from glucoloop.storage import disk
+
+F = TypeVar("F")
 
 LARGEST_TEXT_BYTES: Final = 200_000_000
 
@@ -47,16 +50,16 @@ def read_text(path: Path, what: str) -> str:
     return text
 
 
-def stored_json(path: Path, mend: str) -> dict[str, Any]:
-    """JSON object in a regular file that this program keeps; a ValueError, which ends in `mend`, tells of damage."""
+def stored_json(path: Path, mend: str, form: type[F]) -> F:
+    """JSON object of a form in a regular file of this program; a Refusal, which ends in `mend`, tells of damage.
+
+    The form is a dataclass, see `schema.values`, or ``dict[str, Any]`` for any object.
+    """
     data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     try:
-        found = json.loads(data)
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise Refusal(f"{path} is damaged; {mend}")
-    return found
+        return checked(form, json_value(data))
+    except Refusal as error:
+        raise Refusal(f"{path} is damaged: {error}; {mend}") from None
 
 
 def json_text(value: object, other: Callable[[Any], object] | None = None) -> str:

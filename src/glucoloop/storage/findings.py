@@ -55,7 +55,7 @@ class Findings:
     @classmethod
     def read(cls, place: Path) -> Findings:
         """Read earlier findings from the JSON file that holds them."""
-        plain = stored_json(place, "move it away and run the same command again")
+        plain = stored_json(place, "move it away and run the same command again", dict[str, Any])
         return cls({key: value for key, value in plain.items() if key != "version"})
 
 

@@ -49,7 +49,7 @@ class Outcome:
         return {
             "config": {**config, "controller": self.case.tree(whole=True)},
             "settled": dict(self.computed_settings),
-            "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "model": None if self.model is None else self.model.plain(),
             "summary": clinical_summary(self.trace, self.metrics).as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),

@@ -18,6 +18,7 @@ import polars as pl
 
 from glucoloop._extras import needed_for
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import checked
 from glucoloop.storage.files import stored_json
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
@@ -153,16 +154,19 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
 def _summary(folder: Path) -> pl.DataFrame:
     """Table with one row per controller and metric."""
     mend = f"move it away and run the command that made {folder} again"
+    summary = stored_json(folder / SUMMARY, mend, dict[str, Any])
     try:
         rows = [
             {"controller": label, "metric": metric, **values}
-            for label, of_label in stored_json(folder / SUMMARY, mend)["controllers"].items()
-            for metric, values in of_label["metrics"].items()
+            for label, of_label in checked(dict[str, dict[str, Any]], summary.get("controllers")).items()
+            for metric, values in checked(dict[str, dict[str, float | None]], of_label.get("metrics")).items()
         ]
-        table = pl.DataFrame(rows, infer_schema_length=None)
-        return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
-    except (TypeError, KeyError, AttributeError, pl.exceptions.PolarsError):
-        raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
+        if not rows:
+            raise Refusal("it has no controller")
+    except Refusal as error:
+        raise Refusal(f"{folder / SUMMARY} is damaged: {error}; {mend}") from None
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
 
 
 @contextlib.contextmanager

@@ -319,7 +319,7 @@ def _plain(identified: Identified) -> dict[str, Any]:
     identification, validation = identified.identification, identified.validation
     return {
         "config": identified.config.tree(whole=True),
-        "model": identified.model.model_dump(mode="json"),
+        "model": identified.model.plain(),
         "fit": {
             "gain_mg_dl_per_mU_min": float(identification.model.gain),
             "gain_margin_mg_dl_per_mU_min": identification.reliability.gain_margin,

@@ -90,7 +90,7 @@ def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     printed = surface.rank_of(usual, "printed" if isinstance(asked.patient, USUAL_PATIENT) else "usual")
     plain = {
         "config": asked.tree(whole=True),
-        "model": None if model is None else model.model_dump(mode="json"),
+        "model": None if model is None else model.plain(),
         "best": None if printed.best is None else {**dataclasses.asdict(printed.best), "sse": printed.best_sse},
         "printed": {**dataclasses.asdict(printed.tuning), "sse": printed.sse, "rank": printed.rank},
         "acceptable": printed.points,

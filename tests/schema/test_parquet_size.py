@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.schema.parquet_size import parquet_size
 from glucoloop.storage.tables import TableBounds, parquet, read_parquet
 
 TABLES = {
