@@ -11,7 +11,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from glucoloop.schema.parquet_size import parquet_size
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet
+from glucoloop.schema.tables import TableBounds
+from glucoloop.storage.tables import parquet, read_parquet
 
 TABLES = {
     "nobody": pl.DataFrame({"a": pl.Series([], dtype=pl.Float64)}),

@@ -131,7 +131,7 @@ def shards_of(folder):
 )
 def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
     """The same command ends in the same folder as one that nothing happened to; what was finished is never lost."""
-    monkeypatch.setattr("glucoloop.storage.tables.parquet_size", functools.cache(parquet_size))
+    monkeypatch.setattr("glucoloop.schema.tables.parquet_size", functools.cache(parquet_size))
     tiny, other = tiny
     out, whole, start = tmp_path / "out", tmp_path / "whole", tmp_path / "start"
     tiny.run(whole)

@@ -18,7 +18,8 @@ _PATTERN: Final = (
 )
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_YEARS: Final = (1970, 2199)
+YEARS: Final = (1970, 2199)
+"""First and last year of a time."""
 _MOST_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
 
@@ -43,7 +44,7 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
         day=pl.when("year_first").then("c").when(day_first).then("a").otherwise("b"),
     )
     bounds = {
-        "year": _YEARS,
+        "year": YEARS,
         "month": (1, 12),
         "day": (1, 31),
         "hour": (0, 23),
@@ -123,7 +124,7 @@ def clock(time: object) -> str:
 def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time of instants in UTC: in the zone that is asked for, or by the offsets [min] that the file has."""
     frame = pl.DataFrame({"instant": instants.cast(TIME)})
-    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*_YEARS)).then("instant"))
+    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*YEARS)).then("instant"))
     if answers.time_zone is not None:
         there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(answers.time_zone)
         offset = (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)

@@ -27,7 +27,7 @@ F = TypeVar("F")
 
 _LARGEST_INTEGER: Final = 2**63 - 1
 _LONGEST_TEXT: Final = 1_000_000
-_DEEPEST: Final = 20
+_DEEPEST: Final = 10
 """Number of tables and lists within one another that a value of any kind may have."""
 
 
@@ -68,7 +68,7 @@ def json_value(text: str | bytes) -> Any:
 
 
 def _refuse_constant(name: str) -> None:
-    raise Refusal(f"it has the number {name}, which JSON does not have")
+    raise Refusal(f"it has {name} in the place of a finite number; JSON has none but those")
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -170,7 +170,7 @@ def _plain_value(value: Any, place: str, depth: int = 0) -> Any:
     """A value of any kind: finite, not too deep, and of texts that can be written again."""
     name = place or "it"
     if depth > _DEEPEST:
-        raise Refusal(f"{name} is nested too deeply")
+        raise Refusal(f"{name} is nested more than {_DEEPEST} times")
     for text in _texts(value):
         try:
             text.encode()

@@ -189,4 +189,4 @@ def read_model(path: Path) -> ModelFile:
     try:
         return checked(ModelFile, json_value(text))
     except Refusal as error:
-        raise Refusal(f"{path} is not a model that can be used: {error}") from None
+        raise Refusal(f"{path} is not a model that can be used: {error}; write one with glucoloop identify") from None

@@ -12,10 +12,11 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.refusal import Refusal
+from glucoloop.schema.tables import TableBounds
 from glucoloop.storage import disk
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet
+from glucoloop.storage.tables import parquet, read_parquet
 
 R = TypeVar("R")
 

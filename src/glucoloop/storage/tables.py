@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,7 +13,7 @@ import polars as pl
 
 from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
-from glucoloop.schema.parquet_size import parquet_size
+from glucoloop.schema.tables import Column, TableBounds, read_table
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
 from glucoloop.text import one_line
@@ -26,9 +25,6 @@ if TYPE_CHECKING:
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
 MEAL_COLUMN: Final = "carbs_g"
 """Optional column of meals in a record."""
-
-_CELL_BYTES: Final = 16
-_OVERHEAD_BYTES: Final = 10_000_000
 
 
 def minute_table(trace: Trace) -> pl.DataFrame:
@@ -66,39 +62,13 @@ def parquet(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-@dataclass(frozen=True, kw_only=True)
-class TableBounds:
-    """Largest size of a table."""
-
-    least_rows: int
-    most_rows: int
-    columns: int
-    """Largest number of columns."""
-    longest_text: int = 0
-    """Largest size in bytes of the texts of a row."""
-
-    @property
-    def most_bytes(self) -> int:
-        """Largest uncompressed size."""
-        return _OVERHEAD_BYTES + self.most_rows * (self.columns * _CELL_BYTES + self.longest_text)
-
-    def check(self, data: bytes) -> int:
-        """Number of rows of a Parquet file; ValueError if its footer states a size out of bounds."""
-        size = parquet_size(data)
-        if not self.least_rows <= size.rows <= self.most_rows:
-            wanted = f"{self.least_rows}" if self.least_rows == self.most_rows else f"at most {self.most_rows}"
-            raise Refusal(f"it has {size.rows} rows, and {wanted} are expected")
-        if size.bytes > self.most_bytes:
-            raise Refusal(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
-        return size.rows
-
-
-def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
-    """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
+def read_parquet(place: Path, bounds: TableBounds, columns: Mapping[str, Column] | None = None) -> pl.DataFrame:
+    """Read a table that this program wrote, see `read_table`; Refusal if it is not as it is declared."""
     data = disk.read_bytes(place, bounds.most_bytes)
-    with refusing_damage(place):
-        bounds.check(data)
-        return pl.read_parquet(io.BytesIO(data))
+    try:
+        return read_table(data, bounds, columns)
+    except Refusal as error:
+        raise Refusal(f"{place} is damaged: {error}") from None
 
 
 @contextlib.contextmanager
