@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop import unit_guess
-from glucoloop.unit_guess import CONFIRM_OPTION, Quantity, question_about, refuse_unusual
+from glucoloop.unit_guess import CONFIRM_OPTION, Quantity, doubt_about, refuse_unusual
 from glucoloop.units import mg_dl_from_mmol_l, mu_min_from_u_h
 
 QUANTITIES = {name: value for name, value in vars(unit_guess).items() if isinstance(value, Quantity)}
@@ -18,7 +18,7 @@ QUANTITIES = {name: value for name, value in vars(unit_guess).items() if isinsta
 def test_a_value_within_the_range_is_not_asked_about(name, part):
     quantity = QUANTITIES[name]
     value = min(quantity.most, quantity.least + part * (quantity.most - quantity.least))
-    assert question_about(value, quantity, "it") is None
+    assert doubt_about(value, quantity, "it") is None
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
@@ -27,7 +27,7 @@ def test_a_value_outside_the_range_is_asked_about_and_named(name, value):
     quantity = QUANTITIES[name]
     if quantity.least <= value <= quantity.most or (quantity.zero and value == 0.0):
         return
-    told = question_about(value, quantity, "--it", CONFIRM_OPTION)
+    told = str(doubt_about(value, quantity, "--it", CONFIRM_OPTION))
     assert told is not None
     assert told.startswith(f"--it is {value:g} {quantity.unit}".rstrip())
     assert "--allow-unusual" in told
@@ -52,16 +52,16 @@ def test_a_value_outside_the_range_is_asked_about_and_named(name, value):
     ],
 )
 def test_a_number_in_another_unit_is_recognised(quantity, value, unit, own):
-    told = question_about(value, quantity, "it")
+    told = str(doubt_about(value, quantity, "it"))
     assert told is not None
     assert f"looks like {unit}:" in told
     given_again = float(told.split(". Give ")[1].split(",")[0])
     assert math.isclose(given_again, own, rel_tol=5e-3)
-    assert question_about(given_again, quantity, "it") is None
+    assert doubt_about(given_again, quantity, "it") is None
 
 
 def test_a_value_that_no_unit_explains_is_told_the_range():
-    assert question_about(810.0, unit_guess.SETPOINT, "--setpoint", CONFIRM_OPTION) == (
+    assert str(doubt_about(810.0, unit_guess.SETPOINT, "--setpoint", CONFIRM_OPTION)) == (
         "--setpoint is 810 mg/dl; a setpoint is usually from 50 to 250 mg/dl. "
         "Give such a value, or add --allow-unusual if 810 mg/dl is meant"
     )
@@ -69,11 +69,11 @@ def test_a_value_that_no_unit_explains_is_told_the_range():
 
 def test_a_narrower_range_tells_its_reason():
     needed = unit_guess.LARGEST_RATE.within(least=25.6, reason="25.6 mU/min hold the patient at rest")
-    assert question_about(20.0, needed, "--max-insulin") == (
+    assert str(doubt_about(20.0, needed, "--max-insulin")) == (
         "--max-insulin is 20 mU/min, but 25.6 mU/min hold the patient at rest. "
         "Give another value, or pass allow_unusual=True if 20 mU/min is meant"
     )
-    assert "looks like U/h: 4 U/h is 66.7 mU/min" in (question_about(4.0, needed, "--max-insulin") or "")
+    assert "looks like U/h: 4 U/h is 66.7 mU/min" in str(doubt_about(4.0, needed, "--max-insulin"))
 
 
 def test_asking_is_an_error():

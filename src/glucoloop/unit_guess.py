@@ -136,34 +136,31 @@ ANY_SETTING: Final = Quantity("the number of a setting", "", -1e6, 1e6)
 NOISE_BOUND: Final = Quantity("the largest deviation of a reading", "mg/dl", 0.7, 1000.0, _MMOL)
 
 
-def question_about(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> str | None:
-    """Question about an implausible value, in whole sentences without the last full stop, or None for a plausible one.
+def doubt_about(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> Refusal | None:
+    """Refusal of an implausible value, or None for a plausible one.
 
     `called` is the name of the value for the user, and `confirm` the way to confirm it.
     """
     if quantity.plausible(value):
         return None
     amount = f"{value:g} {quantity.unit}".rstrip()
+    confirmed = f"{confirm} if {amount} is meant"
     because = f", but {quantity.reason}" if quantity.reason else ""
     for _, converted in quantity.meant(value):
-        return (
-            f"{called} is {amount}{because}; {quantity.looks_like(value)}. Give {_rounded(converted)}, or {confirm} "
-            f"if {amount} is meant"
-        )
+        problem = f"{called} is {amount}{because}; {quantity.looks_like(value)}."
+        return Refusal(problem, f"give {_rounded(converted)}", confirmed)
     if quantity.reason:
-        return f"{called} is {amount}{because}. Give another value, or {confirm} if {amount} is meant"
+        return Refusal(f"{called} is {amount}{because}.", "give another value", confirmed)
     usual = f"from {quantity.least:g} to {quantity.most:g} {quantity.unit}".rstrip()
-    return (
-        f"{called} is {amount}; {quantity.name} is usually {usual}. Give such a value, or {confirm} "
-        f"if {amount} is meant"
-    )
+    problem = f"{called} is {amount}; {quantity.name} is usually {usual}."
+    return Refusal(problem, "give such a value", confirmed)
 
 
 def refuse_unusual(value: float, quantity: Quantity, called: str, confirm: str = CONFIRM_ARGUMENT) -> None:
-    """Refuse an implausible value, with the sentences of `question_about`."""
-    question = question_about(value, quantity, called, confirm)
-    if question is not None:
-        raise Refusal(question)
+    """Refuse an implausible value, see `doubt_about`."""
+    doubt = doubt_about(value, quantity, called, confirm)
+    if doubt is not None:
+        raise doubt
 
 
 def _rounded(value: float) -> str:

@@ -69,9 +69,9 @@ MISTAKES = {
     "run --dead-time -5": ["--dead-time is -5 min; give a number from 0 to 1440 min"],
     "run --duration 0": ["--duration is 0", "above 0"],
     "run --duration inf": ["--duration is inf", "above 0 min and up to 527040 min"],
-    "run --duration 603": ["603 min", "or --duration 605"],
-    "run --sample-time 7.3": ["600 min", "7.3 min", "give --sample-time 7.5 or --duration 598.6"],
-    "bound --in-advance --sample-time 7": ["give --sample-time 7.5 or --duration 602"],
+    "run --duration 603": ["603 min", "or give --duration 605"],
+    "run --sample-time 7.3": ["600 min", "7.3 min", "give --sample-time 7.5, or give --duration 598.6"],
+    "bound --in-advance --sample-time 7": ["give --sample-time 7.5, or give --duration 602"],
     "trial --out a --days 2 --sample-time 7": ["2880 min", "give --sample-time 7.2."],
     "detect --out a --sample-time 7": ["1440 min", "give --sample-time 7.2"],
     "run --sample-time 0": ["--sample-time is 0 min", "from 0.1 to 120 min"],
@@ -154,7 +154,7 @@ CONFIGURATIONS = {
     b"controller = {prediction_horizon = '8'}": "a.toml: prediction_horizon is '8'; give a whole number",
     b"controller = {name = 'pid', gain = true}": "a.toml: pid: gain is True; give a finite number",
     b"controller = 'mpc, prediction_horizon=x'": "a.toml: mpc: prediction_horizon is 'x'; give a whole number",
-    b"sample_time_min = 7": "give --sample-time 7.5 or --duration 602",
+    b"sample_time_min = 7": "give --sample-time 7.5, or give --duration 602",
     b"zzqqx = 3": "known ones is like it; --help of the command has each",
     b"pump = {insulin_upper = 3}": "the pump limited has no setting 'insulin_upper'; the known ones are: max_change",
     b"duration_min = '10x'": "a.toml: duration_min is '10x'",
@@ -256,7 +256,7 @@ def test_model_for_another_sample_time_is_refused(refused, tmp_path, model_text)
     (tmp_path / "m.json").write_text(json.dumps({**json.loads(model_text), "sample_time_min": 10.0}))
     assert refused("run", "--model", "m.json") == (
         "the model was identified for 10-min samples, the run uses 5 min; "
-        "identify again with --sample-time 5 or run with --sample-time 10."
+        "identify again with `glucoloop identify --sample-time 5`, or run with --sample-time 10."
     )
 
 
@@ -265,7 +265,7 @@ def test_model_that_holds_another_dead_time_is_refused(refused, tmp_path, model_
     model["provenance"]["dead_time_min"] = 15.0
     (tmp_path / "m.json").write_text(json.dumps(model))
     told = refused("run", "--model", "m.json", "--dead-time", 10, "--controller", "known_dead_time=true")
-    assert "run with --dead-time 15 or without known_dead_time" in told
+    assert "run with --dead-time 15, run without known_dead_time" in told
 
 
 RECORDS = {

@@ -187,7 +187,7 @@ def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
         (("a.csv", "--label", "x", "--label", "y"), "--label is given 2 times for 1 file; give one for each"),
         (("a.csv", "--goals", "young"), "--goals is 'young'"),
         (("empty.csv",), "readings"),
-        (("trial",), "trial holds no course of glucose; run the trial with --traces"),
+        (("trial",), "trial holds no course of glucose; run it by `glucoloop trial --traces`"),
         (("damaged",), "damaged/a.csv: it is not text; give the file as it was exported, unzipped (and 1 more)"),
         (("a.csv", "--label", "x", "--file-names"), "--label and --file-names both name the records"),
         (("folder",), "folder is empty; give a folder with a file for each person"),

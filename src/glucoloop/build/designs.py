@@ -167,8 +167,8 @@ def design_of(
     def refuse_without_clock(to: object) -> None:
         if situation.start_min is None and getattr(to, "needs_time_of_day", False):
             raise Refusal(
-                f"the controller {case.controller.called} is to go by the time of day, of which it is not told; "
-                "give the time at the start, like --start 06:00 (start in a file)"
+                f"the controller {case.controller.called} is to go by the time of day, of which it is not told",
+                "give the time at the start, like --start 06:00 (start in a file)",
             )
 
     def designed(settings: ControllerPart) -> Controller:
@@ -197,16 +197,13 @@ def nominal_model(situation: Situation, case: Case) -> Identification:
         variance = asked.noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
         usual = situation.patient.identification(situation.sample_time_min)["memory"]
-        mend = (
-            f"A memory of {asked.memory} samples is short for {situation.patient.called} ({usual} are usual): leave it "
-            "out"
-            if asked.memory is not None and asked.memory < usual
-            else "Identify it with less noise, like --model 'noise_variance=0'"
-        )
-        raise Refusal(
-            f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)} {mend}, "
-            f"or {CONFIRM_OPTION} to use it all the same"
-        )
+        problem = f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)}"
+        mend = "identify it with less noise, like --model 'noise_variance=0'"
+        if asked.memory is not None and asked.memory < usual:
+            short = f"A memory of {asked.memory} samples is short for {situation.patient.called}"
+            problem += f" {short} ({usual} are usual)"
+            mend = "leave it out"
+        raise Refusal(problem, mend, f"{CONFIRM_OPTION} to use it all the same")
     return found
 
 

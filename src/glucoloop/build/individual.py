@@ -218,8 +218,9 @@ def one_by_one(situation: Situation, case: Case, example: VirtualPeople) -> Desi
                 designed[which] = controller_of(situation, case, person, profile=profile)
             except Refusal as error:
                 raise Refusal(
-                    f"no {case.controller.called} can be designed for person {numbers[which]}: {error}; "
-                    "or design it once for the nominal patient (--design nominal)"
+                    f"no {case.controller.called} can be designed for person {numbers[which]}: {error.problem}",
+                    *error.remedies,
+                    "design it once for the nominal patient (--design nominal)",
                 ) from None
         sound = next((controller for controller in designed if controller is not None), None)
         if sound is None:

@@ -13,7 +13,7 @@ from typing import Final
 
 import glucoloop
 from glucoloop.cli.command import Command
-from glucoloop.cli.errors import BUG, KEPT_RESULTS, interrupted, mistake, sentence
+from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.interrupts import catching_interrupts
 from glucoloop.cli.screen import note, width_of_text
 from glucoloop.component.code import loaded, only_code
@@ -77,6 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     _prepare_streams()
     KEPT_RESULTS.set(None)
+    COMMAND.set(None)
     with only_code(_is_allowed(arguments)):
         if any("\0" in argument for argument in arguments):
             mistake("an argument holds a NUL character, which no name or number does; leave it out")
@@ -122,6 +123,7 @@ def _carry_out(arguments: Sequence[str]) -> int:
         print(f"glucoloop {glucoloop.__version__}")
         return 0
     command, rest = command_of(arguments[0]), arguments[1:]
+    COMMAND.set((command.name, frozenset((*_HELP, *(option.flag for option in command.options)))))
     if any(argument in _HELP for argument in rest):
         print(command.help(), end="")
         return 0

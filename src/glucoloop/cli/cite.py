@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.option import CommandOption, Given
+from glucoloop.cli.option import ALLOW_CODE, CommandOption, Given
 from glucoloop.cli.screen import note
 from glucoloop.component.catalogue import catalogues
 from glucoloop.component.code import loaded
@@ -138,6 +138,7 @@ CITE: Final = Command(
             required=False,
             many=True,
         ),
+        ALLOW_CODE,
         CommandOption("json", "--json", "Print one JSON object: a list of references."),
     ),
     _cite,

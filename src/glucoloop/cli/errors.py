@@ -22,6 +22,8 @@ T = TypeVar("T")
 _LONGEST: Final = 2000
 KEPT_RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
 """State of the results of the command as part of a sentence; None for one that says it itself."""
+COMMAND: Final[ContextVar[tuple[str, frozenset[str]] | None]] = ContextVar("command", default=None)
+"""Name of the command, and its options, of which alone a refusal may speak."""
 BUG: Final = (
     "This is a bug, of glucoloop or of the code of your own that the last lines name. Report it with these lines and "
     "the command."
@@ -50,7 +52,10 @@ def sentence(error: BaseException) -> str | None:
         return _with_results(f"{one_line(error)}; choose another place")
     if isinstance(error, OSError):
         return _of_the_system(error)
-    return str(error) if isinstance(error, Refusal) else None
+    if not isinstance(error, Refusal):
+        return None
+    command = COMMAND.get()
+    return str(error) if command is None else error.of_command(*command)
 
 
 @contextlib.contextmanager

@@ -173,8 +173,9 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     if len(tables) > 1:
         labels = ", ".join(str(plain(table.get("label", table.get(NAME)))) for table in tables)
         raise Refusal(
-            f"{where}: the settings name no controller, and there are several ({labels}); write --set "
-            "controller.LABEL.setting=value"
+            f"{where}: the settings name no controller, and there are several ({labels})",
+            "name one",
+            "write --set controller.LABEL.setting=value",
         )
     return [functools.reduce(over, given_cases, tables[0])]
 

@@ -231,7 +231,8 @@ class Trial(FedSituation):
         table = self.population.table
         if table is None or not table.meals:
             raise Refusal(
-                f"the people of {self.population.name} have no days of their own; give meals, like --meal 45g@7h"
+                f"the people of {self.population.name} have no days of their own",
+                "give meals, like --meal 45g@7h",
             )
         return typing.cast("Population", self.population)
 

@@ -103,7 +103,7 @@ class Catalogue(dict[str, type[P]], Generic[P]):
                 raise Refusal(f"{given}; begin with its name, like {self.example!r}")
             part = self.find(name)
         except Refusal as error:
-            raise Refusal(f"{where}: {error}" if where else str(error)) from None
+            raise error.within(where) from None
         return read(part, tree, allow_unusual=allow_unusual)
 
 

@@ -94,8 +94,9 @@ def added(group: str, name: str) -> Any | None:
     points = entry_points(group)
     if ":" in name and _allowed is not None and not _allowed(name) and name not in points:
         raise Refusal(
-            f"{name!r} names code that would be imported and run, and it stands in a file; give it on the command "
-            "line too, or add --allow-code if you trust the file and the module"
+            f"{name!r} names code that would be imported and run, and it stands in a file",
+            "give it on the command line too",
+            "add --allow-code if you trust the file and the module",
         )
     return found(name, points.get(name, name)) if ":" in name or name in points else None
 

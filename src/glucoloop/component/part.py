@@ -153,7 +153,7 @@ class Part:
         try:
             whole = type(self)(**values)
         except Refusal as error:
-            raise Refusal(f"{self.where}: {error}" if self.where else str(error)) from None
+            raise error.within(self.where) from None
         return whole._noted(self.given, self.where, self.called)
 
     def values(self) -> dict[str, Any]:
@@ -259,7 +259,7 @@ def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, 
         try:
             setting = part.setting(key)
         except Refusal as error:
-            raise Refusal(f"{at}: {error}" if at else str(error)) from None
+            raise error.within(at) from None
         key = setting.name
         if places.setdefault(key, at) == at and key in values:
             raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")

@@ -124,8 +124,9 @@ class PeopleTable:
         n = len(self.names)
         if self.draws == ONCE and last >= n:
             raise Refusal(
-                f"person {last} is asked for, but the table has {n} people, from 0 to {n - 1}; ask for fewer, or draw "
-                f"them with replacement, like --population 'NAME, draw={REPLACED}'"
+                f"person {last} is asked for, but the table has {n} people, from 0 to {n - 1}",
+                "ask for fewer",
+                f"draw them with replacement, like --population 'NAME, draw={REPLACED}'",
             )
 
     def distributions(self) -> dict[str, Distribution]:

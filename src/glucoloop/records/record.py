@@ -63,9 +63,9 @@ class _About:
 class FileRefusal(Refusal):
     """A file, or several of one person, that cannot be read; `why` names none of them."""
 
-    def __init__(self, paths: Sequence[Path], why: str) -> None:
-        super().__init__(f"{', '.join(map(str, paths))}: {why}")
-        self.paths, self.why = tuple(paths), why
+    def __init__(self, paths: Sequence[Path], why: Refusal) -> None:
+        super().__init__(f"{', '.join(map(str, paths))}: {why.problem}", *why.remedies)
+        self.paths, self.why = tuple(paths), str(why)
 
 
 @dataclass(frozen=True, kw_only=True)

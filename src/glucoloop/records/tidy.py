@@ -152,8 +152,8 @@ def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     unit = answers.glucose_unit or extract.glucose_unit
     if answers.glucose_unit and extract.glucose_unit and answers.glucose_unit != extract.glucose_unit:
         raise Refusal(
-            f"it says itself that glucose is in {extract.glucose_unit}, not in {answers.glucose_unit}; leave out "
-            "glucose_unit (--glucose-unit)"
+            f"it says itself that glucose is in {extract.glucose_unit}, not in {answers.glucose_unit}",
+            "leave out glucose_unit (--glucose-unit)",
         )
     factors = dict(zip(UNITS, (1.0, MG_DL_PER_MMOL_L), strict=True))
     shares = {
@@ -162,8 +162,9 @@ def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     }
     if unit is None:
         raise Refusal(
-            "it does not say whether glucose is in mg/dl or in mmol/l; give glucose_unit (--glucose-unit), as "
-            f"{'mmol/l' if shares['mmol/l'] > shares['mg/dl'] else 'mg/dl'} from the look of the numbers"
+            "it does not say whether glucose is in mg/dl or in mmol/l",
+            "give glucose_unit (--glucose-unit), as "
+            f"{'mmol/l' if shares['mmol/l'] > shares['mg/dl'] else 'mg/dl'} from the look of the numbers",
         )
     other = UNITS[1 - UNITS.index(unit)]
     if shares[unit] < 0.5 < shares[other]:

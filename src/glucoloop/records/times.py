@@ -101,8 +101,9 @@ def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str 
     month = last.filter((pl.col("b") > 12) & (pl.col("a") <= 12)).height
     if day and month:
         raise Refusal(
-            f"{day} of its dates have the day first and {month} the month first; divide the file, or say which is "
-            "meant with dates=day-first or dates=month-first (--dates), which leaves out the others"
+            f"{day} of its dates have the day first and {month} the month first",
+            "divide the file",
+            "say which is meant with dates=day-first or dates=month-first (--dates), which leaves out the others",
         )
     if day or month:
         return (DAY_FIRST if day else MONTH_FIRST), []
@@ -111,8 +112,8 @@ def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str 
     if last.select((pl.col("a") == pl.col("b")).all()).item():
         return DAY_FIRST, []
     raise Refusal(
-        "its dates fit both orders, for no day is above 12; say which is meant with dates=day-first or "
-        "dates=month-first (--dates)"
+        "its dates fit both orders, for no day is above 12",
+        "say which is meant with dates=day-first or dates=month-first (--dates)",
     )
 
 
@@ -134,7 +135,7 @@ def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -
     notes = []
     if not (known.fill_null(0) != 0).any():
         notes.append(
-            "Times are in UTC, for the file tells no other; time_zone (--time-zone) brings them to the time on the "
+            "Times are in UTC, for the file tells no other; the time zone of the person brings them to the time on the "
             "wall."
         )
     shift = pl.duration(minutes=pl.lit(known.fill_null(0)).cast(pl.Int64), time_unit="us")

@@ -79,7 +79,9 @@ def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
         meal, match = parse_meal(text), _MEAL.fullmatch(text)
         if match is None or not (match["of_carbs"] or match["unit"]):
             raise Refusal(
-                f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
+                f"the meal {text!r} names no unit",
+                f"write {meal_text(meal)}",
+                f"{CONFIRM_OPTION} if that is meant",
             )
         refuse_unusual(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
         if horizon_min >= MIN_PER_DAY and not match["unit"] and 0.0 < meal.t_min < HOURS_PER_DAY:

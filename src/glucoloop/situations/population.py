@@ -90,7 +90,7 @@ def _read_variation(kind: type[Any], where: str, table: Mapping[str, object]) ->
             return JointVariation(**{key: _of_joint(key, value) for key, value in table.items()})
         return Variation(**{key: converted(key, value, types[key], "Variation") for key, value in table.items()})
     except Refusal as error:
-        raise Refusal(f"{where}: {error}") from None
+        raise error.within(where) from None
 
 
 def _of_joint(key: str, value: Any) -> Any:
@@ -155,7 +155,7 @@ def _meals(given: Any, name: str) -> tuple[Meal, ...]:
     try:
         return tuple(map(parse_meal, texts))
     except Refusal as error:
-        raise Refusal(f"meals of {name!r}: {error}") from None
+        raise error.within(f"meals of {name!r}") from None
 
 
 def population_keys(population: Population) -> dict[str, object]:
@@ -215,7 +215,7 @@ def _found_population(text: str, patient: str) -> Population:
     try:
         people = read_population(keys, patient, path.stem)
     except Refusal as error:
-        raise Refusal(f"{text}: {error}") from None
+        raise error.within(text) from None
     if not (people.variations or people.table):
         # a file that was cut short must not pass for the nominal patient
         raise Refusal(
@@ -294,4 +294,4 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     try:
         return people.alone(name.strip(), seed)
     except Refusal as error:
-        raise Refusal(f"person {text!r} of {patient}: {error}") from None
+        raise error.within(f"person {text!r} of {patient}") from None

@@ -215,13 +215,15 @@ class Situation(Part):
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
         if self.miscounts and not self.announce_meals:
             raise Refusal(
-                "an error of counting carbohydrate concerns announced meals only; announce the meals "
-                "(--announce-meals), or leave the error and the bias out"
+                "an error of counting carbohydrate concerns announced meals only",
+                "announce the meals (--announce-meals)",
+                "leave the error and the bias out",
             )
         if self.announce_before_min and not self.announce_meals:
             raise Refusal(
-                f"meals that are not announced cannot be announced {self.announce_before_min:g} min before eating; "
-                "announce the meals (--announce-meals), or leave the time out"
+                f"meals that are not announced cannot be announced {self.announce_before_min:g} min before eating",
+                "announce the meals (--announce-meals)",
+                "leave the time out",
             )
         if self.profile_by == "titration" and not self.patient.under_the_skin:
             raise Refusal(

@@ -128,20 +128,24 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         of_model, of_run = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
         raise Refusal(
-            f"the model was identified for {of_model}-min samples, the run uses {of_run} min; "
-            f"identify again with --sample-time {of_run} or run with --sample-time {of_model}"
+            f"the model was identified for {of_model}-min samples, the run uses {of_run} min",
+            f"identify again with `glucoloop identify --sample-time {of_run}`",
+            f"run with --sample-time {of_model}",
         )
     held = model.provenance.dead_time_min
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
         raise Refusal(
-            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
-            f"run with --dead-time {held:g} or without known_dead_time, or identify again"
+            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min",
+            f"run with --dead-time {held:g}",
+            "run without known_dead_time",
+            "identify again",
         )
     doubts = model.doubts()
     if doubts and not situation.allow_unusual:
         raise Refusal(
-            f"no controller should be designed on the model {path}. {' '.join(doubts)} Identify it again from a record "
-            f"in which insulin moves glucose more, or {CONFIRM_OPTION} to use it all the same"
+            f"no controller should be designed on the model {path}. {' '.join(doubts)}",
+            "identify it again from a record in which insulin moves glucose more",
+            f"{CONFIRM_OPTION} to use it all the same",
         )
     return model
 

@@ -62,7 +62,7 @@ class TrialOrigin(Origin):
     def of_folder(cls, folder: Path) -> TrialOrigin:
         """Origin of the shards in a folder; ValueError if there is none, or glucoloop did not write it."""
         if not folder.is_dir():
-            raise Refusal(f"{folder} is not a folder; give the folder of a trial, as --out named it")
+            raise Refusal(f"{folder} is not a folder; give the folder that `glucoloop trial --out` wrote")
         if not disk.is_file(folder / RECORD):
             raise Refusal(
                 f"{folder} holds no trial, for there is no {RECORD}; give a folder that glucoloop trial wrote"

@@ -102,7 +102,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
     origin = TrialOrigin.of_folder(folder)
     shards, final = done_shards(folder, origin), final_files(folder)
     if not shards:
-        raise Refusal(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
+        raise Refusal(f"no shard of {folder} is done yet; run `glucoloop trial --config {folder}/trial.toml` first")
     place = folder.resolve()
     if _SPECIAL & set(str(place)):
         raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")

@@ -31,7 +31,7 @@ def is_simulated(folder: Path) -> bool:
     """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
     found = bool(_tables_of(folder))
     if not found and (folder / "shards").is_dir():
-        raise Refusal(f"{folder} holds no course of glucose; run the trial with --traces")
+        raise Refusal(f"{folder} holds no course of glucose; run it by `glucoloop trial --traces`")
     return found
 
 

@@ -115,7 +115,7 @@ def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
     try:
         readings = Readings.of_times(given["time"].to_numpy(), given["glucose_mg_dl"].to_numpy())
     except Refusal as error:
-        raise FileRefusal(source.paths, str(error)) from None
+        raise FileRefusal(source.paths, error) from None
     averaged = given.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
     yield NamedReadings(source.label, source.group, readings, (*record.notes, *more))

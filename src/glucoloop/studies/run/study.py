@@ -68,7 +68,7 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
             outcomes[case.label] = close_the_loop(asked, case)
         except Refusal as error:
             if isinstance(asked, Comparison):
-                error.args = (f"case {case.label!r}: {error}",)
+                raise error.within(f"case {case.label!r}") from error
             raise
         progress(f"the loop of {case.label}")
     if not isinstance(asked, Comparison):
