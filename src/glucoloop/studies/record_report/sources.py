@@ -92,7 +92,7 @@ def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
             courses = simulated_courses(first)
         except Refusal:
             if source.group:  # whose refusals tell no path
-                raise FileRefusal([first], "its simulated courses are damaged; write them again") from None
+                raise FileRefusal([first], Refusal("its simulated courses are damaged", "write them again")) from None
             raise
         for course in courses:
             label = (

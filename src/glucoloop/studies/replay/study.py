@@ -98,7 +98,7 @@ def found(asked: ReplayRequest, progress: Callable[[str], None]) -> Findings:
     try:
         twin = StoredTwin.of(kept)
     except Refusal as error:
-        raise error.within(asked.twin) from None
+        raise error.within(str(asked.twin)) from None
     days = days_of(asked)
     if abs(asked.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
