@@ -83,7 +83,7 @@ def happened(**others):
 
 
 def broken_by(sampled, lowest=GLUCOSE):
-    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest))
+    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
     assert tuple(held) == PROMISES
     return {name for name, holds in held.items() if not bool(holds)}
 

@@ -24,7 +24,7 @@ STATUS_WORDS: Final = {
     Status.NOT_CONVERGED: "Optimisation not converged",
     Status.NON_FINITE: "Computation without a finite number",
     Status.READING_REJECTED: "Guard: reading not believed",
-    Status.FALLBACK_BASAL: "Guard: basal rate, no reading believed",
+    Status.FALLBACK_BASAL: "Guard: at most the basal rate, no reading believed",
     Status.FALLBACK_REDUCED: "Guard: part of the basal rate, no reading believed",
     Status.SUSPENDED: "Guard: insulin suspended",
     Status.DOSE_LIMITED: "Guard: dose cut",

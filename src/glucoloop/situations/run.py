@@ -58,8 +58,8 @@ class ControlledSituation(Situation):
     guard: Annotated[
         GuardSettings | None,
         _controller(
-            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without "
-            "readings, suspends insulin on predicted low glucose, and bounds the dose.",
+            "Put a guard around the controllers: it rejects impossible readings, gives at most the basal rate "
+            "without readings, suspends insulin on predicted low glucose, and bounds the dose.",
             alone="usual",
         ),
     ] = None

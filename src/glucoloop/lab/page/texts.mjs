@@ -194,7 +194,7 @@ const english = {
     {
       title: "A sensor that sticks for two hours",
       hash: "#controller=mpc&guard=usual&faults=stuck,+start_min=90,+duration_min=120",
-      text: "From 90 to 210 min the sensor repeats one reading, while a meal raises glucose. The guard takes readings that do not change for no readings, and gives the basal rate: glucose rises to 148 mg/dl, and does not fall below 78.",
+      text: "From 90 to 210 min the sensor repeats one reading, while a meal raises glucose. The guard takes readings that do not change for no readings, and gives at most the basal rate: glucose rises to 148 mg/dl, and does not fall below 78.",
     },
     {
       title: "Pressure on the sensor at night",

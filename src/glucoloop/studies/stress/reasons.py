@@ -19,7 +19,7 @@ _BIAS_MG_DL: Final = 4.0
 _LESS: Final = 0.05
 _ACTS: Final = (
     (Status.READING_REJECTED, "rejected {}", "reading"),
-    (Status.FALLBACK_BASAL, "gave the basal rate for {}", "sample"),
+    (Status.FALLBACK_BASAL, "gave at most the basal rate for {}", "sample"),
     (Status.FALLBACK_REDUCED, "gave a part of it for {}", "sample"),
     (Status.DOSE_LIMITED, "cut {}", "dose"),
     (Status.SUSPENDED, "suspended insulin for {}", "sample"),

@@ -53,7 +53,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation, configured
-from glucoloop.studies.verification import Verification
+from glucoloop.studies.verification import SAMPLE_MIN, Verification
 from glucoloop.therapy import Profile
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
@@ -63,7 +63,6 @@ Numbers = npt.NDArray[np.int64]
 
 MOST_MEALS: Final = 4
 MOST_AT_ONCE: Final = 3
-SAMPLE_MIN: Final = 5.0
 LONGEST_SAMPLES: Final = 48
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
@@ -320,9 +319,11 @@ def trial_of(asked: Verification, controller: str) -> Trial:
     return Trial.partial(given).completed()
 
 
-def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
+def catalogue_controller(
+    name: str, patient: str = USUAL_PATIENT.name, sample_time_min: float = SAMPLE_MIN
+) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
-    situation = configured(Situation, patient=patient)
+    situation = configured(Situation, patient=patient, sample_time_min=sample_time_min)
     return controller_of(situation, usual_case(name, situation))
 
 
