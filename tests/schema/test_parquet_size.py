@@ -111,3 +111,15 @@ def test_anything_in_a_footer_is_a_sentence_or_a_number(footer):
     data = b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1"
     with contextlib.suppress(ValueError):
         assert parquet_size(data).rows >= 0
+
+
+@pytest.mark.parametrize("count", [-64, -1, 63])
+def test_a_page_that_lies_about_its_number_of_values_is_not_read(count):
+    """By it polars asks for memory, and ends the process where there is not as much."""
+    buffer = io.BytesIO()
+    pl.DataFrame({"a": ["x", None, "x"]}).write_parquet(buffer, statistics=False)
+    data, bounds = buffer.getvalue(), TableBounds(least_rows=3, most_rows=3, columns=1)
+    assert bounds.check(data) == 3
+    begin, _, end = data.partition(b"\x2c\x15\x06\x15")  # header of a data page, whose first field is three values
+    with pytest.raises(ValueError, match=r"damaged|63 values, and at most 3 are expected"):
+        bounds.check(begin + bytes([0x2C, 0x15, (count << 1 ^ count >> 63) & 127, 0x15]) + end)

@@ -1,8 +1,8 @@
 """Uncompressed size of a Parquet file before it is read: a few kilobytes can hold gigabytes.
 
-A reader allocates memory for a page by the page's own header, so the size in the footer alone is not trusted. Polars
-tells neither, so both are read here: they are Thrift structures in the compact protocol, of which those kinds of values
-are read that Polars writes.
+A reader allocates memory for a page by the page's own header, its bytes as well as its number of values, so the footer
+alone is not trusted; and where memory cannot be had, polars ends the process. It tells neither, so both are read here:
+they are Thrift structures in the compact protocol, of which those kinds of values are read that polars writes.
 
 References
 ----------
@@ -23,16 +23,22 @@ _LONGEST_VARINT: Final = 10
 _ROWS, _GROUPS = 3, 4
 _COLUMNS, _GROUP_ROWS = 1, 3
 _META = 3
-_UNFOLDED, _FOLDED, _DATA_AT, _DICTIONARY_AT = 6, 7, 9, 11
-_PAGE_UNFOLDED, _PAGE_FOLDED = 2, 3
+_VALUES, _UNFOLDED, _FOLDED, _DATA_AT, _DICTIONARY_AT = 5, 6, 7, 9, 11
+_PAGE_KIND, _PAGE_UNFOLDED, _PAGE_FOLDED = 1, 2, 3
+_HEADERS: Final = {0: 5, 2: 7, 3: 8}
+"""Field of the header of its own that a page of each kind has; the first field there is its number of values."""
+_DICTIONARY: Final = 2
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _BINARY, _LIST, _STRUCT = 1, 2, 3, 4, 5, 6, 8, 9, 12
 
 
 class ParquetSize(NamedTuple):
-    """Number of rows, and bytes of all pages, uncompressed, by the footer or their own headers: whichever is more."""
+    """Size of a table."""
 
     rows: int
     bytes: int
+    """Bytes of all pages, uncompressed, by the footer or their own headers: whichever is more."""
+    values: int
+    """Number of values of all columns, likewise; a list has several."""
 
 
 def parquet_size(data: bytes) -> ParquetSize:
@@ -46,31 +52,36 @@ def parquet_size(data: bytes) -> ParquetSize:
         meta = _Thrift(data[-8 - length : -8]).struct()
         groups = meta.get(_GROUPS, [])
         columns = [column[_META] for group in groups for column in group.get(_COLUMNS, [])]
-        unfolded, folded = ([int(column[field]) for column in columns] for field in (_UNFOLDED, _FOLDED))
+        sizes = _UNFOLDED, _FOLDED, _VALUES
+        unfolded, folded, values = ([int(column[field]) for column in columns] for field in sizes)
         rows, of_groups = int(meta[_ROWS]), [int(group[_GROUP_ROWS]) for group in groups]
         if min(folded, default=0) < 0 or sum(folded) > len(data):  # pages in common would be walked again and again
             raise ValueError
         found = [_of_pages(data, column) for column in columns]
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, RecursionError):
         raise Refusal("its footer or the header of a page is damaged") from None
-    if rows != sum(of_groups) or min([*of_groups, *unfolded], default=0) < 0:
+    if rows != sum(of_groups) or min([*of_groups, *unfolded, *values], default=0) < 0:
         raise Refusal("its footer contradicts itself")
-    return ParquetSize(rows, sum(map(max, unfolded, found)))
+    footer = zip(unfolded, values, strict=True)
+    by_column = [tuple(map(max, *both)) for both in zip(footer, found, strict=True)]
+    return ParquetSize(rows, sum(size for size, _ in by_column), sum(count for _, count in by_column))
 
 
-def _of_pages(data: bytes, column: dict[int, Any]) -> int:
-    """Bytes of a column's pages, uncompressed, as the header of each page says."""
+def _of_pages(data: bytes, column: dict[int, Any]) -> tuple[int, int]:
+    """Bytes of a column's pages, uncompressed, and number of its values, as the header of each page says."""
     start, folded = column.get(_DICTIONARY_AT, column[_DATA_AT]), column[_FOLDED]
     if not len(_MAGIC) <= start <= min(column[_DATA_AT], len(data) - folded):
         raise ValueError
-    pages, unfolded = _Thrift(data[start : start + folded]), 0
+    pages, unfolded, values = _Thrift(data[start : start + folded]), 0, 0
     while pages.tell() < folded:
         header = pages.struct()
         pages.take(header[_PAGE_FOLDED])
-        if header[_PAGE_UNFOLDED] < 0:
+        kind, count = header[_PAGE_KIND], header[_HEADERS[header[_PAGE_KIND]]][1]
+        if min(count, header[_PAGE_UNFOLDED]) < 0 or (kind == _DICTIONARY and count > header[_PAGE_UNFOLDED]):
             raise ValueError
+        values += 0 if kind == _DICTIONARY else count
         unfolded += header[_PAGE_UNFOLDED]
-    return unfolded
+    return unfolded, values
 
 
 class _Thrift(io.BytesIO):

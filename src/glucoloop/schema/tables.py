@@ -37,7 +37,7 @@ class TableBounds:
     least_rows: int
     most_rows: int
     columns: int
-    """Largest number of columns."""
+    """Largest number of values in a row."""
     longest_text: int = 0
     """Largest size in bytes of the texts of a row."""
 
@@ -54,6 +54,8 @@ class TableBounds:
             raise Refusal(f"it has {size.rows} rows, and {wanted} are expected")
         if size.bytes > self.most_bytes:
             raise Refusal(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
+        if size.values > self.most_rows * self.columns:
+            raise Refusal(f"it has {size.values} values, and at most {self.most_rows * self.columns} are expected")
         return size.rows
 
 
