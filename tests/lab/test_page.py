@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import hashlib
 import itertools
 import json
 import math
@@ -64,7 +65,7 @@ def test_every_module_is_in_the_file(text):
     there = re.findall(r'^"([\w-]+)": \(\) => \{$', program, re.M)
     assert sorted(there) == sorted(
         path.stem
-        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "data")))
+        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "csv", "data")))
     )
     assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
 
@@ -90,6 +91,11 @@ def test_nothing_in_the_file_can_reach_the_network(text):
     assert "default-src 'none'" in policy
     assert "http" not in policy
     assert "connect-src" not in policy
+    sources = dict(part.split(maxsplit=1) for part in policy.split("; "))
+    ran = [*re.findall(r"<script>(.*?)</script>", text, re.S), packed(text, "code").decode()]
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in ran]
+    assert sources["script-src"].split() == [*(f"'sha256-{digest}'" for digest in hashes), "'wasm-unsafe-eval'"]
+    assert sources["worker-src"] == "blob:"
     assert not re.search(r'(?:src|href)="(?!data:)', text)
     program = packed(text, "code").decode()
     assert not re.search(r"\b(?:fetch|XMLHttpRequest|WebSocket|EventSource|sendBeacon|importScripts)\b", program)

@@ -102,8 +102,8 @@ def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
             assert f"calm, delivered {insulin:.2f} mU/min ({0.06 * insulin:.2f} U/h)" in told
         times = [float(text.removesuffix(" min")) for text in of["zoomed"]]
         assert (times[0], times[-1]) == (0.0, 300.0)  # half of 600 min, about minute 5
-        assert of["saved"][0] == '"plot","curve","t_min","value","unit"'
-        assert of["saved"][1].startswith('"Glucose and insulin","calm, glucose","0","80"')
+        assert of["saved"][0] == "plot,curve,t_min,value,unit"
+        assert of["saved"][1].startswith('Glucose and insulin,"calm, glucose",0,80')
 
 
 def test_a_time_of_day_is_told_with_its_percentiles(seen):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import sys
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.screen import note, show
 from glucoloop.refusal import Refusal
+from glucoloop.spreadsheet import write_rows
 
 if TYPE_CHECKING:
     from glucoloop.storage.trials.query import Answer
@@ -52,9 +52,7 @@ def _query(typed: Given) -> None:
         held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
         answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
         if typed.get("csv"):
-            writer = csv.writer(sys.stdout, lineterminator="\n")
-            writer.writerow(answer.columns)
-            writer.writerows(answer.rows)
+            write_rows(sys.stdout, answer.columns, answer.rows)
         elif typed.get("json"):
             plain = {"columns": answer.columns, "rows": list(answer.rows)}
             print(json_text(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value)))

@@ -3,6 +3,7 @@
 
 import { timeText, unitOfTime } from "./axes.mjs";
 import { Chart, colourOf, swatch } from "./chart.mjs";
+import { csvText } from "./csv.mjs";
 import { dashOf, plotOf } from "./data.mjs";
 import { grid, spread } from "./shares.mjs";
 
@@ -184,11 +185,11 @@ function connect(group) {
     show(middle - span / 2, middle + span / 2);
   };
   function save() {
-    const lines = [["plot", "curve", "t_min", "value", "unit"], ...plots.flatMap((plot) => plot.rows())];
-    const cell = (/** @type {string | number} */ of) => `"${`${typeof of === "number" ? Number(of.toFixed(4)) : of}`.replaceAll('"', '""')}"`;
-    const text = lines.map((line) => line.map(cell).join(",")).join("\n");
+    const rounded = (/** @type {string | number} */ of) => (typeof of === "number" ? Number(of.toFixed(4)) : of);
+    const rows = plots.flatMap((plot) => plot.rows()).map((row) => row.map(rounded));
+    const text = csvText([["plot", "curve", "t_min", "value", "unit"], ...rows]);
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
+    link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
     link.download = `${document.title.replace(/[^\w.-]+/g, "-")}.csv`;
     link.click();
     URL.revokeObjectURL(link.href);

@@ -26,6 +26,7 @@ from glucoloop.patients.variation import Variation
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file
+from glucoloop.spreadsheet import text_of_cell
 from glucoloop.text import how_many, is_printable
 
 VARY_KEY: Final = "vary"
@@ -253,7 +254,7 @@ def _csv_rows(content: str, text: str) -> list[dict[str, Any]]:
 
 def _cell(column: str, text: str) -> Any:
     if column in (NAME, MEALS_COLUMN):
-        return text
+        return text_of_cell(text)
     try:
         return float(text) if text else None
     except ValueError:

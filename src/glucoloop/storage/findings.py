@@ -47,9 +47,7 @@ class Findings:
 
     def files(self, summary: str) -> dict[str, bytes]:
         """The tables, and the plain values as JSON in the file `summary`."""
-        tables = {
-            name: csv(_flat(table)) if name.endswith(".csv") else parquet(table) for name, table in self.tables.items()
-        }
+        tables = {name: csv(table) if name.endswith(".csv") else parquet(table) for name, table in self.tables.items()}
         return {**tables, summary: self.text().encode()}
 
     @classmethod
@@ -57,9 +55,3 @@ class Findings:
         """Read earlier findings from the JSON file that holds them."""
         plain = stored_json(place, "move it away and run the same command again", dict[str, Any])
         return cls({key: value for key, value in plain.items() if key != "version"})
-
-
-def _flat(table: pl.DataFrame) -> pl.DataFrame:
-    """A table whose lists are texts, which a CSV file can hold."""
-    lists = [name for name, kind in table.schema.items() if isinstance(kind, pl.List)]
-    return table.with_columns(pl.col(lists).list.eval(pl.element().cast(pl.String)).list.join(" "))

@@ -16,6 +16,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import Column, TableBounds, read_table
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
+from glucoloop.spreadsheet import text_cell
 from glucoloop.text import one_line
 
 if TYPE_CHECKING:
@@ -84,10 +85,24 @@ def refusing_damage(place: Path) -> Iterator[None]:
 
 
 def csv(table: pl.DataFrame) -> bytes:
-    """A table as a CSV file, its numbers exact."""
+    """A table as a CSV file: numbers exact, lists as texts, and texts as cells that no spreadsheet computes."""
     buffer = io.BytesIO()
-    table.write_csv(buffer)
+    flat = [_flat(column) for column in table]
+    pl.DataFrame([column.alias(text_cell(column.name)) for column in flat]).write_csv(buffer)
     return buffer.getvalue()
+
+
+def _flat(column: pl.Series) -> pl.Series:
+    """A column that a CSV file can hold; a list of numbers is none of the texts in which a formula could stand."""
+    if isinstance(column.dtype, pl.List):
+        joined = column.list.eval(pl.element().cast(pl.String)).list.join(" ")
+        return joined if column.dtype.inner.is_numeric() else _safe(joined)
+    return column if column.dtype.is_numeric() or column.dtype.is_temporal() else _safe(column.cast(pl.String))
+
+
+def _safe(texts: pl.Series) -> pl.Series:
+    cells = [None if text is None else text_cell(text) for text in texts]
+    return pl.Series(texts.name, cells, pl.String)
 
 
 def _line_too_long(text: str) -> str | None:

@@ -1,6 +1,7 @@
 // @ts-check
 /** Files that `glucoloop` writes: root keys of a situation, runs, and people of a trial. */
 
+import { csvRows } from "../../pages/csv.mjs";
 import { plotsOf } from "../../pages/data.mjs";
 import { VERSION } from "./keys.mjs";
 
@@ -54,7 +55,7 @@ function valueOf(text, line) {
  * @throws {RangeError} for a table without its columns
  */
 export function fromTrace(text, data) {
-  const [head, ...lines] = text.trim().split("\n").map((line) => line.split(","));
+  const [head, ...lines] = csvRows(text);
   const column = (/** @type {string} */ name) => {
     const at = head.indexOf(name);
     if (at < 0) throw new RangeError(`the table has no column ${name}; its columns are ${head.join(", ")}`);
