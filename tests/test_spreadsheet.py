@@ -17,7 +17,7 @@ from glucoloop.situations.population import named_population
 from glucoloop.spreadsheet import text_cell, text_of_cell, write_rows
 from glucoloop.storage import tables
 
-COMPUTED = "=+-@\t\r\n＝＋－＠"  # noqa: RUF001
+COMPUTED = "=+-@\t\r\n＝＋－＠"
 TEXTS = st.text(st.one_of(st.sampled_from(COMPUTED + "';,\" a1"), st.characters(codec="utf-8")), max_size=12)
 NODE = shutil.which("node")
 
@@ -77,10 +77,10 @@ def test_people_of_a_table_are_read_with_the_names_that_were_written(tmp_path):
 
 @pytest.mark.skipif(NODE is None, reason="needs node (Debian: apt install nodejs)")
 def test_pages_write_the_same_cells_and_read_them_back(tmp_path):
-    texts = ["=1+1", "+a", "-b", "@c", "\td", "\re", "'=f", "''g", "a;=1", "calm, glucose", 'a "b"', "＝1", "plain", ""]  # noqa: RUF001
+    texts = ["=1+1", "+a", "-b", "@c", "\td", "\re", "'=f", "''g", "a;=1", "calm, glucose", 'a "b"', "＝1", "plain", ""]
     script = tmp_path / "csv.mjs"
     script.write_text(
-        f'import {{ csvText, csvRows }} from {json.dumps(str(PAGES / "csv.mjs"))};\n'
+        f"import {{ csvText, csvRows }} from {json.dumps(str(PAGES / 'csv.mjs'))};\n"
         f"const text = csvText({json.dumps([[text, -1.5, 0] for text in texts])});\n"
         "console.log(JSON.stringify([text, csvRows(text)]));\n"
     )

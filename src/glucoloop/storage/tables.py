@@ -14,9 +14,9 @@ import polars as pl
 from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import Column, TableBounds, read_table
+from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
-from glucoloop.spreadsheet import text_cell
 from glucoloop.text import one_line
 
 if TYPE_CHECKING:
