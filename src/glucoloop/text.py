@@ -30,7 +30,7 @@ def printable(text: str) -> str:
 
 def printable_lines(text: str) -> str:
     """A text of several lines, with the escape of what cannot be printed in its place."""
-    return "\n".join(map(printable, text.split("\n")))
+    return _UNPRINTABLE.sub(lambda letter: letter[0] if letter[0] in "\n\t" else printable(letter[0]), text)
 
 
 def printable_json(text: str) -> str:

@@ -232,7 +232,7 @@ QUESTIONS = [
 ANSWERED = [
     "from people", "summarize people", "select '[/a]' as \"[/b]\"", "select date '99999-01-01', 'infinity'::date",
     "select 1::hugeint << 100, '\\xff'::blob, [1, null], {'a': 1}, 'nan'::float, null", "values (1) limit 0",
-    "select controller -- why\n\tfrom people",
+    "select controller -- why\n\tfrom people", "select chr(27) || '[2J' || chr(155) || chr(8238) as a",
 ]  # fmt: skip
 
 
@@ -247,4 +247,5 @@ def test_question_is_answered_whatever_the_cells_hold(asked, trial, how):
     for question in ANSWERED:
         answer = asked("query", str(trial), question, *how)
         assert answer.code == 0, answer
+        assert not {*"\x1b\x9b\u202e"} & {*answer.out}
     assert "[/a] :smile:" in asked("query", str(trial), "from people", *how).out

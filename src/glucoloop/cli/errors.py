@@ -15,6 +15,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, NoReturn, TypeVar
 
+from glucoloop.cli.screen import print_text
 from glucoloop.refusal import Refusal
 from glucoloop.text import one_line, printable
 
@@ -74,13 +75,13 @@ def mistake(message: str) -> NoReturn:
     if len(message) > _LONGEST:  # somebody's value; what is to be done about it stands at the end
         message = f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
     end = "" if message.endswith(("?", ".")) else "."
-    print(f"glucoloop: {message}{end}", file=sys.stderr)
+    print_text(f"glucoloop: {message}{end}", error=True)
     sys.exit(2)
 
 
 def interrupted(message: str | None = None) -> NoReturn:
     """Exit after Ctrl-C."""
-    print(f"glucoloop: {message or _with_results('interrupted')}.", file=sys.stderr)
+    print_text(f"glucoloop: {message or _with_results('interrupted')}.", error=True)
     # An interrupt that lands in an exec, which dataclasses use, marks the process: `python -m` would then end as if
     # nobody had caught it. The next exec takes the mark away.
     exec("")

@@ -9,7 +9,7 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
 from glucoloop.cli.request import completed, request_of
-from glucoloop.cli.screen import note, print_json, stage, where_written
+from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
 from glucoloop.situations.run import boluses_into_a_vein
@@ -57,9 +57,9 @@ def _export(typed: Given) -> None:
         print_json(report(made, rungs), files)
     else:
         exported = made.exported
-        print(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
+        print_text(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
         print_rungs(rungs)
-        print(where_written(output.out, files))
+        print_text(where_written(output.out, files))
     if any(rung.holds is False for rung in rungs):
         sys.exit(1)
 
@@ -80,9 +80,9 @@ def _check(typed: Given) -> None:
     with stage("Checking"):
         rungs = check(asked, folder)
     if typed.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
-        print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
+        print_value(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]}))
     else:
         print_rungs(rungs)
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)

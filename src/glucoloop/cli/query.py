@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -12,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import note, show
+from glucoloop.cli.screen import note, print_rows, print_value, show
 from glucoloop.refusal import Refusal
-from glucoloop.spreadsheet import write_rows
 
 if TYPE_CHECKING:
     from glucoloop.storage.trials.query import Answer
@@ -39,7 +37,6 @@ def _query(typed: Given) -> None:
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
-    from glucoloop.storage.files import json_text
     from glucoloop.storage.trials.query import VIEWS, Answer, trial_tables
 
     leave_to_the_system()
@@ -47,15 +44,15 @@ def _query(typed: Given) -> None:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
         if sql is None and typed.get("json"):
-            print(json_text(tables.views))
+            print_value(tables.views)
             return
         held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
         answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
         if typed.get("csv"):
-            write_rows(sys.stdout, answer.columns, answer.rows)
+            print_rows(answer.columns, answer.rows)
         elif typed.get("json"):
             plain = {"columns": answer.columns, "rows": list(answer.rows)}
-            print(json_text(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value)))
+            print_value(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value))
         else:
             _print_table(answer)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
 from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
-from glucoloop.cli.screen import show
+from glucoloop.cli.screen import print_text, print_value, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -84,13 +84,13 @@ def _records(given: Given) -> None:
     if place is not None:
         write_file(place, record.parquet())
     if given.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
         written = {"file": str(place)} if place is not None else {}
-        print(json_text(with_version({**_described(record), **written})))
+        print_value(with_version({**_described(record), **written}))
         return
     _print_record(record)
-    print("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
+    print_text("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
 
 
 def _read(given: Given) -> DeviceRecord:
@@ -143,14 +143,14 @@ def _print_record(record: DeviceRecord) -> None:
     from glucoloop.report.columns import FittingTable
 
     told = _described(record)
-    print(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
+    print_text(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
     table = Table("Column", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("Values", justify="right")
     for name, count in told["values"].items():
         table.add_row(name, str(count))
     show(FittingTable(table))
     for note in record.notes:
-        print(note)
+        print_text(note)
 
 
 RECORDS: Final = Command(

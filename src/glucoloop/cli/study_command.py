@@ -18,7 +18,7 @@ from glucoloop.cli.errors import interrupted
 from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
 from glucoloop.cli.request import Output, Request, completed, request_of
-from glucoloop.cli.screen import note, print_json, show, stage, where_written
+from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
 from glucoloop.cli.trial_progress import Computing
 from glucoloop.display_units import in_shown_units, showing
 from glucoloop.refusal import Refusal
@@ -154,9 +154,9 @@ class _StudyRun:
         conclusions = self.sentences("sentences", self.asked, found)
         how_to_go_on = self.sentences("how_to_go_on", found, files)
         for line in (*conclusions, *notes):
-            print(in_shown_units(line))
+            print_text(in_shown_units(line))
         for line in (*([place] if place else []), *how_to_go_on):
-            print(line)
+            print_text(line)
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
         """Sentences by a function that the module may lack."""
