@@ -1,5 +1,6 @@
 """The study of the paper: the printed numbers, the comparison, and a small run from end to end."""
 
+import io
 import json
 import re
 from dataclasses import replace
@@ -7,6 +8,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from glucoloop.report.print_figure import KINDS
 from glucoloop.reproduction.parker1999 import Reproduction, experiments
@@ -22,7 +24,19 @@ from glucoloop.reproduction.parker1999.comparison import (
     left_out,
     reason_for,
 )
-from glucoloop.reproduction.parker1999.study import FIGURES, WHOLE, chosen, drawn, entry_tables, findings, found, page
+from glucoloop.reproduction.parker1999.study import (
+    FIGURES,
+    WHOLE,
+    Results,
+    chosen,
+    drawn,
+    entry_tables,
+    findings,
+    found,
+    page,
+    tables,
+)
+from glucoloop.storage.findings import Findings
 
 POINT = "setpoint-81"
 # Tables I and II as printed on p. 155: undershoot, settling time, whether (17)-(19) hold.
@@ -132,6 +146,21 @@ class TestVerdict:
         rows = [replace(row, entry=replace(row.entry, id="table-1.x")) for row in rows]
         (table,) = entry_tables(rows, {POINT: None})
         assert [line[1:3] for line in table.rows] == [("1", "1; +0.00; yes")]
+
+    def test_the_terminal_shows_units_and_verdicts_and_explains_unsettled(self):
+        rows = [_row(10.0, Reproduced(10.5)), _row(10.0, Reproduced(20.0)), _row("551+", Reproduced(551.0, unsettled=True))]
+        rows = [replace(row, entry=replace(row.entry, unit="mg/dl")) for row in rows]
+        request = Reproduction(operating_point=(POINT,))
+        [table] = tables(request, Findings({}, extra=Results({}, rows, ())))
+        console = Console(width=100, record=True, file=io.StringIO())
+        console.print(table)
+        text = " ".join(console.export_text().split())
+        assert "10 mg/dl 10.5; +0.50; yes" in text
+        assert "10 mg/dl 20; +10.00; no" in text
+        assert "551+: glucose has not settled by the end of the run." in text
+        [table] = tables(request, Findings({}, extra=Results({}, rows[:2], ())))
+        console.print(table)
+        assert "551+" not in console.export_text().split("no", 1)[1]
 
     def test_every_entry_of_the_tables_that_stands_out_has_its_reason(self):
         ids = {entry.id for entry in ENTRIES}

@@ -23,6 +23,7 @@ from glucoloop.report.template import render
 from glucoloop.reproduction.parker1999 import Reproduction
 from glucoloop.reproduction.parker1999.comparison import (
     INTERPRETATIONS,
+    UNSETTLED,
     ComparedEntry,
     Reproduced,
     compare,
@@ -173,11 +174,12 @@ def tables(asked: Reproduction, found: Findings) -> Iterator[FittingTable]:
     """Each entry that was reproduced, as printed and at each operating point."""
     lines: list[Line] = []
     for row in found.extra.rows:
-        texts = {point: row.reproduced[point].text if point in row.reproduced else "not run" for point in asked.points}
-        lines += [(row.entry.what, [{"printed": printed_text(row), **texts}])] if row.reproduced else []
+        texts = {point: _found(row, point) for point in asked.points}
+        lines += [(row.entry.what, [{"printed": _printed_with_unit(row), **texts}])] if row.reproduced else []
+    unsettled = any(UNSETTLED in text for _, cells in lines for text in cells[0].values())
     columns = [Column(name=name, short=name, text=str) for name in ("printed", *asked.points)]
     if lines:
-        yield terminal_table("entry", [("", lines)], columns)
+        yield terminal_table("entry", [("", lines)], columns, caption=f"{_CELLS}{_UNSETTLED if unsettled else ''}")
 
 
 def sentences(asked: Reproduction, found: Findings) -> Iterator[str]:
@@ -241,6 +243,7 @@ _CELLS: Final = (
     "because the printed number lies within the spread of the seeds. Input: the printed number was put in, so that it "
     "cannot but agree."
 )
+_UNSETTLED: Final = f" {UNSETTLED}: glucose has not settled by the end of the run."
 _NUMBERS: Final = {name: str(number) for number, name in enumerate(INTERPRETATIONS, 1)}
 """Numbers of the interpretations, by which the rows name them."""
 
@@ -262,7 +265,7 @@ def entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResul
         cells = [
             (
                 row.entry.what,
-                f"{printed_text(row)} {row.entry.unit}".strip(),
+                _printed_with_unit(row),
                 *(_found(row, point) for point in studies),
                 f"p. {row.entry.page}, {row.entry.place}",
                 ", ".join(_NUMBERS[name] for name in row.entry.interpretations),
@@ -272,7 +275,9 @@ def entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResul
         ]
         if cells:
             columns = ("Entry", "Printed", *studies, "Place", "Interpretations")
-            shown.append(Table(heading, "" if shown else _CELLS, columns, cells))
+            unsettled = _UNSETTLED if any(UNSETTLED in text for line in cells for text in line) else ""
+            note = unsettled.strip() if shown else f"{_CELLS}{unsettled}"
+            shown.append(Table(heading, note, columns, cells))
         if cells and beginning == "table-2." and any(one.identified_anew for one in studies.values()):
             shown.append(_known_dead_times(studies))
     return shown
@@ -283,6 +288,10 @@ def printed_text(row: ComparedEntry) -> str:
     printed = row.entry.printed
     text = printed if isinstance(printed, str) else f"{printed:g}"
     return f"at most {text}" if row.entry.kind == "at-most" else text
+
+
+def _printed_with_unit(row: ComparedEntry) -> str:
+    return f"{printed_text(row)} {row.entry.unit}".strip()
 
 
 def _found(row: ComparedEntry, point: str) -> str:

@@ -268,8 +268,8 @@ def _columns() -> Iterator[Column]:
     for key, (head, short) in names.items():
         text = "{:.0f}".format if key == "mean_mg_dl" else "{:.1f}".format
         yield Column(name=key, group=head, head="twin", short=short, text=text)
-        yield Column(name=f"{key}_low", group=head, head="5 %", text=text, missing=lambda row: "")
-        yield Column(name=f"{key}_high", group=head, head="95 %", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_low", group=head, head="5th pct.", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_high", group=head, head="95th pct.", text=text, missing=lambda row: "")
 
 
 _COLUMNS: Final = tuple(_columns())

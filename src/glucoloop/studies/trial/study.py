@@ -55,7 +55,7 @@ _HEADLINES: Final = {
 }
 """Metrics and their statistics over the people, in the order in which a clinician reads them."""
 _ON_THE_PAGE: Final = {
-    **{"mean": ", mean", "median": ", median", "p5": " of the worst 5 %", "p95": " of the worst 5 %"},
+    **{"mean": ", mean", "median": ", median", "p5": ", 5th percentile", "p95": ", 95th percentile"},
     **dict.fromkeys(("min", "max"), " of the worst person"),
 }
 """Statistics in words, after the name of a metric."""

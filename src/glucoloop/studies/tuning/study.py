@@ -192,6 +192,8 @@ def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
     subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         yield f"{subject} is not acceptable here."
+    elif printed.points == 1:
+        yield f"{subject} is the only acceptable one."
     elif printed.rank == 1:
         yield f"{subject} is the best of {how_many(printed.points, 'acceptable one')}."
     else:
