@@ -148,7 +148,11 @@ class TestVerdict:
         assert [line[1:3] for line in table.rows] == [("1", "1; +0.00; yes")]
 
     def test_the_terminal_shows_units_and_verdicts_and_explains_unsettled(self):
-        rows = [_row(10.0, Reproduced(10.5)), _row(10.0, Reproduced(20.0)), _row("551+", Reproduced(551.0, unsettled=True))]
+        rows = [
+            _row(10.0, Reproduced(10.5)),
+            _row(10.0, Reproduced(20.0)),
+            _row("551+", Reproduced(551.0, unsettled=True)),
+        ]
         rows = [replace(row, entry=replace(row.entry, unit="mg/dl")) for row in rows]
         request = Reproduction(operating_point=(POINT,))
         [table] = tables(request, Findings({}, extra=Results({}, rows, ())))

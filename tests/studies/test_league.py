@@ -12,6 +12,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
+from glucoloop.storage.findings import Findings
 from glucoloop.studies.league import League, reach
 from glucoloop.studies.league.numbers import (
     ALL,
@@ -23,7 +24,6 @@ from glucoloop.studies.league.numbers import (
     ranking,
     worst_mean,
 )
-from glucoloop.storage.findings import Findings
 from glucoloop.studies.league.shown import page, sentences
 from glucoloop.studies.league.study import LeagueSearch, lines_of, rows, shards_of
 
@@ -195,7 +195,12 @@ def test_a_controller_that_harms_is_named_with_its_worst_cell():
 @pytest.mark.parametrize(
     ("below_54", "below_70", "which", "who"),
     [
-        ((5.0, 0.0), (5.0, 0.0), "the cell with any harm", "Of 10 people, 1 is below 54 mg/dl, and 1 is below 70 mg/dl,"),
+        (
+            (5.0, 0.0),
+            (5.0, 0.0),
+            "the cell with any harm",
+            "Of 10 people, 1 is below 54 mg/dl, and 1 is below 70 mg/dl,",
+        ),
         ((0.0, 0.0), (5.0, 0.0), "the cell with any harm", "Of 10 people, nobody is below 54 mg/dl, and 1 is below 70"),
         ((5.0, 5.0), (5.0, 5.0), "2 cells have as much harm, and one of them", "Of 10 people, 1 is below 54 mg/dl,"),
     ],

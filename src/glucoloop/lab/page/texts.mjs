@@ -77,7 +77,6 @@ const english = {
   fromLink: "This is the situation of the link.",
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
-  noVersion: "The link does not say which version made it; numbers may differ.",
   familyChosen: (/** @type {string} */ family, /** @type {string} */ unit, /** @type {string[]} */ reset) =>
     `The patient is ${family} now, for whom the controller was designed anew; insulin is shown in ${unit}.` +
     (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),

@@ -88,8 +88,8 @@ def _harms(asked: League, found: Findings) -> Iterator[str]:
 def _below_54(row: Row) -> str:
     median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
     return (
-        f" Below 54 mg/dl that is {median} % for the median of all people, {p95} % at the 95th percentile, and {most} % "
-        "at most."
+        f" Below 54 mg/dl that is {median} % for the median of all people, {p95} % at the 95th percentile, and "
+        f"{most} % at most."
     )
 
 

@@ -248,13 +248,19 @@ def _objective(name: str, head: str, short: str, digits: int = 1) -> Column:
 
 OBJECTIVES: Final = {
     "undershoot-median": _objective("undershoot_median_mg_dl", "Undershoot, median (mg/dl)", "Undershoot\nmedian"),
-    "undershoot-p95": _objective("undershoot_p95_mg_dl", "Undershoot, 95th percentile (mg/dl)", "Undershoot\n95th pct."),
+    "undershoot-p95": _objective(
+        "undershoot_p95_mg_dl", "Undershoot, 95th percentile (mg/dl)", "Undershoot\n95th pct."
+    ),
     "peak-median": _objective("peak_median_mg_dl", "Peak, median (mg/dl)", "Peak\nmedian"),
     "peak-p95": _objective("peak_p95_mg_dl", "Peak, 95th percentile (mg/dl)", "Peak\n95th pct."),
     "people-undershoot-p95": _objective(
-        "people_undershoot_p95_mg_dl", "Undershoot of people, 95th percentile (mg/dl)", "People's under-\nshoot, 95th pct."
+        "people_undershoot_p95_mg_dl",
+        "Undershoot of people, 95th percentile (mg/dl)",
+        "People's under-\nshoot, 95th pct.",
     ),
-    "people-peak-p95": _objective("people_peak_p95_mg_dl", "Peak of people, 95th percentile (mg/dl)", "People's peak,\n95th pct."),
+    "people-peak-p95": _objective(
+        "people_peak_p95_mg_dl", "Peak of people, 95th percentile (mg/dl)", "People's peak,\n95th pct."
+    ),
     "people-below-60": _objective("people_below_60", "People below 60 mg/dl", "People\n< 60", digits=0),
     "total-variation": _objective(
         "total_variation_mU_min", "Total variation of insulin, median (mU/min)", "Travel\nmU/min", digits=0
