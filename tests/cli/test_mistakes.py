@@ -8,6 +8,7 @@ import sys
 from concurrent.futures import CancelledError
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from glucoloop.cli import main
@@ -384,6 +385,18 @@ REFUSED_BY_THE_MACHINE = {
     "memory": (raising(MemoryError()), "there is not enough memory for this"),
     "memory of XLA": (
         raising(RuntimeError("RESOURCE_EXHAUSTED: Out of memory")),
+        "there is not enough memory for this",
+    ),
+    "memory of XLA as it computes": (
+        raising(RuntimeError("INTERNAL: Error dispatching computation: Out of memory allocating 30257971200 bytes.")),
+        "there is not enough memory for this",
+    ),
+    "memory of the system": (
+        raising(OSError(errno.ENOMEM, "Cannot allocate memory")),
+        "there is not enough memory for this",
+    ),
+    "memory of Polars": (
+        raising(pl.exceptions.ComputeError("out of memory")),
         "there is not enough memory for this",
     ),
     "platform": (

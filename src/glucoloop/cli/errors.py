@@ -6,6 +6,7 @@ All errors of all commands pass through here, so that each kind is worded in one
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sys
 import traceback
@@ -21,6 +22,10 @@ from glucoloop.text import one_line, printable
 
 T = TypeVar("T")
 _LONGEST: Final = 2000
+_LIBRARIES_WITH_MEMORY: Final = ("_duckdb", "duckdb", "llvmlite", "polars", "pyarrow")
+"""Libraries that say that memory ran out by errors of their own, which are no RuntimeErrors."""
+_OUT_OF_MEMORY: Final = ("resource_exhausted", "out of memory", "bad_alloc", "bad allocation", "cannot allocate memory")
+"""What libraries write, in small letters, where memory ran out; XLA gives the first two."""
 KEPT_RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
 """State of the results of the command as part of a sentence; None for one that says it itself."""
 COMMAND: Final[ContextVar[tuple[str, frozenset[str]] | None]] = ContextVar("command", default=None)
@@ -37,8 +42,8 @@ def sentence(error: BaseException) -> str | None:
 
     What is refused is a `Refusal`, whose words are the sentence. Any other ValueError is a bug.
     """
-    if isinstance(error, MemoryError) or _is_of_jax(error, "RESOURCE_EXHAUSTED"):
-        return _with_results("there is not enough memory for this; ask for fewer people, samples or rows")
+    if _is_out_of_memory(error):
+        return _with_results("there is not enough memory for this; ask for fewer people, days, samples or rows")
     if _is_of_jax(error, "Unable to initialize backend") or _is_of_jax(error, "Unknown backend"):
         platforms = os.environ.get("JAX_PLATFORMS")
         asked = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
@@ -102,6 +107,15 @@ def _with_results(message: str) -> str:
     """Sentence with the state of the results appended, if it is known."""
     known = KEPT_RESULTS.get()
     return message if known is None else f"{message}, {known}"
+
+
+def _is_out_of_memory(error: BaseException) -> bool:
+    """Whether memory ran out: each library says so in its own class, and some in words only."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    of_library = isinstance(error, RuntimeError) or type(error).__module__.partition(".")[0] in _LIBRARIES_WITH_MEMORY
+    words = str(error).lower()
+    return of_library and any(word in words for word in _OUT_OF_MEMORY)
 
 
 def _is_of_jax(error: BaseException, text: str) -> bool:

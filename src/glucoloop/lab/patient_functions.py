@@ -18,7 +18,7 @@ import numpy as np
 
 from glucoloop.lab.lowered_function import CompiledPart, part, starting
 from glucoloop.meals.absorption import fasting
-from glucoloop.meals.linear import LinearAbsorption, appearance_moments
+from glucoloop.meals.linear import moments_of_jumps
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.ode import OdeDigestion, eaten_of
 from glucoloop.meals.protocol import Eaten, LinearMealModel, OdeMealModel
@@ -306,8 +306,8 @@ def _superposed_part(family: str, nominal: LinearMealModel) -> CompiledPart:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del own, rng
         gut: LinearMealModel = replaced(nominal, gut_varies(family), person["gut"])
-        absorption = LinearAbsorption(model=gut, jumps=gut.jumps(_as_meals(person["meal"])))
-        return carry, appearance_moments(shared, SAMPLE_TIME_MIN / steps_of(family), absorption)
+        jumps = gut.jumps(_as_meals(person["meal"]))
+        return carry, moments_of_jumps(gut, jumps, shared, SAMPLE_TIME_MIN / steps_of(family))
 
     numbers = chosen(nominal, gut_varies(family))
     return part(step, {"meal": _one_meal(), "gut": numbers}, (), (), jnp.zeros(()))

@@ -66,7 +66,7 @@ class _Now:
     meals: jax.Array
     """Number of meals that have begun."""
     gut: Any
-    """State of the gut before the coming sample; None where closed forms need none."""
+    """State of the gut before the coming sample."""
 
 
 @functools.partial(jax.jit, static_argnums=1)
