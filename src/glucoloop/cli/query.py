@@ -28,6 +28,7 @@ HELP: Final = (
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
 _MOST_SHOWN: Final = 1000
+_LONGEST_CELL: Final = 10_000
 
 
 def _query(typed: Given) -> None:
@@ -75,11 +76,14 @@ def _print_table(answer: Answer) -> None:
         note(["No row answers the question."])
     if len(shown) > _MOST_SHOWN:
         note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
+    if any(len(str(value)) > _LONGEST_CELL for row in shown for value in row):
+        note([f"The first {_LONGEST_CELL} letters of a longer text; --csv prints it whole."])
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:
     for value in row:
-        yield "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+        text = "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+        yield text if len(text) <= _LONGEST_CELL else f"{text[:_LONGEST_CELL]} ..."
 
 
 QUERY: Final = Command(
