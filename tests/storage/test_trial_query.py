@@ -180,7 +180,8 @@ def test_what_does_not_fit_in_memory_is_refused(finished, sql):
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of a process is one of Linux")
 def test_the_process_of_a_question_stays_within_the_memory_that_is_promised(finished):
     peak = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1000, file=sys.stderr)"
-    ask = f"import sys, atexit; atexit.register(lambda: exec({peak!r})); from glucoloop.cli import main; main(sys.argv[1:])"
+    ask = f"import sys, atexit; atexit.register(lambda: exec({peak!r})); "
+    ask += "from glucoloop.cli import main; main(sys.argv[1:])"
     peaks = {}
     for sql in ("select 1", "select repeat(chr(65), 2000000000)"):
         done = subprocess.run([sys.executable, "-c", ask, "query", finished, sql], capture_output=True, text=True)

@@ -106,7 +106,8 @@ class TrialTables:
             yield
         except (duckdb.OutOfMemoryException, MemoryError):
             raise Refusal(
-                f"the question needs more than {self.memory_mb} MB of memory; ask for fewer rows or columns, or group them"
+                f"the question needs more than {self.memory_mb} MB of memory; ask for fewer rows or columns, or group "
+                "them"
             ) from None
         except (duckdb.Error, OverflowError) as error:
             raise Refusal(_sentence(error)) from None
