@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from glucoloop._disk_cache import SUFFIX
-from glucoloop.refusal import Refusal
+from glucoloop.private_folder import refuse_of_others
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 
@@ -25,24 +25,17 @@ MOST_BYTES: Final = 256_000_000
 """Largest size of all entries together; the oldest are removed first."""
 _ENDS: Final = ("-cache", SUFFIX)
 """Ends of the names of entries: JAX's, and those of `glucoloop._disk_cache`."""
-_OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder that only this user can use; ValueError for one that another user owns or may write to."""
+    """Make a folder that only this user can use; Refusal for one that others own, can write to or can replace."""
     os.makedirs(folder.parent, exist_ok=True)
     if not disk.is_folder(folder):
         os.mkdir(folder, 0o700)
     if os.name == "nt":
         return
-    above, found = os.stat(folder.parent).st_mode, os.lstat(folder)
-    if found.st_uid != os.getuid():
-        raise Refusal(f"{folder} belongs to another user")
-    if above & _OTHERS_WRITE and not above & stat.S_ISVTX:
-        raise Refusal(f"others can put another folder in the place of {folder}")
-    if found.st_mode & _OTHERS_WRITE:
-        raise Refusal(f"others can write to {folder}; empty it and run chmod 700 on it")
-    if stat.S_IMODE(found.st_mode) != 0o700:
+    refuse_of_others(folder)
+    if stat.S_IMODE(os.lstat(folder).st_mode) != 0o700:
         os.chmod(folder, 0o700)
     if not os.access(folder, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
