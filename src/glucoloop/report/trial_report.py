@@ -119,6 +119,8 @@ class TrialReport:
     faults: Sequence[str] = ()
     """Faults of sensor and pump under every controller."""
     length_min: float = 0.0
+    start_min: float = 0.0
+    """Time of day at the start, after midnight."""
     """Length of the run, where weeks are told."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""

@@ -48,7 +48,7 @@ class SeenAtSample:
 
 
 class StoredInputs:
-    """StoredInputs of people ``(samples, ..., people)``, kept in little memory."""
+    """Inputs of people ``(samples, ..., people)``, kept in little memory."""
 
     def __init__(self, given: Array | Sparse) -> None:
         values = dense(given)
@@ -62,7 +62,7 @@ class StoredInputs:
             self._edges = np.searchsorted(sample, np.arange(len(values) + 1))
 
     def at(self, sample: int) -> Array:
-        """StoredInputs of a sample, ``(..., people)``."""
+        """Inputs of a sample, ``(..., people)``."""
         if self._dense is not None:
             return np.asarray(self._dense[sample])
         values = np.zeros(self._shape)
@@ -85,7 +85,7 @@ class _Group:
         return bool(self.lanes.size)
 
     def next_inputs(self) -> dict[str, Array]:
-        """StoredInputs of the coming sample, ``(..., lanes)``; after the last sample those of the last."""
+        """Inputs of the coming sample, ``(..., lanes)``; after the last sample those of the last."""
         piece, sample = divmod(min(self._sample, self._begun.samples - 1), MOST_AT_ONCE)
         self._sample += 1
         return {name: of.at(sample)[..., self._columns] for name, of in self._begun.inputs_in(piece).items()}

@@ -98,7 +98,7 @@ export async function start() {
       if (nobody) session.person = null;
       if (own) say(texts.ready + nobody);
       // a link that was written by hand has no version
-      else say(([null, version].includes(found.version) ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
+      else say((found.version === null || found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
     } catch (error) {
       if (!(error instanceof RangeError)) throw error;
       session.change(usual(data));

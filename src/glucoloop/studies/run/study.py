@@ -170,6 +170,7 @@ def drawn(asked: Run, found: Findings) -> dict[str, bytes]:
         title=title,
         limits=asked.limits,
         faults=asked.fault_texts,
+        start_min=asked.start_min or 0.0,
         facts=facts,
         repeat=again,
     )

@@ -103,6 +103,7 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         exercise=asked.bouts,
         faults=asked.fault_texts,
         length_min=asked.horizon_min,
+        start_min=asked.start_min or 0.0,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
         cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )

@@ -13,6 +13,7 @@ from glucoloop.metrics.promises import OF_CONTROLLER, PROMISES
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.report.columns import Column, FittingTable, Line, decimals, terminal_table, whole
 from glucoloop.report.descriptions import engine_notes
+from glucoloop.report.moments import moment_text
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import ControlledSituation, boluses_into_a_vein
 from glucoloop.storage.findings import Findings
@@ -160,7 +161,7 @@ def _broken(asked: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
     for broken in arm["told"]:
         yield (
             f"{called}, person {broken['person']}: {broken['promise']}; broken at {broken['samples']} samples, first "
-            f"at {broken['first_min']:g} min; {_faults(broken)}; {broken['repeat']}"
+            f"at {moment_text(broken['first_min'])}; {_faults(broken)}; {broken['repeat']}"
         )
     for person in arm["not_repeated"][:LISTED]:
         yield f"{called}, person {person}: other bits; {asked.repeat(name, person)}"
