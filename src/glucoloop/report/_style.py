@@ -213,6 +213,7 @@ def time_axis(horizon_min: float, width: Width) -> tuple[float, str, float]:
 
     The unit is minutes up to twelve hours, hours up to a day, and days beyond.
     """
+    steps: tuple[float, ...]
     if horizon_min <= _LONGEST_IN_MINUTES:
         divisor, unit, steps = 1.0, "min", (10.0, 20.0, 30.0, 60.0, 120.0, 180.0)
     elif horizon_min <= MIN_PER_DAY:
