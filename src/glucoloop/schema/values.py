@@ -110,7 +110,8 @@ def _value(hint: Any, value: Any, place: str, bounds: Bounds = _NONE) -> Any:
     if origin is dict:
         table = _of_type(dict, value, name)
         bounds.check(table, name)
-        return {_text(key, f"a key of {name}"): _value(arguments[1], table[key], _inside(place, key)) for key in table}
+        key_of = functools.partial(_value, arguments[0], place=f"a key of {name}")
+        return {key_of(key): _value(arguments[1], table[key], _inside(place, key)) for key in table}
     if dataclasses.is_dataclass(hint):
         return _form(hint, _of_type(dict, value, name), place)
     found = _text(value, name) if hint is str else _of_type(hint, value, name)
