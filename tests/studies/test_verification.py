@@ -132,6 +132,14 @@ def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
     assert broken_by(happened(x=with_state(G_G=GLUCOSE - 20.0)), lowest=GLUCOSE - 19.0) == set()
 
 
+def test_a_fall_may_begin_at_the_last_request_where_the_pump_reports_more():
+    """After a request of 20 mU/min, of which the pump reports twice as much."""
+    for command, broken in ((3.31, set()), (3.29, {promises.RATE}), (56.6, set()), (56.8, {promises.RATE})):
+        sampled = happened(command=command, word=40.0)
+        held = Promises(sound=sound).held(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
+        assert {name for name, holds in held.items() if not bool(holds)} == broken
+
+
 def test_breaches_are_counted_and_dated():
     fold, place = Promises(sound=sound), PROMISES.index(promises.DOSE)
     kept = fold.init(jnp.asarray(GLUCOSE), jnp.asarray(20.0))

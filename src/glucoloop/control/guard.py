@@ -148,7 +148,7 @@ class Guard:
         return GuardState(
             inner=self.inner.init(clean),
             seen=seen,
-            given=first_given(basal, delivered, self.sample_time_min, no_bolus).with_check(delivered, no_bolus),
+            given=first_given(basal, delivered, self.sample_time_min, no_bolus).with_first_check(delivered, no_bolus),
             command_mU_min=delivered,
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),

@@ -81,19 +81,26 @@ class Given:
     doubted_mg_dl: jax.Array
     """Part of the reading that is attributed to the sensor; below 0 after a jump down, which may be reversed."""
     check: jax.Array
-    """Check sum of the record: of `counted`, the hour, the last rate, and the last dose that was asked for."""
+    """Check sum of the record: of `counted`, the hour, the last rate, and the last dose that was asked for. It is below
+    0 in the first state, which may have been rounded to single precision since.
+    """
     hour_bolus_mU: jax.Array | None = None
     """(samples, ...) boluses of the last hour, the oldest first; None where none are given."""
 
     def agrees(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
         """Whether the check sum agrees with the record, up to rounding."""
-        rounding = 8.0 * (self.hour_mU_min.shape[0] + 5) * jnp.finfo(self.check.dtype).eps
-        difference = jnp.abs(self.check - self._sum(asked_mU_min, asked_bolus_mU))
+        eps = jnp.where(self.check < 0.0, jnp.finfo(jnp.float32).eps, jnp.finfo(self.check.dtype).eps)
+        rounding = 8.0 * (self.hour_mU_min.shape[0] + 5) * eps
+        difference = jnp.abs(jnp.abs(self.check) - self._sum(asked_mU_min, asked_bolus_mU))
         return difference <= rounding * jnp.abs(self.check)
 
     def with_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
         """The same record with its check sum."""
         return dataclasses.replace(self, check=self._sum(asked_mU_min, asked_bolus_mU))
+
+    def with_first_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
+        """The same record with the check sum of a first state."""
+        return dataclasses.replace(self, check=-self._sum(asked_mU_min, asked_bolus_mU))
 
     def _sum(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
         # It is above 0 for every record, so that a record of zeros has no check sum of zero.
