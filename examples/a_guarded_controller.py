@@ -10,8 +10,7 @@ import jax.numpy as jnp
 
 import glucoloop as gl
 from glucoloop.control import Decision, Observation, Status
-from glucoloop.episodes import once
-from glucoloop.sensors import stuck
+from glucoloop.faults import Stuck, once
 
 
 @jax.tree_util.register_static
@@ -34,7 +33,9 @@ class Proportional:
 
 
 scenario = gl.Scenario([gl.Meal(60.0, 60.0)], horizon_min=600.0)
-sensor = stuck(once(start_sample=30, samples=36), gl.white_noise(1.45))  # from 150 min on, for three hours
+sensor = Stuck(
+    schedule=once(start_sample=30, samples=36), inner=gl.white_noise(1.45)
+)  # from 150 min on, for three hours
 for name, controller in {"alone": Proportional(), "guarded": gl.guarded(Proportional())}.items():
     trace = gl.simulate(gl.patient(), controller, sensor, scenario=scenario, key=1)
     metrics = gl.summarise(trace)

@@ -5,12 +5,11 @@ the guard stops trusting it, and falls back to the basal rate and then to half o
 """
 
 import glucoloop as gl
-from glucoloop.episodes import once
-from glucoloop.sensors import stuck
+from glucoloop.faults import Stuck, once
 
 patient = gl.patient()
 mpc = gl.design_linear_mpc(gl.identify(patient).model)
-sensor = stuck(once(start_sample=30, samples=36), gl.white_noise(1.45))
+sensor = Stuck(schedule=once(start_sample=30, samples=36), inner=gl.white_noise(1.45))
 traces = {
     name: gl.simulate(patient, controller, sensor, key=1)
     for name, controller in {"alone": mpc, "guarded": gl.guarded(mpc)}.items()

@@ -6,7 +6,6 @@ from . import cohorts as cohorts
 from . import component as component
 from . import control as control
 from . import display_units as display_units
-from . import episodes as episodes
 from . import estimation as estimation
 from . import faults as faults
 from . import firmware as firmware

@@ -1,12 +1,12 @@
-"""Frozen dataclasses that JAX can trace, for all records of glucoloop."""
+"""Frozen dataclasses that JAX can trace, for all records of glucoloop. Declaring one does not import JAX."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar, dataclass_transform
 
-import jax
+from glucoloop._lazy_jax import jax, once_imported
 
 T = TypeVar("T")
 
@@ -26,19 +26,35 @@ def pytree(cls: type[T]) -> type[T]:
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
     meta = tuple(f.name for f in fields if f.metadata.get("static", False))
     data = tuple(f.name for f in fields if f.name not in meta)
-    keys = tuple(map(jax.tree_util.GetAttrKey, data))
+    register(cls, lambda: (data, meta), lambda values: cls(**values))
+    return cls
+
+
+def register(
+    cls: type[T], names: Callable[[], tuple[Iterable[str], Iterable[str]]], made_of: Callable[[dict[str, Any]], T]
+) -> None:
+    """Register a class as a pytree, as soon as JAX is imported.
+
+    Parameters
+    ----------
+    names : callable
+        Function that gives the names of the attributes that are data, and of those that are part of the program.
+    made_of : callable
+        Function that makes an object of the class of the values of these attributes, whatever they are.
+    """
 
     def flatten(record: T) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        data, meta = names()
         return tuple(getattr(record, name) for name in data), tuple(getattr(record, name) for name in meta)
 
     def flatten_with_keys(record: T) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
         children, aux = flatten(record)
-        return tuple(zip(keys, children, strict=True)), aux
+        return tuple(zip(map(jax.tree_util.GetAttrKey, names()[0]), children, strict=True)), aux
 
     def unflatten(aux: tuple[Any, ...], children: Iterable[Any]) -> T:
-        return cls(**dict(zip(meta, aux, strict=True)), **dict(zip(data, children, strict=True)))
+        data, meta = names()
+        return made_of({**dict(zip(meta, aux, strict=True)), **dict(zip(data, children, strict=True))})
 
     # Not register_dataclass: jaxlib (0.10) takes the structures of two such classes for equal whatever the classes,
     # so that, where hashes collide, a function compiled for one runs for the other.
-    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
-    return cls
+    once_imported(lambda: jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten))

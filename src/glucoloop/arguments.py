@@ -14,15 +14,13 @@ import inspect
 import numbers
 import re
 import reprlib
+import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, TypeVar, cast
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop.refusal import Refusal
 from glucoloop.units import UNIT_BY_ENDING, ending_of
 
@@ -37,7 +35,7 @@ class ArgumentTypeError(TypeError, Refusal):
 
 def is_traced(*values: object) -> bool:
     """Whether JAX is tracing any number of these values, so that it is not known yet."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return "jax" in sys.modules and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
 
 
 @contextlib.contextmanager

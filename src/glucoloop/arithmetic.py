@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib.abc
-import importlib.machinery
-import importlib.util
 import json
 import os
-import sys
 import warnings
-from collections.abc import Mapping, Sequence
-from types import ModuleType
+from collections.abc import Mapping
 from typing import Final
+
+from glucoloop._lazy_jax import jax, once_imported
 
 FLOAT64: Final = "jax_enable_x64"
 SETTINGS: Final[Mapping[str, bool | int | str | None]] = {
@@ -39,7 +36,7 @@ _VARIABLES: Final = (XLA_FLAGS, "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
 """Variables of the environment that change results and are not JAX's."""
 _ROUNDING_FLAGS: Final = ("--xla_cpu_", "--xla_allow_")
 _YES: Final = ("y", "yes", "t", "true", "on", "1")
-_wanted: dict[str, bool | int | str | None] = {}
+_settings: dict[str, bool | int | str | None] = {}
 """Settings that are applied as soon as JAX is imported."""
 
 
@@ -113,14 +110,11 @@ def _processor() -> str:
 
 def configure_jax(settings: Mapping[str, bool | int | str | None]) -> None:
     """Give JAX settings, at once or when it is imported."""
-    _wanted.update(settings)
-    if "jax" in sys.modules and hasattr(sys.modules["jax"], "config"):
-        _apply(sys.modules["jax"])
-    elif not any(isinstance(finder, _WhenImported) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _WhenImported())
+    _settings.update(settings)
+    once_imported(_apply)
 
 
-def _apply(jax: ModuleType) -> None:
+def _apply() -> None:
     given = os.environ.get(FLOAT64.upper())
     if given is not None and not _means(given, SETTINGS[FLOAT64]):
         warnings.warn(
@@ -128,9 +122,9 @@ def _apply(jax: ModuleType) -> None:
             "it; leave the variable out",
             stacklevel=2,
         )
-    for name, value in _wanted.items():
+    for name, value in _settings.items():
         if jax.config.values.get(name, value) != value:
-            jax.config.update(name, value)
+            jax.config.update(name, value)  # type: ignore[no-untyped-call]
 
 
 def _means(given: str, value: bool | int | str | None) -> bool:
@@ -143,26 +137,3 @@ def _text(value: object) -> str:
     if isinstance(value, bool):
         return "1" if value else "0"
     return "" if value is None else str(value)
-
-
-class _WhenImported(importlib.abc.MetaPathFinder):
-    """Import hook that configures JAX when it is imported; importing it here would slow down ``--help`` by a second."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        del path, target
-        if fullname != "jax":
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
-        if spec is None or spec.loader is None:
-            return spec
-        run = spec.loader.exec_module
-
-        def run_and_set(module: ModuleType) -> None:
-            run(module)
-            _apply(module)
-
-        spec.loader.exec_module = run_and_set  # type: ignore[method-assign]
-        return spec

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.build.faulty import episodes_of, faulty_pump, faulty_sensor
+from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.faults import FAULTS
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
 from glucoloop.sensors import IdealSensor
@@ -115,7 +115,7 @@ def test_what_cannot_be_made_is_refused_where_it_is_made(text, sentence):
     ],
 )
 def test_minutes_become_samples(text, earliest, latest, length, probability):
-    when = episodes_of(FAULTS.choose(text), 5.0)
+    when = FAULTS.choose(text).episodes
     assert (when.earliest, when.latest, when.length) == (earliest, latest, length)
     assert when.probability == pytest.approx(probability)
     assert when.random == ("per_day" in text)

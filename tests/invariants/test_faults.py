@@ -12,15 +12,13 @@ from glucoloop.build.designs import with_guard
 from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import GuardSettings, Status, design_pid, guarded, internal_model_tuning
-from glucoloop.episodes import Episodes
-from glucoloop.faults import FAULTS
+from glucoloop.faults import FAULTS, Episodes, Missing, Nonsense
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import patient
 from glucoloop.patients.population import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS, LimitedPump
-from glucoloop.sensors import IdealSensor, white_noise
-from glucoloop.sensors.faults import Missing, Nonsense
+from glucoloop.sensors import white_noise
 from glucoloop.simulation import Adaptive, simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
@@ -175,8 +173,9 @@ class Gaps:
 
 
 def sensor_with_gap(onset, samples, value):
-    lost = Missing(inner=IdealSensor(), episodes=gap(onset, samples, np.isnan(value)))
-    return Nonsense(inner=lost, episodes=gap(onset, samples, not np.isnan(value)), value=np.full_like(onset, value)[()])
+    lost = Missing(schedule=gap(onset, samples, np.isnan(value)))
+    nonsense = Nonsense(schedule=gap(onset, samples, not np.isnan(value)), inner=lost)
+    return nonsense.replaced(value=np.full_like(onset, value)[()])
 
 
 def gap(onset, samples, there):

@@ -414,7 +414,7 @@ def surroundings(run, faults):
         wrapped = put_around(inner, own, SAMPLE_TIME_MIN, run.limits)
         if own is idle and idle.timed:
             never = dataclasses.replace(wrapped.episodes, earliest=np.inf, latest=np.inf, length=np.inf)
-            wrapped = dataclasses.replace(wrapped, episodes=never)
+            wrapped = wrapped.replaced(episodes=never)
         if idle.part == "sensor":
             sensor = wrapped
         else:

@@ -10,16 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.arguments import ArgumentTypeError
-from glucoloop.episodes import always, once
+from glucoloop.faults import Battery, MissedPulses, Occlusion, Unheard, always, once
 from glucoloop.pumps import (
     Delivery,
     LimitedPump,
-    battery_gap,
     bolus_limits,
     expiring,
-    missed_pulses,
-    occlusion,
-    unheard,
     with_resolution,
 )
 from glucoloop.pumps.protocol import deliver, gives_bolus
@@ -86,7 +82,7 @@ def test_a_bolus_leaves_the_basal_rate_as_it_is(doses):
 
 
 def test_without_a_bolus_a_delivery_has_none():
-    pump = battery_gap(once(1, 1), occlusion(always(), with_resolution(0.5, expiring())))
+    pump = Battery(schedule=once(1, 1), inner=Occlusion(schedule=always(), inner=with_resolution(0.5, expiring())))
     _, delivery = pump.deliver(pump.init(jnp.asarray(20.0), KEY), jnp.asarray(20.0), KEY)
     assert delivery.bolus_mU is None
     assert delivery.reported_bolus_mU is None
@@ -95,7 +91,7 @@ def test_without_a_bolus_a_delivery_has_none():
 @pytest.mark.parametrize("noticed", [False, True])
 def test_of_a_bolus_into_an_occluded_line_the_rest_is_lost(noticed):
     asked = np.array([1000.0, 2000.0, 3000.0, 4000.0, 0.0, 500.0, 0.0, 0.0])
-    told = given_by(occlusion(once(2, 2), open_fraction=0.25, noticed=noticed), asked)
+    told = given_by(Occlusion(open_fraction=0.25, noticed=noticed, schedule=once(2, 2)), asked)
     through = asked * np.array([1, 1, 0.25, 0.25, 1, 1, 1, 1])
     np.testing.assert_array_equal(told.bolus_mU, through)
     np.testing.assert_array_equal(told.reported_bolus_mU, through if noticed else asked)
@@ -105,21 +101,21 @@ def test_of_a_bolus_into_an_occluded_line_the_rest_is_lost(noticed):
 
 
 def test_a_missed_pulse_takes_the_bolus_with_it():
-    told = given_by(missed_pulses(0.5), np.full(200, 1000.0))
+    told = given_by(MissedPulses(0.5), np.full(200, 1000.0))
     missed = told.insulin_mU_min == 0.0
     assert 60 < missed.sum() < 140
     np.testing.assert_array_equal(told.bolus_mU, np.where(missed, 0.0, 1000.0))
 
 
 def test_a_pump_without_power_gives_no_bolus_and_says_nothing():
-    told = given_by(battery_gap(once(3, 2)), np.full(SAMPLES, 1000.0))
+    told = given_by(Battery(schedule=once(3, 2)), np.full(SAMPLES, 1000.0))
     off = np.isin(np.arange(SAMPLES), [3, 4])
     np.testing.assert_array_equal(told.bolus_mU, np.where(off, 0.0, 1000.0))
     np.testing.assert_array_equal(told.reported_bolus_mU, np.where(off, np.nan, 1000.0))
 
 
 def test_a_bolus_that_is_not_heard_is_not_given_and_none_is_given_twice():
-    told = given_by(unheard(once(3, 2), expiring(4)), [0.0, 0.0, 700.0, 800.0, 900.0, 0.0, 0.0, 100.0])
+    told = given_by(Unheard(schedule=once(3, 2), inner=expiring(4)), [0.0, 0.0, 700.0, 800.0, 900.0, 0.0, 0.0, 100.0])
     np.testing.assert_array_equal(told.bolus_mU, [0.0, 0.0, 700.0, 0.0, 0.0, 0.0, 0.0, 100.0])
     np.testing.assert_array_equal(told.reported_bolus_mU, told.bolus_mU)
 
@@ -143,9 +139,9 @@ class RatesOnly:
 
 
 def test_a_pump_that_can_give_no_bolus_works_without_and_is_refused_with_one():
-    pump, rate = occlusion(always(), RatesOnly()), jnp.asarray(3.0)
+    pump, rate = Occlusion(schedule=always(), inner=RatesOnly()), jnp.asarray(3.0)
     assert not gives_bolus(pump)
-    assert gives_bolus(occlusion(always()))
+    assert gives_bolus(Occlusion(schedule=always()))
     _, delivery = deliver(pump, pump.init(rate, KEY), rate, KEY, None)
     assert delivery.bolus_mU is None
     with pytest.raises(ArgumentTypeError, match="RatesOnly cannot give a bolus"):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.episodes import never, once
-from glucoloop.pumps import LimitedPump, dose_limits, expiring, rate_in_force, unheard
+from glucoloop.faults import Unheard, never, once
+from glucoloop.pumps import LimitedPump, dose_limits, expiring, rate_in_force
 
 KEY = jax.random.key(0)
 FREE = LimitedPump(limits=dose_limits(max_change_mU_min=1000.0, max_mU_min=1000.0))
@@ -56,8 +56,8 @@ def test_a_rate_is_in_force_until_it_expires(command, until, now, rate):
 
 def test_what_is_not_heard_expires():
     commands = [40.0, 50.0, 50.0, 50.0, 30.0]
-    assert delivered(unheard(once(1, 3), expiring(2, FREE)), commands) == [40.0, 40.0, 20.0, 20.0, 30.0]
-    assert delivered(unheard(never()), commands) == delivered(LimitedPump(), commands)
+    assert delivered(Unheard(schedule=once(1, 3), inner=expiring(2, FREE)), commands) == [40.0, 40.0, 20.0, 20.0, 30.0]
+    assert delivered(Unheard(schedule=never()), commands) == delivered(LimitedPump(), commands)
 
 
 @pytest.mark.parametrize("samples", [0, -1, 1.5, True])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.episodes import always, once
-from glucoloop.pumps import LimitedPump, battery_gap, dose_limits, occlusion, with_resolution
+from glucoloop.faults import Battery, Occlusion, always, once
+from glucoloop.pumps import LimitedPump, dose_limits, with_resolution
 
 KEY = jax.random.key(0)
 SAMPLES = 30
@@ -75,7 +75,7 @@ def test_the_limits_of_the_pump_inside_are_kept_unless_others_are_given():
     tight = dose_limits(max_mU_min=4.9, allow_unusual=True)
     high = np.full(12, 100.0)
     assert doses_of(with_resolution(1.0, LimitedPump(limits=tight)), 4.5, high).max() == 4.0
-    faulty = occlusion(always(), LimitedPump(limits=tight), open_fraction=0.9)
+    faulty = Occlusion(open_fraction=0.9, schedule=always(), inner=LimitedPump(limits=tight))
     assert with_resolution(1.0, faulty).limits.max_mU_min == 66.9
     assert doses_of(with_resolution(1.0, limits=tight), 4.5, high).max() == 4.0
 
@@ -83,14 +83,14 @@ def test_the_limits_of_the_pump_inside_are_kept_unless_others_are_given():
 def test_any_pump_can_be_inside_and_its_own_report_is_passed_on():
     commands = np.full(10, 10.3)
     for noticed in (False, True):
-        pump = with_resolution(0.5, occlusion(once(3, 4), open_fraction=0.5, noticed=noticed))
+        pump = with_resolution(0.5, Occlusion(open_fraction=0.5, noticed=noticed, schedule=once(3, 4)))
         delivered, reported = (np.asarray(part) for part in run(pump, jnp.asarray(10.3), jnp.asarray(commands)))
         there = np.isin(np.arange(10), range(3, 7))
         np.testing.assert_allclose(delivered % 0.5, 0.0, atol=1e-9)
         assert np.all(delivered[there] <= 5.5)
         np.testing.assert_array_equal(reported[~there], delivered[~there])
         np.testing.assert_array_equal(reported[there], delivered[there] if noticed else 10.3)
-    _, silent = run(with_resolution(0.5, battery_gap(once(3, 4))), jnp.asarray(10.3), jnp.asarray(commands))
+    _, silent = run(with_resolution(0.5, Battery(schedule=once(3, 4))), jnp.asarray(10.3), jnp.asarray(commands))
     np.testing.assert_array_equal(np.isnan(silent), there)
 
 

@@ -16,11 +16,10 @@ from glucoloop.build.assemble import PeopleLoop
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.episodes import once
+from glucoloop.faults import Occlusion, once
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics
-from glucoloop.pumps import occlusion
 from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import ENGINES
@@ -103,7 +102,7 @@ def test_the_time_of_day_goes_on_past_midnight(trace):
 
 
 def test_the_controller_learns_what_the_pump_says_of_a_bolus():
-    fault = occlusion(once(10, 3), open_fraction=0.5, noticed=True)
+    fault = Occlusion(open_fraction=0.5, noticed=True, schedule=once(10, 3))
     told = simulate(PATIENT, _Bolus(), pump=fault, scenario=SCENARIO)
     assert float(told.bolus_mU[10]) == float(told.reported_bolus_mU[10]) == 1000.0
     assert float(told.command_bolus_mU[10]) == 2000.0

@@ -13,8 +13,7 @@ from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS
-from glucoloop.episodes import Episode
-from glucoloop.faults import FAULTS
+from glucoloop.faults import FAULTS, Episode
 from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite
 from glucoloop.patients import patient

@@ -20,7 +20,7 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
-from glucoloop.episodes import once
+from glucoloop.faults import Battery, Late, Missing, Occlusion, once
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.patients import SemilinearPatient
@@ -28,8 +28,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
 from glucoloop.pumps import LimitedPump
-from glucoloop.pumps.faults import battery_gap, occlusion
-from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
+from glucoloop.sensors import CorrelatedNoise, IdealSensor
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
@@ -143,10 +142,10 @@ def _surroundings(variance: Floats | float, correlation: Floats | float, begin: 
     sensor: Any = CorrelatedNoise(
         inner=IdealSensor(), variance=jnp.asarray(variance), correlation=jnp.asarray(correlation)
     )
-    sensor = late(2, _once(begin["late"], _NEVER), sensor)
-    sensor = missing(_once(begin["gap"], 12.0), sensor)
-    pump: Any = battery_gap(_once(begin["battery"], 12.0), LimitedPump(limits=_trial().limits))
-    return sensor, occlusion(_once(begin["blocked"], 24.0), pump)
+    sensor = Late(10.0, schedule=_once(begin["late"], _NEVER), inner=sensor)
+    sensor = Missing(schedule=_once(begin["gap"], 12.0), inner=sensor)
+    pump: Any = Battery(schedule=_once(begin["battery"], 12.0), inner=LimitedPump(limits=_trial().limits))
+    return sensor, Occlusion(schedule=_once(begin["blocked"], 24.0), inner=pump)
 
 
 def _joined(parts: Sequence[Any]) -> Any:

@@ -117,7 +117,7 @@ def _with_faults_of_all(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
     for label, part in each.items():
         whole = bare
         for kind, example in kinds.items():
-            whole = dataclasses.replace(part if kind == kind_of[label] else _idle(example), inner=whole)
+            whole = (part if kind == kind_of[label] else _idle(example)).replaced(inner=whole)
         by_label[label] = whole
     return by_label
 
@@ -130,4 +130,4 @@ def _kind(part: Any) -> tuple[type, Any]:
 def _idle(fault: Any) -> Any:
     """A fault that never begins."""
     episodes = dataclasses.replace(fault.episodes, earliest=math.inf, latest=math.inf, probability=0.0)
-    return dataclasses.replace(fault, episodes=episodes)
+    return fault.replaced(episodes=episodes)

@@ -27,6 +27,8 @@ from glucoloop.unit_guess import Quantity
 
 _SCALARS: Final = (int, float, str, bool)
 P = TypeVar("P", bound="Part")
+WIRING: Final = "wiring"
+"""Metadata of a field that is no setting: what an object is connected to, or told of the loop around it."""
 _RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
 
 
@@ -92,6 +94,8 @@ class Part:
             found = {}
             hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
+                if WIRING in field.metadata:
+                    continue
                 if field.default is dataclasses.MISSING:
                     raise TypeError(f"the setting {field.name} of {cls.__name__} has no default; give it one")
                 default = Default(field.default, field.metadata.get("noisy"))
@@ -214,12 +218,16 @@ def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[...
         if type(self) is not part:  # a class that extends this one checks all of its settings itself
             plain_init(self, *args, **kwargs)
             return
-        names = list(part.settings())
+        fields = dataclasses.fields(typing.cast(Any, part))
+        names = [field.name for field in fields if not field.kw_only]
         given = {**dict(zip(names, args, strict=False)), **kwargs}
-        if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= set(names):
+        known = {field.name for field in fields if field.init}
+        if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= known:
             plain_init(self, *args, **kwargs)  # Python says itself what is too much
-        values = {name: _bare(_taken(part, name, value)) for name, value in given.items()}
-        plain_init(self, **values)
+        settings = part.settings()
+        values = {name: _bare(_taken(part, name, value)) for name, value in given.items() if name in settings}
+        wiring = {name: _connected(part, name, value) for name, value in given.items() if name not in settings}
+        plain_init(self, **values, **wiring)
         self._noted(values, "", "")
 
     return init
@@ -239,6 +247,13 @@ def _taken(part: type[Part], name: str, value: Any) -> Any:
         if is_traced(value):
             return value
     return setting.check(value)
+
+
+def _connected(part: type[Part], name: str, value: Any) -> Any:
+    """A value of a field that is no setting, of the type of its annotation."""
+    from glucoloop.arguments import converted
+
+    return converted(name, value, typing.get_type_hints(part)[name], part.__name__)
 
 
 def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, where: str | None = None) -> P:

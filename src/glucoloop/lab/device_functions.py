@@ -118,7 +118,10 @@ def reading_parts(name: str, sensor: Any) -> dict[str, CompiledPart]:
 
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
-        around = dataclasses.replace(sensor, inner=_Passed(valid=own.valid))
+        inner = _Passed(valid=own.valid)
+        around = (
+            sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
+        )
         state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 

@@ -17,7 +17,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.control import GuardSettings
 from glucoloop.control.guard_doses import MOST_BOLUS_MU
 from glucoloop.control.protocol import Decision, Status
-from glucoloop.episodes import Episode
+from glucoloop.faults import Episode
 from glucoloop.patients.model import Sound
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, DoseLimits
 from glucoloop.simulation.cohort import SampledInside

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver

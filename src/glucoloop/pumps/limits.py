@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.routes import PUMP_OF_1999

@@ -5,15 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
-from glucoloop.faults import ResolutionSettings
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits, LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
+from glucoloop.pumps.settings import ResolutionPumpSettings
 from glucoloop.refusal import Refusal
 
 _HAIR: Final = 1e-9  # of a step: a whole number of steps may come out just below itself
@@ -87,7 +84,7 @@ def with_resolution(
         Unless the step is positive and finite, and the least dose from 0 to the largest dose of the limits.
     """
     traced = is_traced(step_mU_min, least_mU_min, inner, limits)
-    ResolutionSettings(step_mU_min=step_mU_min, least_mU_min=least_mU_min)
+    ResolutionPumpSettings(step_mU_min=step_mU_min, least_mU_min=least_mU_min)
     pump = LimitedPump() if inner is None else inner
     pump_limits = getattr(pump, "limits", PARKER_1999_LIMITS) if limits is None else limits
     whole = jnp.ceil if traced else np.ceil

@@ -13,12 +13,14 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About, known_names
-from glucoloop.faults import Least, Step
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 from glucoloop.units import MIN_PER_DAY
 
 LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]
+
+Step = Annotated[float, About("Step of the rate.", above=0.0, quantity=RATE_STEP)]
+MinimumRate = Annotated[float, About("Least rate that is delivered.", at_least=0.0)]
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
@@ -80,7 +82,7 @@ class ResolutionPumpSettings(PumpPart, name="resolution"):
 
     make: ClassVar = "glucoloop.pumps:with_resolution"
     step_mU_min: Step = 0.5
-    least_mU_min: Least = 0.0
+    least_mU_min: MinimumRate = 0.0
 
 
 class ExpiringSettings(PumpPart, name="expiring"):

@@ -5,17 +5,6 @@ from .delay import dead_time as dead_time
 from .delay import lag as lag
 from .erring import Erring as Erring
 from .erring import erring as erring
-from .faults import calibration as calibration
-from .faults import compression as compression
-from .faults import drift as drift
-from .faults import late as late
-from .faults import missing as missing
-from .faults import nonsense as nonsense
-from .faults import out_of_order as out_of_order
-from .faults import repeated as repeated
-from .faults import saturation as saturation
-from .faults import spikes as spikes
-from .faults import stuck as stuck
 from .noise import CorrelatedNoise as CorrelatedNoise
 from .noise import WhiteNoise as WhiteNoise
 from .noise import correlated_noise as correlated_noise

@@ -12,17 +12,17 @@ of insulin: implications for continuous monitoring", Am. J. Physiol. 277(3), 199
 from __future__ import annotations
 
 import operator
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.protocol import Reading, Sensor, checked_sample_time, or_ideal
 from glucoloop.sensors.settings import LagSettings
+
+if TYPE_CHECKING:
+    from jax.typing import ArrayLike
 
 
 def lagged(

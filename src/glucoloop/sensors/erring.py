@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 import numpy.typing as npt
 
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.protocol import Reading, Sensor, or_ideal

@@ -17,10 +17,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 
 _FINEST: Final = 10_000

@@ -36,8 +36,7 @@ from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
 from glucoloop.control.guard_settings import guard_of
-from glucoloop.episodes import Episodes
-from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
+from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, Episodes, FaultPart
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
@@ -194,14 +193,13 @@ class RandomFaults:
     def _around(self, kind: str, inner: Any, person: int | None, limits: DoseLimits | None = None) -> Any:
         """A sensor or pump with one kind of fault around it, whose numbers are those of people."""
         entry = _entry(kind)
-        usual = put_around(inner, entry(**self.order.shared[kind]), SAMPLE_MIN, limits)
+        usual = put_around(inner, entry.partial(self.order.shared[kind]).completed(), SAMPLE_MIN, limits)
         values, there, episodes = _at((dict(self.settings[kind]), self.there[kind], self.episodes[kind]), person)
         if entry.idle:
             values = {name: jnp.where(there, value, entry.idle[name]) for name, value in values.items()}
-        numbers = usual.numbers(values, SAMPLE_MIN) if hasattr(usual, "numbers") else values
-        if hasattr(usual, "episodes"):
-            numbers = {**numbers, "episodes": episodes}
-        return dataclasses.replace(usual, **numbers)
+        if not hasattr(usual, "episodes"):
+            return dataclasses.replace(usual, **values)
+        return usual.replaced(**values, episodes=episodes)
 
     def texts(self, person: int) -> list[str]:
         """Faults of one person in the form of `glucoloop run --fault`, in the order in which they wrap each other."""

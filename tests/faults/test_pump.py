@@ -11,16 +11,17 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.control import design_imc
-from glucoloop.episodes import Episodes, always, never, once, recurring
+from glucoloop.faults import Battery, Episodes, MissedPulses, Missing, Occlusion, Spikes, always, never, once, recurring
 from glucoloop.meals import Meal, Scenario
-from glucoloop.pumps import Delivery, LimitedPump, battery_gap, misreported, missed_pulses, occlusion, with_resolution
-from glucoloop.sensors import missing, spikes, white_noise
+from glucoloop.pumps import Delivery, LimitedPump, with_resolution
+from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.simulation.engines import make_engine
 
 SAMPLES = 20
 START = 30.0
 KEY = jax.random.key(4)
+LIMITED = LimitedPump()
 COMMANDS = st.lists(
     st.one_of(st.floats(-20.0, 120.0), st.sampled_from([math.nan, math.inf, -math.inf])),
     min_size=SAMPLES,
@@ -43,9 +44,11 @@ class ShakyPump:
 
 
 FAULTS = {
-    "occlusion": occlusion,
-    "occlusion that is noticed": lambda when, inner=None: occlusion(when, inner, open_fraction=0.3, noticed=True),
-    "battery gap": battery_gap,
+    "occlusion": lambda when, inner=LIMITED: Occlusion(schedule=when, inner=inner),
+    "occlusion that is noticed": lambda when, inner=LIMITED: Occlusion(
+        open_fraction=0.3, noticed=True, schedule=when, inner=inner
+    ),
+    "battery gap": lambda when, inner=LIMITED: Battery(schedule=when, inner=inner),
 }
 
 
@@ -76,11 +79,13 @@ def there_of(start, length):
 def test_an_occlusion_lets_a_fraction_through(commands, open_fraction, start, length):
     inside, _ = delivered(LimitedPump(), commands)
     expected = np.where(there_of(start, length), open_fraction * inside, inside)
-    unnoticed = occlusion(once(start, length), open_fraction=open_fraction)
+    unnoticed = Occlusion(open_fraction=open_fraction, schedule=once(start, length))
     insulin, reported = delivered(unnoticed, commands)
     np.testing.assert_allclose(insulin, expected, rtol=1e-13, atol=1e-300)
     np.testing.assert_array_equal(reported, inside)
-    insulin, reported = delivered(occlusion(once(start, length), open_fraction=open_fraction, noticed=True), commands)
+    insulin, reported = delivered(
+        Occlusion(open_fraction=open_fraction, noticed=True, schedule=once(start, length)), commands
+    )
     np.testing.assert_allclose(insulin, expected, rtol=1e-13, atol=1e-300)
     np.testing.assert_array_equal(reported, insulin)
 
@@ -93,7 +98,7 @@ def test_after_a_battery_gap_the_pump_starts_from_no_insulin(commands, start, le
         wanted = 0.0 if math.isnan(command) else command
         rate = 0.0 if off else min(max(min(max(wanted, rate - 16.7), rate + 16.7), 0.0), 66.9)
         expected.append(rate)
-    insulin, reported = delivered(battery_gap(once(start, length)), commands)
+    insulin, reported = delivered(Battery(schedule=once(start, length)), commands)
     np.testing.assert_allclose(insulin, expected, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(reported, np.where(there_of(start, length), math.nan, insulin))
 
@@ -104,7 +109,7 @@ def test_a_misreported_dose_is_delivered_and_a_part_of_it_or_of_the_one_before_i
     commands, part, late, start, length
 ):
     inside, _ = delivered(LimitedPump(), commands)
-    pump = misreported(once(start, length), rate_part=part, late_samples=late)
+    pump = Misreported(rate_part=part, late_samples=late, schedule=once(start, length))
     insulin, reported = delivered(pump, commands)
     np.testing.assert_array_equal(insulin, inside)
     of = np.r_[START, inside[:-1]] if late else inside
@@ -113,7 +118,7 @@ def test_a_misreported_dose_is_delivered_and_a_part_of_it_or_of_the_one_before_i
 
 @pytest.mark.parametrize(("late", "expected"), [(0, [0.0, 500.0, 0.0]), (1, [0.0, 0.0, 500.0])])
 def test_of_a_bolus_a_part_is_reported_too(late, expected):
-    pump, state, found = misreported(always(), bolus_part=0.5, late_samples=late), None, []
+    pump, state, found = Misreported(bolus_part=0.5, late_samples=late), None, []
     state = pump.init(jnp.asarray(START), KEY)
     for bolus in (0.0, 1000.0, 0.0):
         state, delivery = pump.deliver(state, jnp.asarray(START), KEY, jnp.asarray(bolus))
@@ -133,26 +138,26 @@ def test_of_a_bolus_a_part_is_reported_too(late, expected):
 )
 def test_an_impossible_report_is_refused(given, message):
     with pytest.raises(ValueError, match=message):
-        misreported(always(), **given)
+        Misreported(**given)
 
 
 def test_what_a_pump_owes_is_forgotten_when_it_has_no_power():
-    insulin, _ = delivered(battery_gap(once(2, 3), with_resolution(4.0)), np.full(SAMPLES, 6.0))
+    insulin, _ = delivered(Battery(schedule=once(2, 3), inner=with_resolution(4.0)), np.full(SAMPLES, 6.0))
     np.testing.assert_array_equal(insulin[2:8], [0.0, 0.0, 0.0, 4.0, 8.0, 4.0])
 
 
 def test_pulses_are_missed_with_their_probability():
     commands = np.full(4000, START)
-    insulin, reported = delivered(missed_pulses(0.2), commands)
+    insulin, reported = delivered(MissedPulses(0.2), commands)
     assert set(insulin) == {0.0, START}
     np.testing.assert_array_equal(reported, START)
     lost = insulin == 0.0
     assert abs(lost.mean() - 0.2) < 5.0 * np.sqrt(0.2 * 0.8 / lost.size)
     assert abs(np.corrcoef(lost[:-1], lost[1:])[0, 1]) < 5.0 / np.sqrt(lost.size)
-    insulin, reported = delivered(missed_pulses(0.2, noticed=True), commands)
+    insulin, reported = delivered(MissedPulses(0.2, noticed=True), commands)
     np.testing.assert_array_equal(insulin == 0.0, lost)
     np.testing.assert_array_equal(reported, insulin)
-    other, _ = delivered(missed_pulses(0.2, key=1), commands)
+    other, _ = delivered(MissedPulses(0.2, key=1), commands)
     assert abs(np.corrcoef(lost, other == 0.0)[0, 1]) < 5.0 / np.sqrt(lost.size)
 
 
@@ -188,19 +193,25 @@ def test_many_people_are_each_alone(name):
 @pytest.mark.parametrize("fraction", [-0.1, 1.0, math.nan, math.inf])
 def test_an_impossible_open_fraction_is_refused(fraction):
     with pytest.raises(ValueError, match=r"open_fraction is .*; give a number of 0 or more and below 1"):
-        occlusion(always(), open_fraction=fraction)
+        Occlusion(open_fraction=fraction, schedule=always())
 
 
 def test_an_impossible_probability_of_a_missed_pulse_is_refused():
-    with pytest.raises(ValueError, match=r"a probability of 1.5 per sample is not possible; give a value from 0 to 1"):
-        missed_pulses(1.5)
+    with pytest.raises(ValueError, match=r"share is 1.5; give a number from 0 to 1"):
+        MissedPulses(1.5)
 
 
 # with faults of the sensor
 
-SENSOR = missing(recurring(0.1, 2), spikes(25.0, once(2, 3, latest_sample=9, key=1), white_noise()))
-PUMP = missed_pulses(
-    0.1, occlusion(once(15, 6), battery_gap(once(30, 4), with_resolution(0.5, least_mU_min=1.0))), key=1
+SENSOR = Missing(
+    schedule=recurring(0.1, 2), inner=Spikes(25.0, schedule=once(2, 3, latest_sample=9, key=1), inner=white_noise())
+)
+PUMP = MissedPulses(
+    0.1,
+    key=1,
+    inner=Occlusion(
+        schedule=once(15, 6), inner=Battery(schedule=once(30, 4), inner=with_resolution(0.5, least_mU_min=1.0))
+    ),
 )
 WALK = 120.0 + 60.0 * np.sin(np.arange(48) / 4.0)
 
@@ -247,8 +258,8 @@ def test_an_absent_fault_changes_no_bit_of_a_run(patient_81):
     quiet = simulate(
         patient_81,
         controller,
-        missing(never(), spikes(25.0, recurring(0.0), white_noise())),
-        occlusion(never(), battery_gap(never())),
+        Missing(schedule=never(), inner=Spikes(25.0, schedule=recurring(0.0), inner=white_noise())),
+        Occlusion(schedule=never(), inner=Battery(schedule=never())),
         scenario,
         3,
     )

@@ -11,44 +11,47 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
-from glucoloop.episodes import Episodes, always, never, once, recurring
 from glucoloop.faults import FAULTS as CATALOGUE
-from glucoloop.sensors import (
-    IdealSensor,
-    calibration,
-    compression,
-    dead_time,
-    drift,
-    late,
-    missing,
-    nonsense,
-    out_of_order,
-    repeated,
-    saturation,
-    spikes,
-    stuck,
-    white_noise,
+from glucoloop.faults import (
+    Calibration,
+    Compression,
+    Drift,
+    Episodes,
+    Late,
+    Missing,
+    Nonsense,
+    OutOfOrder,
+    Repeated,
+    Saturation,
+    Spikes,
+    Stuck,
+    always,
+    never,
+    once,
+    recurring,
 )
+from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.simulation.engines import make_engine
 
 SAMPLES = 20
 START = 100.0
 NOISY = white_noise(1.45, 5.0, dead_time(1))
 KEY = jax.random.key(11)
+IDEAL = IdealSensor()
 
 FAULTS = {
-    "missing": missing,
-    "nonsense": lambda episodes, inner=None: nonsense(2000.0, episodes, inner),
-    "no number": lambda episodes, inner=None: nonsense(math.nan, episodes, inner),
-    "spikes": lambda episodes, inner=None: spikes(-30.0, episodes, inner),
-    "stuck": stuck,
-    "drift": lambda episodes, inner=None: drift(24.0, episodes, inner),
-    "calibration": lambda episodes, inner=None: calibration(1.3, -7.0, episodes, inner),
-    "compression": lambda episodes, inner=None: compression(0.4, episodes, inner, tau_min=12.0),
-    "saturation": lambda episodes, inner=None: saturation(90.0, 150.0, episodes, inner),
-    "late": lambda episodes, inner=None: late(3, episodes, inner),
-    "repeated": lambda episodes, inner=None: repeated(3, episodes, inner),
-    "out of order": lambda episodes, inner=None: out_of_order(4, episodes, inner),
+    "missing": lambda episodes, inner=IDEAL: Missing(schedule=episodes, inner=inner),
+    "nonsense": lambda episodes, inner=IDEAL: Nonsense(2000.0, schedule=episodes, inner=inner),
+    "no number": lambda episodes, inner=IDEAL: Nonsense(math.nan, schedule=episodes, inner=inner),
+    "spikes": lambda episodes, inner=IDEAL: Spikes(-30.0, schedule=episodes, inner=inner),
+    "stuck": lambda episodes, inner=IDEAL: Stuck(schedule=episodes, inner=inner),
+    "drift": lambda episodes, inner=IDEAL: Drift(24.0, schedule=episodes, inner=inner),
+    "calibration": lambda episodes, inner=IDEAL: Calibration(1.3, -7.0, schedule=episodes, inner=inner),
+    "compression": lambda episodes, inner=IDEAL: Compression(0.4, tau_min=12.0, schedule=episodes, inner=inner),
+    "saturation": lambda episodes, inner=IDEAL: Saturation(90.0, 150.0, schedule=episodes, inner=inner),
+    "late": lambda episodes, inner=IDEAL: Late(15.0, schedule=episodes, inner=inner),
+    "repeated": lambda episodes, inner=IDEAL: Repeated(3, schedule=episodes, inner=inner),
+    "out of order": lambda episodes, inner=IDEAL: OutOfOrder(4, schedule=episodes, inner=inner),
 }
 
 
@@ -123,7 +126,7 @@ class SideBySide:
         return {name: state for name, (state, _) in read.items()}, {name: told for name, (_, told) in read.items()}
 
 
-def every_fault(episodes, inner=None):
+def every_fault(episodes, inner=IDEAL):
     return SideBySide(sensors={name: make(episodes, inner) for name, make in FAULTS.items()})
 
 
@@ -197,7 +200,7 @@ def test_without_an_episode_not_one_bit_changes(name):
 
 def test_compression_is_over_after_a_while_and_then_changes_nothing():
     glucose = np.full(80, 130.0)
-    values, _ = told(compression(0.4, once(2, 10), NOISY, tau_min=12.0), glucose)
+    values, _ = told(Compression(0.4, tau_min=12.0, schedule=once(2, 10), inner=NOISY), glucose)
     inside, _ = told(NOISY, glucose)
     share = values / inside
     assert np.all(np.diff(share[2:12]) < 0.0)
@@ -234,7 +237,7 @@ def test_many_people_are_each_alone():
 
 @pytest.mark.long
 def test_mapped_people_are_each_alone():
-    sensor = out_of_order(4, recurring(0.3, 3), missing(recurring(0.1, key=1), NOISY))
+    sensor = OutOfOrder(4, schedule=recurring(0.3, 3), inner=Missing(schedule=recurring(0.1, key=1), inner=NOISY))
     keys = jax.random.split(KEY, 4)
     together = jax.vmap(lambda key: scan(sensor, jnp.asarray(WALK), key))(keys)
     for i in range(4):
@@ -245,7 +248,7 @@ def test_mapped_people_are_each_alone():
 
 def test_each_of_the_latest_readings_is_told_as_often_as_the_others():
     glucose = np.arange(4000.0)
-    values, valid = told(out_of_order(4, always(), IdealSensor()), glucose)
+    values, valid = told(OutOfOrder(4, schedule=always(), inner=IdealSensor()), glucose)
     age = (glucose - values)[4:]
     counts = np.array([(age == k).sum() for k in range(4)])
     assert counts.sum() == age.size
@@ -304,27 +307,28 @@ def test_native_code_takes_every_fault_and_computes_the_same():
 
 
 REFUSED = [
-    (lambda: spikes(math.nan, always()), r"size_mg_dl is nan mg/dl; give a finite number"),
-    (lambda: spikes(math.inf, always()), r"size_mg_dl is inf mg/dl; give a finite number"),
-    (lambda: drift(math.nan, always()), r"mg_dl_h is nan mg/dl per hour; give a finite number"),
-    (lambda: drift(1.0, always(), sample_time_min=0.0), r"a sample time of 0 min is not possible; give a finite"),
-    (lambda: calibration(0.0), r"gain is 0; give a finite number above 0"),
-    (lambda: calibration(math.inf), r"gain is inf; give a finite number above 0"),
-    (lambda: calibration(1.0, math.nan), r"offset_mg_dl is nan mg/dl; give a finite number"),
-    (lambda: saturation(50.0, 50.0), r"a sensor range of 50 to 50 mg/dl is not possible; give an upper end above"),
-    (lambda: saturation(-1.0), r"low_mg_dl is -1 mg/dl; give a finite number of 0 mg/dl or more"),
-    (lambda: saturation(40.0, math.inf), r"high_mg_dl is inf mg/dl; give a finite number above 0"),
-    (lambda: saturation(math.nan), r"low_mg_dl is nan mg/dl; give"),
-    (lambda: compression(0.0, always()), r"depth is 0; give a number above 0 and up to 1"),
-    (lambda: compression(1.1, always()), r"depth is 1.1; give a number above 0 and up to 1"),
-    (lambda: compression(math.nan, always()), r"depth is nan; give"),
-    (lambda: compression(0.3, always(), tau_min=0.0), r"tau_min is 0 min; give a finite"),
-    (lambda: compression(0.3, always(), sample_time_min=math.inf), r"a sample time of inf min is not possible"),
-    *((lambda n=n: late(n, always()), r"give a whole number")
-      for n in (0, 289, 1.0, True, "2")),
-    *((lambda n=n: repeated(n, always()), r"give a whole number")
+    (lambda: Spikes(math.nan, schedule=always()), r"size_mg_dl is nan mg/dl; give a finite number"),
+    (lambda: Spikes(math.inf, schedule=always()), r"size_mg_dl is inf mg/dl; give a finite number"),
+    (lambda: Drift(math.nan, schedule=always()), r"mg_dl_h is nan mg/dl per hour; give a finite number"),
+    (lambda: Drift(1.0, sample_time_min=0.0), r"a sample time of 0 min is not possible; give a finite"),
+    (lambda: Calibration(0.0), r"gain is 0; give a finite number above 0"),
+    (lambda: Calibration(math.inf), r"gain is inf; give a finite number above 0"),
+    (lambda: Calibration(1.0, math.nan), r"offset_mg_dl is nan mg/dl; give a finite number"),
+    (lambda: Saturation(50.0, 50.0), r"a sensor range of 50 to 50 mg/dl is not possible; give an upper end above"),
+    (lambda: Saturation(-1.0), r"low_mg_dl is -1 mg/dl; give a finite number of 0 mg/dl or more"),
+    (lambda: Saturation(40.0, math.inf), r"high_mg_dl is inf mg/dl; give a finite number above 0"),
+    (lambda: Saturation(math.nan), r"low_mg_dl is nan mg/dl; give"),
+    (lambda: Compression(0.0, schedule=always()), r"depth is 0; give a number above 0 and up to 1"),
+    (lambda: Compression(1.1, schedule=always()), r"depth is 1.1; give a number above 0 and up to 1"),
+    (lambda: Compression(math.nan, schedule=always()), r"depth is nan; give"),
+    (lambda: Compression(0.3, tau_min=0.0, schedule=always()), r"tau_min is 0 min; give a finite"),
+    (lambda: Compression(0.3, sample_time_min=math.inf), r"a sample time of inf min is not possible"),
+    *((lambda n=n: Late(n, sample_time_min=5.0).samples, r"delay of (289|2000) samples is not possible; give 1 to 288")
+      for n in (1441.0, 1e4)),
+    *((lambda n=n: Late(n), r"delay_min is .*; give a finite number above 0 min") for n in (0.0, -1.0, math.inf)),
+    *((lambda n=n: Repeated(n, schedule=always()), r"give a whole number")
       for n in (1, 2.5, math.nan, math.inf, True)),
-    *((lambda n=n: out_of_order(n, always()), r"give a whole number")
+    *((lambda n=n: OutOfOrder(n, schedule=always()), r"give a whole number")
       for n in (1, 49, 2.0, True)),
 ]  # fmt: skip
 

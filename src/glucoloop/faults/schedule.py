@@ -7,12 +7,9 @@ up to 2**24 samples even in single precision.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.refusal import Refusal
 
@@ -148,19 +145,3 @@ def _checked_key(key: int) -> int:
     if isinstance(key, bool) or not isinstance(key, int | np.integer) or not 0 <= key <= LARGEST_KEY:
         raise Refusal(f"a key of {key!r} is not possible; give a whole number from 0 to {LARGEST_KEY}")
     return key
-
-
-@pytree
-class Within:
-    """State of the inner sensor or pump, and of the episodes of the fault."""
-
-    inner: Any
-    episode: Episode
-
-
-def begin(inner: Any, episodes: Episodes, at_rest: jax.Array, key: jax.Array) -> Within:
-    """State before the first sample, from glucose or the rate of insulin at rest.
-
-    What is inside gets the same key as without the fault, so its random draws are the same.
-    """
-    return Within(inner=inner.init(at_rest, key), episode=episodes.init(at_rest, key))

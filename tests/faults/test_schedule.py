@@ -8,7 +8,8 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.episodes import LARGEST_KEY, Episodes, always, never, once, recurring
+from glucoloop.faults import Episodes, always, never, once, recurring
+from glucoloop.faults.schedule import LARGEST_KEY
 
 SAMPLES = 40
 ONE = jnp.asarray(0.0)

@@ -1,0 +1,153 @@
+"""A component that is its own science: settings, what it is connected to, and methods, in one class that JAX can trace.
+
+A sensor with noise of its own is one class::
+
+    class Noisy(SensorPart, name="noisy"):
+        \"\"\"Readings with normal noise.\"\"\"
+
+        sd_mg_dl: Annotated[float, About("Standard deviation of the noise.", at_least=0.0)] = 3.0
+
+        def init(self, glucose_mg_dl, key):
+            return self.inner.init(glucose_mg_dl, key)
+
+        def read(self, state, glucose_mg_dl, key):
+            own, key = jax.random.split(key)
+            state, reading = self.inner.read(state, glucose_mg_dl, key)
+            noise = self.sd_mg_dl * jax.random.normal(own, glucose_mg_dl.shape)
+            return state, dataclasses.replace(reading, glucose_mg_dl=reading.glucose_mg_dl + noise)
+
+An object has three kinds of attributes: settings, which are annotated with `About`; fields that `wired` declares, like
+``inner``; and numbers that follow from both, which `derived` computes once, on the host and in float64. `Role` says
+what each of them is in a compiled program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import typing
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
+
+from glucoloop._pytree import register
+from glucoloop.component.part import WIRING, Part
+
+T = TypeVar("T")
+
+
+class Role(Enum):
+    """What an attribute is in a compiled program."""
+
+    DATA = "data"
+    """Numbers that change without compiling again, in which people may differ: the default of a `float`."""
+    STATIC = "static"
+    """Part of the program: the default of other settings."""
+    HOST = "host"
+    """No part of the program: something is derived from it before. Within a program there is `ABSENT` in its place."""
+
+
+DATA: Final = Role.DATA
+STATIC: Final = Role.STATIC
+HOST: Final = Role.HOST
+
+
+class _Absent:
+    def __repr__(self) -> str:
+        return "<known on the host alone>"
+
+
+ABSENT: Final = _Absent()
+"""Value of an attribute of the role `HOST` within a program."""
+
+
+def wired(role: Role, **kwargs: Any) -> Any:
+    """A field that is no setting: what an object is connected to, or a fact of the loop around it."""
+    return dataclasses.field(kw_only=True, metadata={WIRING: True, "role": role}, **kwargs)
+
+
+class derived(functools.cached_property[T]):  # noqa: N801
+    """Decorator of a method whose value is computed once, on the host, and is data of the program."""
+
+    role: ClassVar[Role] = DATA
+
+
+class derived_static(derived[T]):  # noqa: N801
+    """The same for a value that is part of the program."""
+
+    role: ClassVar[Role] = STATIC
+
+
+class _Attributes(NamedTuple):
+    """Names of the attributes of a class by their roles."""
+
+    data: tuple[str, ...]
+    static: tuple[str, ...]
+    host: tuple[str, ...]
+
+
+class PytreeComponent(Part):
+    """A component with its science as methods. An object of it is complete when it is made, and never changes."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        register(cls, lambda: cls._attributes()[:2], cls._rebuilt)
+
+    @classmethod
+    def _attributes(cls) -> _Attributes:
+        names: _Attributes | None = vars(cls).get("_names")
+        if names is None:
+            roles: dict[str, Role] = {}
+            hints = typing.get_type_hints(cls, include_extras=True)
+            for field in dataclasses.fields(typing.cast(Any, cls)):
+                declared = (mark for mark in getattr(hints[field.name], "__metadata__", ()) if isinstance(mark, Role))
+                usual = field.metadata.get("role") or (DATA if cls._is_number(field.name) else STATIC)
+                roles[field.name] = next(declared, usual)
+            roles |= {name: getattr(cls, name).role for name in cls.derived_names()}
+            names = _Attributes(*(tuple(name for name in roles if roles[name] is role) for role in Role))
+            type.__setattr__(cls, "_names", names)
+        return names
+
+    @classmethod
+    def _is_number(cls, name: str) -> bool:
+        return cls.settings()[name].kind is float
+
+    @classmethod
+    @functools.cache
+    def derived_names(cls) -> tuple[str, ...]:
+        """Names of the derived attributes."""
+        members = {name: member for base in reversed(cls.__mro__) for name, member in vars(base).items()}
+        return tuple(name for name, member in members.items() if isinstance(member, derived))
+
+    @classmethod
+    def _rebuilt(cls, values: Mapping[str, Any]) -> Self:
+        whole = object.__new__(cls)
+        vars(whole).update({**dict.fromkeys(cls._attributes().host, ABSENT), **values})
+        return whole
+
+    def replaced(self, **values: Any) -> Self:
+        """The same with other values, which are not checked: they may be arrays of people.
+
+        What is derived follows from other settings, but not from another ``inner``, unless it is among the values.
+        """
+        whole = object.__new__(type(self))
+        derived_names = self.derived_names()
+        keep = values.keys() <= {"inner", *derived_names}
+        vars(whole).update({name: old for name, old in vars(self).items() if keep or name not in derived_names})
+        vars(whole).update(values)
+        return whole
+
+    def made(self, **surroundings: Any) -> Any:
+        """The same connected to its surroundings: of these it takes those that it has fields for."""
+        fields = {field.name for field in dataclasses.fields(typing.cast(Any, self)) if WIRING in field.metadata}
+        whole = self.replaced(**{name: value for name, value in surroundings.items() if name in fields})
+        for name in self.derived_names():
+            getattr(whole, name)  # refuses what cannot be
+        return whole
+
+    @classmethod
+    def takes(cls, name: str) -> bool:
+        """Whether an object can be connected to what has this name."""
+        return any(
+            field.name == name and WIRING in field.metadata for field in dataclasses.fields(typing.cast(Any, cls))
+        )
