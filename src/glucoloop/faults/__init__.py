@@ -7,7 +7,7 @@ A fault joins every command, the stress test and the random faults of ``glucoloo
 from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
-from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING, FaultPart, Timed
+from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING, FaultPart, Timed, Untimed
 from glucoloop.faults.pump import PUMP_FAULTS, Battery, MissedPulses, Occlusion, PumpFault, Resolution, Unheard
 from glucoloop.faults.schedule import Episode, Episodes, always, never, once, recurring
 from glucoloop.faults.sensor import (

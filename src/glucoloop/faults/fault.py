@@ -29,6 +29,9 @@ Even = Callable[..., Any]
 has another index."""
 Whole = Callable[[str, int, int], int]
 """Function ``whole(name, minimum, maximum)`` that draws a whole number for all people of a compiled loop."""
+Key = Annotated[
+    int | None, About("Number that makes the random draws of two faults of the same kind differ; 0 by default."), HOST
+]
 
 
 @pytree
@@ -41,7 +44,7 @@ class FaultState:
 
 
 class FaultPart(PytreeComponent):
-    """A fault around a sensor or a pump, ``inner``; it is always present. One that has times extends `Timed`."""
+    """A fault around a sensor or a pump, its ``inner``. One that has times extends `Timed`."""
 
     kind: ClassVar = "fault"
     part: ClassVar[Literal["sensor", "pump"]] = "sensor"
@@ -62,20 +65,10 @@ class FaultPart(PytreeComponent):
     """Functions that draw values of settings that all people of a compiled loop share."""
 
     _: KW_ONLY
-    key: Annotated[
-        int | None,
-        About("Number that makes the random draws of two faults of the same kind differ; 0 by default."),
-        HOST,
-    ] = None
     sample_time_min: float = wired(HOST, default=5.0)
 
     def __post_init__(self) -> None:
         checked_sample_time(self.sample_time_min)
-
-    @derived
-    def episodes(self) -> Episodes:
-        """Times at which the fault is present."""
-        return always(key=self.key or 0)
 
     @classmethod
     def effect_settings(cls) -> dict[str, Setting]:
@@ -85,6 +78,13 @@ class FaultPart(PytreeComponent):
     def values(self) -> dict[str, Any]:
         """Settings with their values; times that were not given are left out."""
         return {name: value for name, value in super().values().items() if value is not None}
+
+
+class Untimed(FaultPart):
+    """A fault without times of its own."""
+
+    _: KW_ONLY
+    key: Key = None
 
 
 class Timed(FaultPart):
@@ -109,6 +109,7 @@ class Timed(FaultPart):
     per_day: Annotated[
         float | None, About("Mean number of random occurrences in a day, in place of a start.", above=0.0), HOST
     ] = None
+    key: Key = None
     schedule: Episodes | None = wired(HOST, default=None)
     warm_up_min: float = wired(HOST, default=0.0)
     """Time before minute 0 of the settings."""

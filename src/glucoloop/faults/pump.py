@@ -9,12 +9,12 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import KW_ONLY
-from typing import Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop._lazy_jax import jax, jnp
 from glucoloop.component.pytree_component import DATA, HOST, derived, wired
 from glucoloop.component.setting import About
-from glucoloop.faults.fault import FaultPart, FaultState, Timed
+from glucoloop.faults.fault import FaultPart, FaultState, Timed, Untimed
 from glucoloop.faults.schedule import Episodes, recurring
 from glucoloop.pumps.expiring import expiring
 from glucoloop.pumps.limits import LimitedPump
@@ -37,6 +37,12 @@ class PumpFault(FaultPart):
 
     _: KW_ONLY
     inner: Pump = wired(DATA, default_factory=LimitedPump)
+
+    if TYPE_CHECKING:
+
+        @property
+        def episodes(self) -> Episodes:
+            """Times at which the fault is present."""
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> FaultState:
         """State before the first command; what is inside has the same key as without the fault."""
@@ -95,7 +101,7 @@ def _passing(delivery: Delivery, present: jax.Array, fraction: float, *, noticed
     return dataclasses.replace(through, reported_mU_min=rate, reported_bolus_mU=bolus)
 
 
-class Resolution(PumpFault, name="resolution"):
+class Resolution(PumpFault, Untimed, name="resolution"):
     """Whole steps alone are delivered, from a least dose on; the remainder is delivered later."""
 
     comes_and_goes: ClassVar = False
@@ -138,7 +144,7 @@ class Battery(PumpFault, Timed, name="battery"):
         return FaultState(inner=inner, episode=episode, memory=None), delivery
 
 
-class MissedPulses(PumpFault, name="missed-pulses"):
+class MissedPulses(PumpFault, Untimed, name="missed-pulses"):
     """Single doses at random are not delivered.
 
     Neither the basal rate of such a sample nor its bolus reaches the person; samples are independent.
