@@ -8,7 +8,16 @@ from typing import Final
 
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.faults.fault import DURATION, KEY, LATEST, PER_DAY, START, TIMING, FaultPart, Timed, Untimed
-from glucoloop.faults.pump import PUMP_FAULTS, Battery, MissedPulses, Occlusion, PumpFault, Resolution, Unheard
+from glucoloop.faults.pump import (
+    PUMP_FAULTS,
+    Battery,
+    Misreported,
+    MissedPulses,
+    Occlusion,
+    PumpFault,
+    Resolution,
+    Unheard,
+)
 from glucoloop.faults.schedule import Episode, Episodes, always, never, once, recurring
 from glucoloop.faults.sensor import (
     SENSOR_FAULTS,
@@ -44,6 +53,7 @@ __all__ = [
     "Episodes",
     "FaultPart",
     "Late",
+    "Misreported",
     "MissedPulses",
     "Missing",
     "Nonsense",
@@ -58,6 +68,7 @@ __all__ = [
     "Stuck",
     "Timed",
     "Unheard",
+    "Untimed",
     "always",
     "never",
     "once",

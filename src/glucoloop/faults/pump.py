@@ -209,9 +209,7 @@ class Misreported(PumpFault, Timed, name="misreported"):
 
     rate_part: Annotated[float, _Part("Part of the basal rate that is reported; 2 for twice as much.")] = 0.0
     bolus_part: Annotated[float, _Part("Part of a bolus that is reported; 2 for twice as much.")] = 0.0
-    late_samples: Annotated[
-        int, About("Samples by which the report is late, 0 or 1.", at_least=0, at_most=1), DATA
-    ] = 0
+    late_samples: Annotated[int, About("Samples by which the report is late, 0 or 1.", at_least=0, at_most=1), DATA] = 0
     drawn: ClassVar = {
         "rate_part": lambda even: (even(0.0, 1.0) >= 0.3) * even(0.0, 2.0, 1),
         "bolus_part": lambda even: (even(0.0, 1.0, 2) >= 0.3) * even(0.0, 2.0, 3),
