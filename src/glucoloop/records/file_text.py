@@ -183,10 +183,10 @@ class CellTable:
 def table_of(text: str, delimiter: str) -> CellTable:
     """Table of a text whose first line names the columns; Refusal if it is none."""
     header, _, body = text.partition("\n")
-    columns, lines = header.count(delimiter) + 1, body.count("\n") + 1
+    columns, count = header.count(delimiter) + 1, body.count("\n") + 1
     _bounded(columns, _MOST_COLUMNS, "columns", "leave some out, or divide it")
-    _bounded(lines, MOST_ROWS, "lines", "leave some out, or divide it")
-    _bounded(columns * lines, _MOST_CELLS, "cells", "leave some out, or divide it")
+    _bounded(count, MOST_ROWS, "lines", "leave some out, or divide it")
+    _bounded(columns * count, _MOST_CELLS, "cells", "leave some out, or divide it")
     body = _BLANK_LINES.sub("\n", body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()
