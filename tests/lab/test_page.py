@@ -9,6 +9,7 @@ import math
 import re
 import subprocess
 import sys
+import urllib.parse
 
 import pytest
 
@@ -282,6 +283,21 @@ LINKS = {
     "#sensor=dead-time,+minutes=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",
     "#model=noise_variance=1.45": "it has model.noise_variance = 1.45, which this page cannot simulate",
 }
+
+
+VALUES = ("1", "-1", "1e999", "true", '"x"', "[]", "[[1]]", "{ a = 1 }", "[{ name = 1 }]", "null")
+KEYS = ("patient", "controller", "guard", "sensor", "faults", "habits", "seed", "announce_meals", "used", "__proto__")
+
+
+def test_any_configuration_in_a_link_is_read_or_refused_in_a_sentence(in_node):
+    """An error of another kind ends the answers, and the page would stay empty."""
+    forms = ("{key} = {value}", "[{key}]\nx = {value}", "{key} = 1\n[[{key}]]\nx = {value}", "[{key}.x]\na = {value}")
+    texts = [form.format(key=key, value=value) for form in forms for key in KEYS for value in VALUES]
+    links = [f"#configuration={urllib.parse.quote(text)}" for text in texts]
+    answers = dict(zip(texts, in_node(links), strict=True))
+    assert all("refused" in answer or answer["situation"]["announce"] in (True, False) for answer in answers.values())
+    for text in ("patient = 1\n[[patient]]\nx = 1", "[__proto__]\nx = 1", "[__proto__.x]\na = 1", "seed = 1e999"):
+        assert "which this page cannot read" in answers[text]["refused"]
 
 
 def test_nonsense_in_a_link_is_refused_in_a_sentence(in_node):

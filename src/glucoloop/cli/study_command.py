@@ -144,18 +144,19 @@ class _StudyRun:
 
     def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
-        notes = tuple(found.plain.get("notes", ()))
+        with found.refusing_damage():
+            notes = tuple(map(in_shown_units, found.plain.get("notes", ())))
+            tables = tuple(self.module.tables(self.asked, found))
+            conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.asked, found)))
+            how_to_go_on = tuple(self.sentences("how_to_go_on", found, files))
         if self.output.json:
-            print_json(found.plain, files, notes)
+            print_json(found.plain, files, found.plain.get("notes", ()))
             return
-        for table in self.module.tables(self.asked, found):
-            show(table)
+        with found.refusing_damage():
+            for table in tables:
+                show(table)
         place = where_written(self.output.out, files) if written is None else written
-        conclusions = self.sentences("sentences", self.asked, found)
-        how_to_go_on = self.sentences("how_to_go_on", found, files)
-        for line in (*conclusions, *notes):
-            print_text(in_shown_units(line))
-        for line in (*([place] if place else []), *how_to_go_on):
+        for line in (*conclusions, *notes, *([place] if place else []), *how_to_go_on):
             print_text(line)
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:

@@ -222,19 +222,19 @@ def _boluses_text(boluses: Sequence[tuple[float, float]], end_min: float, start_
     total = sum(size for _, size in boluses)
     if len(boluses) > _MOST_BOLUSES:
         return f"{len(boluses)} boluses, {total:.4g} U in all"
-    return ", ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
+    return "; ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
 
 
 def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], start_min: float) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
     end_min = float(runs[0].t_min[-1])
     meals = (f"{carbs:.4g} g at {moment_text(t, end_min, start_min)}" for t, carbs in runs[0].meals)
-    yield f"Meals: {', '.join(meals) or 'none'}."
+    yield f"Meals: {'; '.join(meals) or 'none'}."
     if runs[0].exercise:
         bouts = (
             f"{exercise_in_words(bout)} at {moment_text(bout.t_min, end_min, start_min)}" for bout in runs[0].exercise
         )
-        yield f"Exercise: {', '.join(bouts)}."
+        yield f"Exercise: {'; '.join(bouts)}."
     yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
     for run in runs:
         yield from (_name(runs, run, event, ": ") for event in _events_of(run, start_min))
