@@ -146,8 +146,6 @@ def test_functions_warn_where_their_scenario_has_what_the_controller_does_not_us
         with pytest.warns(NoEffectWarning, match="announced has no effect: the controller") as told:
             gl.simulate(patient_81, of, scenario=scenario)
         assert [warning.filename for warning in told] == [__file__]
-    with pytest.warns(NoEffectWarning, match="start_min has no effect"):
-        gl.simulate(patient_81, controller, scenario=gl.Scenario([gl.Meal(50.0, 10.0)], 30.0, start_min=60.0))
 
 
 def test_a_controller_that_does_not_say_what_it_uses_is_not_doubted(patient_81, script):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
-from glucoloop.component.effects import ANNOUNCEMENTS, TIME_OF_DAY, warn_without_effect
+from glucoloop.component.effects import ANNOUNCEMENTS, warn_without_effect
 from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
@@ -363,8 +363,6 @@ def scenario_without_effect(scenario: Scenario, controller: Controller) -> Itera
         yield "announced has no effect: there is no meal."
     elif scenario.announced and ANNOUNCEMENTS not in uses:
         yield f"announced has no effect: the controller {name} does not use announcements of meals."
-    if scenario.start_min is not None and not scenario.rhythms and TIME_OF_DAY not in uses:
-        yield f"start_min has no effect: neither the controller {name} nor a rhythm goes by the time of day."
 
 
 def closed_loop(

@@ -270,7 +270,7 @@ class Situation(Part):
         """What the situation has or uses; a class that knows its meals, its controllers and its chance says less."""
         clock = {TIME_OF_DAY} if self.rhythm else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
-        return frozenset({MEALS, EXERCISE, CHANCE, READINGS} | clock | late)
+        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late
 
     @property
     def by_chance(self) -> bool:
