@@ -102,7 +102,7 @@ class _StudyRun:
         return run
 
     def with_notes(self, found: Findings) -> Findings:
-        """What was found, whose notes begin with those on what changes nothing, for JSON and the files."""
+        """Findings whose notes begin with those on what changes nothing, for JSON and the files."""
         if not self.without_effect:
             return found
         notes = [*self.without_effect, *found.plain.get("notes", ())]

@@ -23,7 +23,7 @@ class Need:
     reason: str
     """Clause on why there is no effect, where no part of a request uses or has it."""
     noun: str = ""
-    """What it is, where it is controllers that use it, and `reason` is for a request without a controller."""
+    """Name of it, where it is controllers that use it, and `reason` is for a request without a controller."""
     effect: str = "no effect"
 
 
@@ -38,12 +38,12 @@ PROFILE: Final = Need("nothing doses by the profile of a person", "the profile o
 BOLUSES: Final = Need("no boluses are given", "boluses")
 INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in its design")
 OF_CONTROLLERS: Final = frozenset({READINGS, ANNOUNCEMENTS, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL})
-"""What controllers may use, or give."""
+"""Needs that controllers may meet, by what they use or give."""
 
 ONLY_READINGS: Final = frozenset({READINGS})
-"""What most controllers use."""
+"""Needs that most controllers meet."""
 DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, PROFILE})
-"""What controllers use that dose by the profile of a person, with boluses for announced meals."""
+"""Needs that controllers meet which dose by the profile of a person, with boluses for announced meals."""
 
 
 def warn_without_effect(notes: Iterable[str], stacklevel: int = 2) -> None:

@@ -158,11 +158,11 @@ class Part:
         return whole._noted(self.given, self.where, self.called)
 
     def uses(self) -> frozenset[Need]:
-        """What the part uses or has on which settings of the request, or of its own, depend."""
+        """Needs that the part meets, for settings of the request or of its own."""
         return frozenset()
 
     def needs(self) -> tuple[Need, ...]:
-        """What the part itself needs to have an effect."""
+        """Needs of the part itself to have an effect."""
         return ()
 
     def values(self) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class About:
     reads: Callable[[Any], Any] | None = None
     """Function that reads a value where any type may be possible; it raises a Refusal that says what to give."""
     needs: tuple[Need, ...] = ()
-    """What has to be used in the request, or be there, so that the setting has an effect; see `situations.unused`."""
+    """Needs that parts of the request have to meet, so that the setting has an effect; see `situations.unused`."""
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""

@@ -99,7 +99,7 @@ class Guard:
 
     @property
     def uses(self) -> frozenset[Need]:
-        """What the inner controller uses, and the guard itself."""
+        """Needs that the inner controller meets, and the guard itself."""
         return uses_of(self.inner) | {READINGS, PROFILE}
 
     @property

@@ -67,7 +67,7 @@ class Paced:
 
     @property
     def uses(self) -> frozenset[Need]:
-        """What the inner controller uses."""
+        """Needs that the inner controller meets."""
         return uses_of(self.inner)
 
     @property

@@ -55,7 +55,7 @@ class ControllerPart(Part):
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
     used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, TIME_OF_DAY, PROFILE, CHANCE})
-    """What it uses of its observations and of the person; one that does not say it is taken to use everything."""
+    """Needs that it meets, by what it uses; one that does not say it is taken to use everything."""
     slow: ClassVar[bool] = False
     """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that
     studies of many loops use fewer and shorter ones with it."""
@@ -81,7 +81,7 @@ class ControllerPart(Part):
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def uses(self) -> frozenset[Need]:
-        """What a controller with these settings uses; with boluses and a design for each person, if it has them."""
+        """Needs that a controller with these settings meets; with boluses and a design for each person, if it has them."""
         boluses = frozenset({BOLUSES}) if self.gives_boluses else frozenset()
         return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 

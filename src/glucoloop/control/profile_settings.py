@@ -147,7 +147,7 @@ class PIDIFBSettings(_ByProfile, name="pid-ifb"):
     meal_bolus: MealShare = 1.0
 
     def uses(self) -> frozenset[Need]:
-        """What the controller uses; announcements where meals have a bolus."""
+        """Needs that the controller meets; announcements where meals have a bolus."""
         return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS})
 
 

@@ -135,7 +135,7 @@ def gives_boluses(controller: object) -> bool:
 
 
 def uses_of(controller: object) -> frozenset[Need]:
-    """What a controller uses, of `component.effects.OF_CONTROLLERS`.
+    """Needs that a controller meets, of `component.effects.OF_CONTROLLERS`.
 
     A controller declares it by an attribute ``uses``, which a wrapper passes on; one that does not is taken to use
     everything.

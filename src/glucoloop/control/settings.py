@@ -317,7 +317,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
             self.habits()
 
     def uses(self) -> frozenset[Need]:
-        """What the controller uses; the time of day where meals are expected by it."""
+        """Needs that the controller meets; the time of day where meals are expected by it."""
         return super().uses() | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
 
     @property
