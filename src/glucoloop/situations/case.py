@@ -100,7 +100,7 @@ class Case(Part):
         return {**controller, **{key: value for key, value in found.items() if value not in (None, [])}}
 
     def uses(self) -> frozenset[Need]:
-        """What the controller uses, and its guard."""
+        """Needs that the controller meets, and its guard."""
         return self.controller.uses() | (frozenset() if self.guard is None else self.guard.uses())
 
     @property

@@ -108,7 +108,7 @@ class ControlledSituation(Situation):
         return self.cases[0]
 
     def uses(self) -> frozenset[Need]:
-        """What the situation and its controllers use: of several, what any of them does."""
+        """Needs that the situation and its controllers meet: of several, those that any of them does."""
         if "controller" in self.refused:
             return super().uses()
         by_controllers = frozenset[Need]().union(*(case.uses() for case in self.cases))
@@ -188,7 +188,7 @@ class FedSituation(DaySettings, ControlledSituation):
         return super().completed(usual, noisy=noisy)
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the situation, with its meals and its exercise where it has them."""
+        """Needs that the situation meets, with its meals and its exercise where it has them."""
         meals = {MEALS} if self.meals or self.habits or self.rescue is not None else set()
         exercise = {EXERCISE} if self.exercise else set()
         return super().uses() - {MEALS, EXERCISE} | meals | exercise
@@ -357,7 +357,7 @@ class Run(FedSituation):
         return super().completed({**of_days, **(usual or {})}, noisy=noisy)
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the run, and chance where something is drawn, as a noisy record of a model is."""
+        """Needs that the run meets, and chance where something is drawn, as a noisy record of a model is."""
         models = any(case.identified.noise_variance for case in self.cases) if "model" not in self.refused else False
         drawn = self.by_chance or models or any(CHANCE in case.uses() for case in self.cases)
         return super().uses() - {CHANCE} | frozenset({CHANCE} if drawn else ())

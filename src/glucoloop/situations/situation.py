@@ -61,7 +61,7 @@ _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
 ANNOUNCED: Final = (MEALS, ANNOUNCEMENTS)
-"""What everything about announced meals needs."""
+"""Needs of everything about announced meals."""
 AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.", needs=ANNOUNCED)]
 AnnounceBefore = Annotated[
     float,
@@ -267,7 +267,7 @@ class Situation(Part):
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
 
     def uses(self) -> frozenset[Need]:
-        """What the situation has or uses; a class that knows its meals, its controllers and its chance says less."""
+        """Needs that the situation meets; a class that knows its meals, its controllers and its chance says less."""
         clock = {TIME_OF_DAY} if self.rhythm else set()
         late = {DEAD_TIME} if self.dead_time_min else set()
         return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late

@@ -43,7 +43,7 @@ class GuardedTrial(Trial):
     guards: GuardsSetting = "both"
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the trial; by its guard, where there is one."""
+        """Needs that the trial meets; by its guard, where there is one."""
         guard = GuardSettings().uses() | {_GUARD} if self.guards != "without" else frozenset()
         return super().uses() | guard
 

@@ -76,7 +76,7 @@ class Adversary(GuardedTrial):
             raise Refusal(f"--error is {sizes}; give one largest error or more, each once")
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the search, whose errors are those of readings, some of them stuck."""
+        """Needs that the search meets, whose errors are those of readings, some of them stuck."""
         stuck = {_STUCK} if self.stuck_times else set()
         return super().uses() | {READINGS} | stuck
 

@@ -73,7 +73,7 @@ class BoundRequest(Run):
             raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
 
     def uses(self) -> frozenset[Need]:
-        """What is used for a bound, which knows readings by their noise and their dead time."""
+        """Needs that the bound meets, which knows readings by their noise and their dead time."""
         return super().uses() | frozenset({_SQUARES} if self.objective == "sse" else ())
 
     @property

@@ -112,7 +112,7 @@ class Detection(Trial):
         return {part_text(part.tree()): part for part in self.estimators}
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the trial, where estimators see readings and may know the time of day."""
+        """Needs that the trial meets, where estimators see readings and may know the time of day."""
         return super().uses() | {READINGS, TIME_OF_DAY}
 
     @property

@@ -80,7 +80,7 @@ class Hil(Run):
         self.disturbances.check(self.samples)
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the run, and on the link."""
+        """Needs that the run meets, and the link."""
         disturbed = any(getattr(self, name) for name in _DISTURBANCES)
         port = set() if self.emulated else {_SERIAL, _SILENCE}
         return super().uses() | port | ({CHANCE, _SILENCE} if disturbed else set())

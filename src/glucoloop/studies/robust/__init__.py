@@ -116,7 +116,7 @@ class Search(Trial):
         return with_ranges(found, ranges)
 
     def uses(self) -> frozenset[Need]:
-        """What is used in the trial, by the reference controllers too."""
+        """Needs that the trial meets, by the reference controllers too."""
         beside = (CONTROLLERS.find(name).partial({}).uses() for name in self.beside)
         return super().uses().union(*beside)
 
