@@ -21,6 +21,10 @@ from requests_read import asked
 NOTED = [
     (("run", "--announce-meals"), "--announce-meals has no effect: the controller mpc does not use announcements"),
     (("run", "--announce-meals", "--announce-before", "20"), "--announce-before has no effect: the controller mpc"),
+    (
+        ("run", "--announce-meals", "--announce-before", "20", "--controller", "meal-mpc"),
+        "--announce-before has no effect: the controller meal-mpc does not use announcements before a meal is eaten",
+    ),
     (("run", "--announce-meals", "--carb-error", "20"), "--carb-error has no effect: the controller mpc"),
     (("run", "--announce-meals", "--carb-bias", "20"), "--carb-bias has no effect: the controller mpc"),
     (("run", "--announce-meals", "--habit", "unannounced"), "The habit unannounced has no effect: the controller mpc"),

@@ -33,16 +33,17 @@ CHANCE: Final = Need("nothing is drawn at random")
 DEAD_TIME: Final = Need("readings have no dead time")
 READINGS: Final = Need("nothing uses readings", "readings", "no effect on insulin and glucose")
 ANNOUNCEMENTS: Final = Need("nothing uses announcements of meals", "announcements of meals")
+AHEAD: Final = Need("nothing doses before a meal is eaten", "announcements before a meal is eaten")
 TIME_OF_DAY: Final = Need("nothing goes by the time of day", "the time of day")
 PROFILE: Final = Need("nothing doses by the profile of a person", "the profile of a person")
 BOLUSES: Final = Need("no boluses are given", "boluses")
 INDIVIDUAL: Final = Need("no controller is designed", "anything of a person in its design")
-OF_CONTROLLERS: Final = frozenset({READINGS, ANNOUNCEMENTS, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL})
+OF_CONTROLLERS: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, BOLUSES, INDIVIDUAL})
 """Needs that controllers may meet, by what they use or give."""
 
 ONLY_READINGS: Final = frozenset({READINGS})
 """Needs that most controllers meet."""
-DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, PROFILE})
+DOSES_BY_PROFILE: Final = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, PROFILE})
 """Needs that controllers meet which dose by the profile of a person, with boluses for announced meals."""
 
 

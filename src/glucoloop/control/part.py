@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from glucoloop.component.code import loaded
 from glucoloop.component.effects import (
+    AHEAD,
     ANNOUNCEMENTS,
     BOLUSES,
     CHANCE,
@@ -54,7 +55,7 @@ class ControllerPart(Part):
     ``.3:.8:.05``; without it, the usual value alone."""
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
-    used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, TIME_OF_DAY, PROFILE, CHANCE})
+    used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, CHANCE})
     """Needs that it meets, by what it uses; one that does not say it is taken to use everything."""
     slow: ClassVar[bool] = False
     """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that

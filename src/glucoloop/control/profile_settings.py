@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from glucoloop.component.effects import ANNOUNCEMENTS, DOSES_BY_PROFILE, Need
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, DOSES_BY_PROFILE, Need
 from glucoloop.component.setting import About
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.settings import SensorLag
@@ -148,7 +148,7 @@ class PIDIFBSettings(_ByProfile, name="pid-ifb"):
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets; announcements where meals have a bolus."""
-        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS})
+        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
 
 
 class LoopLikeSettings(_ByProfile, name="loop-like"):

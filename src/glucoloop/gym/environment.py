@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from glucoloop._extras import needed_for
 from glucoloop.component.effects import (
+    AHEAD,
     ANNOUNCEMENTS,
     BOLUSES,
     OF_CONTROLLERS,
@@ -64,7 +65,7 @@ class _Situation:
         self.people = DosedPeople(settings, number, threads)
         self._is_seeded = "seed" in settings
         trial = self.people.trial
-        agent = {ANNOUNCEMENTS, TIME_OF_DAY, *([] if truth else [READINGS])}
+        agent = {ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, *([] if truth else [READINGS])}
         agent |= {BOLUSES} if self.people.gives_bolus else set()
         agent |= trial.guard.uses() if trial.guard is not None else set()
         warn_without_effect(without_effect(trial, uses=trial.uses() - OF_CONTROLLERS | agent), stacklevel=3)

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.component.effects import (
+    AHEAD,
     ANNOUNCEMENTS,
     CHANCE,
     DEAD_TIME,
@@ -70,7 +71,7 @@ AnnounceBefore = Annotated[
         at_least=0.0,
         at_most=LONGEST_AHEAD_MIN,
         rare=True,
-        needs=ANNOUNCED,
+        needs=(*ANNOUNCED, AHEAD),
     ),
 ]
 CarbError = Annotated[
