@@ -82,7 +82,7 @@ class ControllerPart(Part):
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
 
     def uses(self) -> frozenset[Need]:
-        """Needs that a controller with these settings meets; with boluses and a design for each person, if it has them."""
+        """Needs that a controller with these settings meets; boluses and a design for each person are two of them."""
         boluses = frozenset({BOLUSES}) if self.gives_boluses else frozenset()
         return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 
