@@ -35,7 +35,7 @@ class EpisodePicture:
             self._show(infos)
             return None
         figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         _draw(figure, infos)
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
