@@ -1,5 +1,7 @@
 """JAX's transformations through the loop: gradients against finite differences, jit and vmap against plain calls."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -96,7 +98,7 @@ def test_a_controller_may_hold_functions(patient_81):
 class Bergman(gl.patients.OdePatient):
     """The minimal model with a constant infusion."""
 
-    nominal = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "basal_glucose": 150.0}
+    nominal: ClassVar = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "basal_glucose": 150.0}
     near_rest = (90.0, 0.015, 25.0)
     near_basal_mU_min = 27.0
 

@@ -133,7 +133,8 @@ class AdaptiveGutPlant:
 def _body_rates(t: jax.Array, x: jax.Array, known: tuple[AdaptivePlant, Any]) -> jax.Array:
     plant, (insulin_mU_min, held) = known
     inputs = held.inputs(insulin_mU_min, appearance_mg_min(t, plant.absorption))
-    return held.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
+    rates: jax.Array = held.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
+    return rates
 
 
 def _gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
