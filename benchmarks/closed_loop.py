@@ -128,8 +128,8 @@ def warm() -> dict[str, float]:
     from glucoloop.sensors import IdealSensor
     from glucoloop.simulation import Exponential, closed_loop, simulate
     from glucoloop.simulation.loop import Loop
-    from glucoloop.simulation.parts import apart
     from glucoloop.simulation.plant import SampleGrid
+    from glucoloop.simulation.user_objects import apart
 
     person, controller, scenario = prepare()
     grid, integrator, pump = SampleGrid(sample_time_min=5.0, samples=288), Exponential(), LimitedPump()

@@ -24,10 +24,10 @@ from ceiling import asked_for, ceilings, most_gflops
 from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.simulation import Adaptive, cohort, driven_block
 from glucoloop.simulation.cohort import People

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop.build.designs import controller_of
 from glucoloop.estimation.unknown_meal.replay import replay
-from glucoloop.experiments.designs import controller_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import correlated_noise, white_noise
 from glucoloop.sensors.settings import WhiteNoiseSettings

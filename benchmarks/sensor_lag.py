@@ -12,7 +12,7 @@ import dataclasses
 import jax
 import numpy as np
 
-from glucoloop.experiments.designs import controller_of
+from glucoloop.build.designs import controller_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.sensors import lag, white_noise
 from glucoloop.sensors.settings import WhiteNoiseSettings

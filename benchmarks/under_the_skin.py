@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.profile import Profile, given_profile
 from glucoloop.situations.situation import configured
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
 
 DAYS = 3

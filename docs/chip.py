@@ -24,8 +24,8 @@ from pathlib import Path
 
 import jax
 
-from glucoloop.cli.compiled import keep_compiled
 from glucoloop.cli.exported import Made
+from glucoloop.cli.jax_cache import keep_compiled
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.firmware.analysis import bounds_proved, change_proved, misra
 from glucoloop.firmware.chips import CHIPS

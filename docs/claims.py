@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "validation"))
 import numpy as np
 
 import glucoloop
-from glucoloop.cli.compiled import keep_compiled
+from glucoloop.cli.jax_cache import keep_compiled
 from meal_aware.claims import judged, spread
 from meal_aware.loops import bound_of, close_loops
 from meal_aware.measures import Runs

@@ -1,4 +1,4 @@
-"""Sphinx configuration. Build with: python3 dev.py long, or sphinx-build -W docs docs/_build/html."""
+"""Sphinx configuration. Build with: python3 dev long, or sphinx-build -W docs docs/_build/html."""
 
 import os
 import sys

@@ -19,8 +19,8 @@ from glucoloop.control import Controller, design_linear_mpc, design_mpc_se
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.control.tuning import PARKER_1999
 from glucoloop.metrics import summarise
-from glucoloop.papers.parker1999.experiments import NOISE_VARIANCE, SAMPLE_TIME_MIN
 from glucoloop.patients import patient
+from glucoloop.reproduction.parker1999.experiments import NOISE_VARIANCE, SAMPLE_TIME_MIN
 from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation import identify, linear_model, simulate
 

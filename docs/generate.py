@@ -23,15 +23,15 @@ import glucoloop
 from glucoloop import units
 from glucoloop.cli import app
 from glucoloop.cli.option import CommandOption
+from glucoloop.component.setting import Default, value_text
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.faults import FAULTS, TIMING
 from glucoloop.firmware.safety import SafetyFile
 from glucoloop.lab import pack
 from glucoloop.metrics.readings import MEASURES
 from glucoloop.metrics.settings import METRICS
-from glucoloop.papers.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
-from glucoloop.parts.setting import Default, value_text
 from glucoloop.patients.settings import PATIENTS
+from glucoloop.reproduction.parker1999.comparison import DEVIATIONS, ENTRIES, INTERPRETATIONS
 from glucoloop.situations.option import PANELS
 from glucoloop.studies.catalogue import STUDIES
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glucoloop.experiments.titration import Titration
+from glucoloop.build.titration import Titration
 from glucoloop.patients import patient, population, virtual_people
 
 PEOPLE = {"hovorka-2004": "boiroux2017", "wilinska-2010": "wilinska2010"}

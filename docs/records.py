@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from made import made
 
+from glucoloop.build.designs import controller_of, identified_model
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of, identified_model
 from glucoloop.situations.situation import configured
 from meal_aware.situations import SITUATIONS
 

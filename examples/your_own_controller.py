@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
+from glucoloop.component import About
 from glucoloop.control import ControllerPart, Decision, Observation, Status
 from glucoloop.control.design_case import DesignCase
-from glucoloop.parts import About
 
 
 @jax.tree_util.register_static

@@ -6,9 +6,9 @@ glucoloop detect --estimator moving-horizon --estimator your_own_estimator:Juice
 
 from typing import Annotated, ClassVar
 
+from glucoloop.component import About
 from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorPart, MealHabits, MealHorizon, design_meal_horizon
 from glucoloop.models.nonlinear import FedModel
-from glucoloop.parts import About
 
 
 class Juice(EstimatorPart):

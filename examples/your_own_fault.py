@@ -15,10 +15,10 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
+from glucoloop.component import About
 from glucoloop.control import internal_model_tuning
 from glucoloop.episodes import Episodes, always
 from glucoloop.faults import Timed
-from glucoloop.parts import About
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.sensors.faults.wrapping import AlteredReadings
 

@@ -5,8 +5,8 @@ glucoloop run --meal-model 'your_own_meal_model:AfterFat, fat_g=30'
 
 from typing import Annotated, ClassVar
 
+from glucoloop.component import About
 from glucoloop.meals import HovorkaGut, MealModelPart
-from glucoloop.parts import About
 
 MIN_PER_G_OF_FAT = 0.7
 """Assumed here, to show how a meal model is made; no study is behind it."""

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 
 import glucoloop as gl
+from glucoloop.component import About
 from glucoloop.control import internal_model_tuning
 from glucoloop.metrics import Course, Ended, Metric, MetricPart, Result
-from glucoloop.parts import About
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import jax
 import numpy as np
 
 import glucoloop as gl
+from glucoloop.component import About
 from glucoloop.control import internal_model_tuning
-from glucoloop.parts import About
 from glucoloop.pumps import Delivery, Pump, PumpPart
 from glucoloop.pumps.protocol import deliver
 

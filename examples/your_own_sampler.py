@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from scipy.stats import qmc
 
-from glucoloop.parts import Tuned
+from glucoloop.component import Tuned
 from glucoloop.tuning import SamplerPart
 
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import glucoloop as gl
+from glucoloop.component import About
 from glucoloop.control import internal_model_tuning
-from glucoloop.parts import About
 from glucoloop.sensors import Reading, SensorPart
 
 

@@ -14,7 +14,7 @@ import glucoloop as gl
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, on_host, random_key
 from glucoloop.control import Decision, Observation, design_open_loop, design_pid
 from glucoloop.sensors import IdealSensor
-from glucoloop.simulation.parts import apart, sample_time_of, wrong_with
+from glucoloop.simulation.user_objects import apart, sample_time_of, wrong_with
 
 PID = design_pid(gl.PIDTuning(0.5, 150.0))
 NUMBERS = st.sampled_from([float, np.float64, np.float32, np.asarray, jnp.asarray, fractions.Fraction])

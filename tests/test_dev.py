@@ -17,14 +17,14 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="interpreters ar
 @pytest.fixture(scope="module")
 def dev():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(ROOT)
-        yield importlib.import_module("dev")
+        patch.syspath_prepend(ROOT / "dev")
+        yield importlib.import_module("commands")
 
 
 @pytest.fixture(scope="module")
 def environments(dev):
     """The module of Pythons and environments, whose parts `dev` uses."""
-    return sys.modules["dev_environment"]
+    return sys.modules["environment"]
 
 
 def interpreter(path, answer, code=0):

@@ -1,6 +1,7 @@
 """What glucoloop does without the packages that only an extra installs."""
 
 import ast
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -44,6 +45,47 @@ def test_sql_says_what_it_lacks(monkeypatch):
     monkeypatch.delitem(sys.modules, "glucoloop.storage.trials.query", raising=False)
     with pytest.raises(MissingExtraError, match="SQL needs duckdb"):
         __import__("glucoloop.storage.trials.query")
+
+
+LISTINGS = """
+import importlib, inspect, pkgutil, pydoc, sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == sys.argv[1]:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+sys.modules[sys.argv[1]] = None
+import glucoloop
+from glucoloop._extras import MissingExtraError
+
+inspect.getmembers(glucoloop), pydoc.render_doc(glucoloop), exec("from glucoloop import *")
+for found in pkgutil.walk_packages(glucoloop.__path__, "glucoloop.", onerror=lambda name: None):
+    if not found.ispkg:
+        continue
+    try:
+        module = importlib.import_module(found.name)
+    except MissingExtraError:  # the module is of the extra, and no listing of another has it
+        continue
+    inspect.getmembers(module), pydoc.render_doc(module), exec(f"from {found.name} import *")
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("package", EXTRAS)
+def test_listings_do_without_what_is_not_installed(package):
+    subprocess.run([sys.executable, "-W", "error", "-c", LISTINGS, package], check=True)
+
+
+def test_what_is_not_installed_is_named_by_whoever_asks_for_it():
+    code = (
+        "import sys; sys.modules['gymnasium'] = None; import glucoloop as gl; "
+        "assert 'gym' not in {*dir(gl), *gl.__all__}"
+        "\ntry: gl.gym\nexcept gl.Refusal as error: print(error)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert told.strip().endswith("pip install 'glucoloop[gym]'")
 
 
 def guarded(tree):

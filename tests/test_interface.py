@@ -53,7 +53,7 @@ def test_importing_glucoloop_imports_no_layer():
 def test_packages_with_settings_import_no_numerical_library():
     code = (
         f"import sys, importlib; [importlib.import_module(name) for name in {LAZY}]; "
-        "from glucoloop.parts.catalogue import catalogues; catalogues(); "
+        "from glucoloop.component.catalogue import catalogues; catalogues(); "
         "assert not {'jax', 'numpy', 'scipy'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

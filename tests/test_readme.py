@@ -10,7 +10,7 @@ import pytest
 from device_files import clarity
 from glucoloop.cli import app
 from glucoloop.cli.request import request_of
-from glucoloop.parts.code import loaded
+from glucoloop.component.code import loaded
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
 from glucoloop.studies.catalogue import STUDIES
@@ -24,7 +24,7 @@ FOUND = [*ROOT.glob("docs/*.md"), *ROOT.glob("docs/[!_]*/**/*.md")]
 PAGES = [README, *sorted(page for page in FOUND if WRITTEN not in page.parents)]
 FENCE = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```$", re.M | re.S)
 REQUESTS = {name: loaded(entry.place).request for name, entry in STUDIES.items()}
-COMMAND = re.compile(r"(?:python3 dev\.py run|(?:\.venv/bin/)?glucoloop)(?: |$)")
+COMMAND = re.compile(r"(?:python3 dev run|(?:\.venv/bin/)?glucoloop)(?: |$)")
 
 
 def blocks(page, *languages):
@@ -38,7 +38,7 @@ def commands(page):
     lines = [line.strip() for block in joined for line in block.splitlines()]
     spans = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
     found = [line for line in [*lines, *spans] if COMMAND.match(line)]
-    return [line.replace("python3 dev.py run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
+    return [line.replace("python3 dev run", "glucoloop run").removeprefix(".venv/bin/") for line in found]
 
 
 def written():
@@ -142,5 +142,5 @@ def test_the_layers_of_contributing_are_those_that_are_checked():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contract = settings["tool"]["importlinter"]["contracts"][0]
     checked = [re.findall(r"\((?!_)(\w+)\)", layer) for layer in contract["layers"]]
-    [told] = [block for block in blocks(ROOT / "CONTRIBUTING.md", "") if "cli > papers" in block]
+    [told] = [block for block in blocks(ROOT / "CONTRIBUTING.md", "") if "cli > reproduction" in block]
     assert [layer.split(", ") for layer in re.split(r"\s*>\s*", told.strip())] == [layer for layer in checked if layer]

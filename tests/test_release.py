@@ -32,8 +32,8 @@ CHECKS = '#!/bin/sh\necho "checked in $PWD"\nexit 0\n'
 @pytest.fixture(scope="module")
 def dev_release():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(ROOT)
-        yield importlib.import_module("dev_release")
+        patch.syspath_prepend(ROOT / "dev")
+        yield importlib.import_module("release")
 
 
 class Project:
@@ -175,10 +175,10 @@ def test_a_log_that_does_not_say_green_is_refused(project, capsys, text, told):
 
 
 def test_the_words_of_the_command(dev_release, capsys):
-    assert dev_release.asked(["v1.2.0"]) == ("v1.2.0", None)
-    assert dev_release.asked(["v1.2.0", "--ran", "a.log"]) == ("v1.2.0", Path("a.log"))
-    assert dev_release.asked(["--ran", "a.log", "v1.2.0"]) == ("v1.2.0", Path("a.log"))
+    assert dev_release.release_arguments(["v1.2.0"]) == ("v1.2.0", None)
+    assert dev_release.release_arguments(["v1.2.0", "--ran", "a.log"]) == ("v1.2.0", Path("a.log"))
+    assert dev_release.release_arguments(["--ran", "a.log", "v1.2.0"]) == ("v1.2.0", Path("a.log"))
     for words in ([], ["--ran", "a.log"], ["v1", "v2"], ["--all"]):
         with pytest.raises(SystemExit, match="2"):
-            dev_release.asked(words)
+            dev_release.release_arguments(words)
         assert "release takes a tag" in capsys.readouterr().err

@@ -6,15 +6,16 @@ A fault joins every command, the stress test and the random faults of ``glucoloo
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About, Setting
-from glucoloop.plausible import GLUCOSE_BOUND, RATE_STEP
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About, Setting
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import GLUCOSE_BOUND, RATE_STEP
 
 START: Final = "start_min"
 LATEST: Final = "latest_min"
@@ -273,6 +274,24 @@ class UnheardSettings(Timed, name="unheard"):
     part: ClassVar = "pump"
 
 
+_Part = functools.partial(About, at_least=0.0, at_most=10.0)
+
+
+class MisreportedSettings(Timed, name="misreported"):
+    """The pump gives what it is asked for and reports a part of it, a multiple, or the dose of the sample before."""
+
+    make: ClassVar = f"{_PUMPS}:misreported"
+    part: ClassVar = "pump"
+    rate_part: Annotated[float, _Part("Part of the basal rate that is reported; 2 for twice as much.")] = 0.0
+    bolus_part: Annotated[float, _Part("Part of a bolus that is reported; 2 for twice as much.")] = 0.0
+    late_samples: Annotated[int, About("Samples by which the report is late, 0 or 1.", at_least=0, at_most=1)] = 0
+    drawn: ClassVar = {
+        "rate_part": lambda even: (even(0.0, 1.0) >= 0.3) * even(0.0, 2.0, 1),
+        "bolus_part": lambda even: (even(0.0, 1.0, 2) >= 0.3) * even(0.0, 2.0, 3),
+        "late_samples": lambda even: even(0.0, 2.0, 4) // 1.0,
+    }
+
+
 FAULTS: Final = Catalogue(
     FaultPart,
     (
@@ -293,6 +312,7 @@ FAULTS: Final = Catalogue(
         MissedPulsesSettings,
         OcclusionSettings,
         UnheardSettings,
+        MisreportedSettings,
     ),
     example="missing, start_min=120, duration_min=30",
 )

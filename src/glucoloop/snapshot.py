@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
-from typing import Any, Final, TypeVar
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import Bounds, checked, json_value
 
 T = TypeVar("T")
 
 _MAGIC: Final = b"glucoloop snapshot "
 _VERSION: Final = 1
 _DIGEST_BYTES: Final = 32
+_Shape = list[Annotated[int, Bounds(at_least=0, at_most=10**12)]]
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Owner of a snapshot, and type and shape of each array."""
+
+    of: str
+    arrays: list[Annotated[list[Any], Bounds(shortest=2, longest=2)]]
 
 
 def pack(state: Any, of: str = "") -> bytes:
@@ -62,23 +74,30 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
     if hashlib.sha256(body).digest() != digest:
         raise Refusal("the snapshot is damaged: its digest is not that of its content; take an earlier one")
     line, _, _ = rest.partition(b"\n")
-    header = json.loads(line)
-    if header["of"] != of:
+    start = len(_MAGIC) + len(version) + len(line) + 2
+    try:
+        header = checked(_Header, json_value(line))
+        arrays = [(pair[0], checked(_Shape, pair[-1], "a shape")) for pair in header.arrays]
+    except Refusal as error:
+        raise Refusal(f"the snapshot is damaged: {error}; take an earlier one") from None
+    if header.of != of:
         raise Refusal(
             "the snapshot was taken elsewhere: its patient, sensor, pump, controller or one of their settings differs; "
             "restore it where it was saved"
         )
     leaves, structure = jax.tree.flatten(like)
     kinds = [(_plain(leaf).dtype.str, _plain(leaf).ndim) for leaf in leaves]
-    if kinds != [(dtype, len(shape)) for dtype, shape in header["arrays"]]:
+    if kinds != [(dtype, len(shape)) for dtype, shape in arrays]:
         raise Refusal("the snapshot holds a state of another kind; restore it where it was saved")
-    start, arrays = len(_MAGIC) + len(version) + len(line) + 2, []
-    for (dtype, shape), leaf in zip(header["arrays"], leaves, strict=True):
-        count = int(np.prod(shape, dtype=int))
-        array = np.frombuffer(body, np.dtype(dtype), count, start).reshape(shape)
-        start += array.nbytes
-        arrays.append(jax.random.wrap_key_data(jnp.asarray(array)) if _is_key(leaf) else jnp.asarray(array))
-    state: T = jax.tree.unflatten(structure, arrays)
+    sizes = [math.prod(shape) * np.dtype(dtype).itemsize for dtype, shape in arrays]
+    if start + sum(sizes) != len(body):
+        raise Refusal("the snapshot is damaged: its arrays are not as long as it says; take an earlier one")
+    state_arrays = []
+    for (dtype, shape), size, leaf in zip(arrays, sizes, leaves, strict=True):
+        array = np.frombuffer(body[start : start + size], np.dtype(dtype)).reshape(shape)
+        start += size
+        state_arrays.append(jax.random.wrap_key_data(jnp.asarray(array)) if _is_key(leaf) else jnp.asarray(array))
+    state: T = jax.tree.unflatten(structure, state_arrays)
     return state
 
 

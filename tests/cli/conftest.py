@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.parts.code import entry_points, found
+from glucoloop.component.code import entry_points, found
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -7,10 +7,10 @@ from typing import Annotated
 import polars as pl
 import pytest
 
+from glucoloop.component.code import found
+from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.part import ControllerPart
-from glucoloop.parts.code import found
-from glucoloop.parts.setting import About
 from glucoloop.situations.toml import toml_text
 from requests_read import asked
 

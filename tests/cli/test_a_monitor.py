@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.experiments.surroundings import record_sensor
+from glucoloop.build.surroundings import record_sensor
 from glucoloop.sensors.delay import Lag
 from glucoloop.situations.situation import Situation, configured
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glucoloop.parts.code import entry_points
-from glucoloop.parts.routes import PUMP_OF_1999
+from glucoloop.component.code import entry_points
+from glucoloop.component.routes import PUMP_OF_1999
 from glucoloop.patients import patient, population, virtual_people
 from glucoloop.patients.settings import PATIENTS
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import pump_of
 from glucoloop.cohorts.trial import Trial, fingerprint
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import pump_of
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.situations.run import Run

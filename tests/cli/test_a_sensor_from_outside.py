@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.build.surroundings import sensor_of
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.trial import Trial, fingerprint
-from glucoloop.experiments.surroundings import sensor_of
 from glucoloop.sensors import IdealSensor, dead_time, white_noise
 from glucoloop.sensors.protocol import site_of
 from glucoloop.sensors.settings import SENSORS

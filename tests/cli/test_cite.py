@@ -2,7 +2,7 @@
 
 import pytest
 
-from glucoloop.parts.catalogue import catalogues
+from glucoloop.component.catalogue import catalogues
 
 
 def keys(answer):

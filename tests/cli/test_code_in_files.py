@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from glucoloop.parts.code import found
+from glucoloop.component.code import found
 
 EVIL = """
 from pathlib import Path

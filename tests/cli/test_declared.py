@@ -12,9 +12,9 @@ import polars as pl
 import pytest
 
 from glucoloop.cli import app
-from glucoloop.cli.declared import study_options
+from glucoloop.cli.study_command import study_options
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.part import Part
+from glucoloop.component.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
 from glucoloop.storage.findings import Findings
@@ -47,7 +47,7 @@ FILES = ("squares.csv", "page.html")
 WRITTEN = (*FILES, "tables.tex")
 SEARCH = SearchStudy(
     name="squares", what="a search for squares", help="Squares.", module="a_study", request=Asked,
-    extent=("steps",), files=FILES, summary="squares.json",
+    extent=("steps",), results="rows.parquet", files=FILES, summary="squares.json",
 )  # fmt: skip
 PLAIN = PlainStudy(
     name="squares", what="squares", help="Squares.", module="a_study", request=Asked, unit="squares",
@@ -68,7 +68,7 @@ class Squares(types.ModuleType):
 
     def rows(self, asked):
         return Rows(
-            file="rows.parquet", what="squares", wanted=asked.steps, most=1000, schema={"square": pl.Int64},
+            file=SEARCH.results, what="squares", wanted=asked.steps, most=1000, schema={"square": pl.Int64},
             cells=lambda square: {"square": square}, row=lambda cells, before: cells["square"],
         )  # fmt: skip
 

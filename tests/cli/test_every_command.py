@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from glucoloop.cli.app import command_of, names
 from glucoloop.cli.option import SET
 from glucoloop.cli.request import request_of
-from glucoloop.parts.setting import Setting
+from glucoloop.component.setting import Setting
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for, read_root
 from glucoloop.situations.run import Run

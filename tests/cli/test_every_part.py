@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.parts.catalogue import catalogues
-from glucoloop.parts.grammar import part_text
-from glucoloop.parts.listing import described, listing
+from glucoloop.component.catalogue import catalogues
+from glucoloop.component.grammar import part_text
+from glucoloop.component.listing import described, listing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.toml import read_toml, toml_text
 

@@ -80,7 +80,7 @@ def test_a_setting_of_one_of_several_controllers_is_named_by_its_label(read, com
     assert found.cases[0].controller.move_weight == 3.0
     assert found.cases[1].controller.closed_loop_min == 90.0
     with pytest.raises(
-        ValueError, match=r"the settings name no controller, and there are several \(a, b\); write --set"
+        ValueError, match=r"the settings name no controller, and there are several \(a, b\); name one, or write --set"
     ):
         read(command, "--controller", "move_weight=3", cases=TWO)
     with pytest.raises(ValueError, match=r"^--set controller.c.move_weight: .* no 'c'; the known ones are: a, b"):

@@ -8,10 +8,11 @@ import sys
 from concurrent.futures import CancelledError
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from glucoloop.cli import main
-from glucoloop.cli.mistakes import BUG
+from glucoloop.cli.errors import BUG
 from glucoloop.situations import run as situation
 from glucoloop.storage.findings import Findings
 
@@ -69,9 +70,9 @@ MISTAKES = {
     "run --dead-time -5": ["--dead-time is -5 min; give a number from 0 to 1440 min"],
     "run --duration 0": ["--duration is 0", "above 0"],
     "run --duration inf": ["--duration is inf", "above 0 min and up to 527040 min"],
-    "run --duration 603": ["603 min", "or --duration 605"],
-    "run --sample-time 7.3": ["600 min", "7.3 min", "give --sample-time 7.5 or --duration 598.6"],
-    "bound --in-advance --sample-time 7": ["give --sample-time 7.5 or --duration 602"],
+    "run --duration 603": ["603 min", "or give --duration 605"],
+    "run --sample-time 7.3": ["600 min", "7.3 min", "give --sample-time 7.5, or give --duration 598.6"],
+    "bound --in-advance --sample-time 7": ["give --sample-time 7.5, or give --duration 602"],
     "trial --out a --days 2 --sample-time 7": ["2880 min", "give --sample-time 7.2."],
     "detect --out a --sample-time 7": ["1440 min", "give --sample-time 7.2"],
     "run --sample-time 0": ["--sample-time is 0 min", "from 0.1 to 120 min"],
@@ -154,7 +155,7 @@ CONFIGURATIONS = {
     b"controller = {prediction_horizon = '8'}": "a.toml: prediction_horizon is '8'; give a whole number",
     b"controller = {name = 'pid', gain = true}": "a.toml: pid: gain is True; give a finite number",
     b"controller = 'mpc, prediction_horizon=x'": "a.toml: mpc: prediction_horizon is 'x'; give a whole number",
-    b"sample_time_min = 7": "give --sample-time 7.5 or --duration 602",
+    b"sample_time_min = 7": "give --sample-time 7.5, or give --duration 602",
     b"zzqqx = 3": "known ones is like it; --help of the command has each",
     b"pump = {insulin_upper = 3}": "the pump limited has no setting 'insulin_upper'; the known ones are: max_change",
     b"duration_min = '10x'": "a.toml: duration_min is '10x'",
@@ -202,7 +203,7 @@ def model_text(tmp_path_factory):
 
 
 MODELS = {
-    "version": (9, "format version is 9"),
+    "version": (9, "version is 9; it should be 1"),
     "format": ("other", "format is 'other'"),
     "sample_time_min": ("5", "sample_time_min is '5'"),
     "step_response": ([0.0] * 36, "running sum"),
@@ -256,7 +257,7 @@ def test_model_for_another_sample_time_is_refused(refused, tmp_path, model_text)
     (tmp_path / "m.json").write_text(json.dumps({**json.loads(model_text), "sample_time_min": 10.0}))
     assert refused("run", "--model", "m.json") == (
         "the model was identified for 10-min samples, the run uses 5 min; "
-        "identify again with --sample-time 5 or run with --sample-time 10."
+        "identify again with `glucoloop identify --sample-time 5`, or run with --sample-time 10."
     )
 
 
@@ -265,7 +266,7 @@ def test_model_that_holds_another_dead_time_is_refused(refused, tmp_path, model_
     model["provenance"]["dead_time_min"] = 15.0
     (tmp_path / "m.json").write_text(json.dumps(model))
     told = refused("run", "--model", "m.json", "--dead-time", 10, "--controller", "known_dead_time=true")
-    assert "run with --dead-time 15 or without known_dead_time" in told
+    assert "run with --dead-time 15, run without known_dead_time" in told
 
 
 RECORDS = {
@@ -386,6 +387,18 @@ REFUSED_BY_THE_MACHINE = {
         raising(RuntimeError("RESOURCE_EXHAUSTED: Out of memory")),
         "there is not enough memory for this",
     ),
+    "memory of XLA as it computes": (
+        raising(RuntimeError("INTERNAL: Error dispatching computation: Out of memory allocating 30257971200 bytes.")),
+        "there is not enough memory for this",
+    ),
+    "memory of the system": (
+        raising(OSError(errno.ENOMEM, "Cannot allocate memory")),
+        "there is not enough memory for this",
+    ),
+    "memory of Polars": (
+        raising(pl.exceptions.ComputeError("out of memory")),
+        "there is not enough memory for this",
+    ),
     "platform": (
         raising(RuntimeError("Unable to initialize backend 'foo': Backend 'foo' is not in the list")),
         "JAX cannot start: Unable to initialize backend 'foo'",
@@ -454,7 +467,7 @@ def test_model_that_is_nested_deeply_is_refused(refused, tmp_path, model_text, d
     text = json.dumps(model).replace('"here"', begin * depth + "1" + end * depth)
     (tmp_path / "m.json").write_text(text)
     told = refused("run", "--model", "m.json")
-    assert "nested more than 10 times" in told or "recursion limit exceeded" in told
+    assert "nested more than 10 times" in told or "nested too deeply" in told
 
 
 @pytest.mark.long
@@ -493,7 +506,7 @@ def test_bug_keeps_its_traceback(monkeypatch):
 def test_bug_within_the_package_is_no_mistake_of_the_user(monkeypatch):
     made: dict = {}
     exec(compile("def bug(*_, **__):\n    return float('abc')\n", situation.__file__, "exec"), made)
-    monkeypatch.setattr("glucoloop.cli.declared.read_root", made["bug"])
+    monkeypatch.setattr("glucoloop.cli.study_command.read_root", made["bug"])
     with pytest.raises(ValueError, match="could not convert") as raised:
         main(["run"])
     assert raised.value.__notes__ == [BUG]

@@ -10,7 +10,7 @@ import pytest
 
 import glucoloop
 
-HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.experiments")
+HEAVY = ("jax", "numpy", "scipy", "polars", "matplotlib", "glucoloop.build")
 
 
 def shell(*arguments, folder, cache):

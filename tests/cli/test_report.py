@@ -151,7 +151,8 @@ def test_a_folder_is_a_group_whose_people_may_have_the_names_of_files(glucoloop,
     assert answer.json["not_read"] == [
         {
             "label": "Person 2",
-            "why": "it is a Parquet file, but no whole record that glucoloop wrote; read the first file again",
+            "why": "it is a Parquet file, but no whole record that glucoloop wrote: "
+            "it is not a Parquet file; read the first file again",
         }
     ]
     assert [(one["label"], one["people"], one["sufficient"]) for one in answer.json["groups"]] == [("People", 2, 0)]
@@ -187,7 +188,7 @@ def test_a_file_that_was_written_repeats_the_report(glucoloop, record):
         (("a.csv", "--label", "x", "--label", "y"), "--label is given 2 times for 1 file; give one for each"),
         (("a.csv", "--goals", "young"), "--goals is 'young'"),
         (("empty.csv",), "readings"),
-        (("trial",), "trial holds no course of glucose; run the trial with --traces"),
+        (("trial",), "trial holds no course of glucose; run it by `glucoloop trial --traces`"),
         (("damaged",), "damaged/a.csv: it is not text; give the file as it was exported, unzipped (and 1 more)"),
         (("a.csv", "--label", "x", "--file-names"), "--label and --file-names both name the records"),
         (("folder",), "folder is empty; give a folder with a file for each person"),
@@ -225,7 +226,7 @@ def test_each_traced_person_of_a_trial_is_a_record(glucoloop, tmp_path):
 def test_a_damaged_folder_is_refused(refused, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "glucose_1min.parquet").write_bytes(b"PAR1 and nothing more")
-    assert "run is damaged" in refused("report", "run")
+    assert "run/glucose_1min.parquet is damaged" in refused("report", "run")
 
 
 def test_a_simulated_course_is_reported_from_its_folder(glucoloop, tmp_path):

@@ -128,7 +128,7 @@ def test_page_shows_the_worst_people_as_they_are_in_the_tables(glucoloop, tmp_pa
 
 
 def test_help_of_trials_imports_nothing_heavy():
-    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.experiments")
+    heavy = ("jax", "numpy", "polars", "duckdb", "distributed", "llvmlite", "matplotlib", "glucoloop.build")
     for command in ("trial", "query"):
         code = (
             "import sys\n"
@@ -323,6 +323,9 @@ def test_questions(glucoloop, refused, monkeypatch):
     assert many.err == "The first 1000 rows; --csv prints all.\n"
     assert "999" in many.out
     assert "1000" not in many.out
+    text = glucoloop("query", "a", "select repeat('a', 20000) || chr(27) as x, chr(27) as y")
+    assert text.err == "The first 10000 letters of a longer text; --csv prints it whole.\n"
+    assert "\x1b" not in text.out
     wide = glucoloop("query", "a", "select * from people order by person, controller")
     assert "columns are left out on the right" in wide.out
     assert "…" not in wide.out

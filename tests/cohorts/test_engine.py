@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import pump_of, sensor_of
 from glucoloop.cohorts import blocks
 from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import pump_of, sensor_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise

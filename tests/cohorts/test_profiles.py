@@ -16,9 +16,9 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.control import design_basal_bolus
 from glucoloop.control.protocol import Decision, Status
 from glucoloop.meals import Meal, Scenario
-from glucoloop.profile import Profile
 from glucoloop.situations.situation import configured
 from glucoloop.storage.trials.shard import compute_shard, read_people
+from glucoloop.therapy import Profile
 
 KEYS = {
     "patient": "hovorka-2004",

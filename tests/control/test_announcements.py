@@ -16,7 +16,7 @@ from glucoloop.control.guard import guarded
 from glucoloop.control.pace import paced
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.control.wire import observation
-from glucoloop.profile import Profile
+from glucoloop.therapy import Profile
 
 PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=110.0, carb_ratio_g_U=10.0, correction_mg_dl_U=40.0)
 

@@ -5,12 +5,12 @@ from typing import ClassVar
 import pytest
 
 import glucoloop as gl
+from glucoloop.build.designs import SituationDesignCase
+from glucoloop.component.setting import Default
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
-from glucoloop.experiments.designs import SituationDesignCase
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.setting import Default
 from glucoloop.patients.settings import USUAL_PATIENT, OperatingPoint, PatientPart
 from glucoloop.pumps import PARKER_1999_LIMITS
 

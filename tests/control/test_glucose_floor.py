@@ -16,8 +16,8 @@ from glucoloop.control import (
 from glucoloop.control.linear_mpc import linear_mpc_of_people
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.optimize import minimise_moves_above_floor, soft_floor
 from glucoloop.pumps import PARKER_1999_LIMITS
+from glucoloop.qp import minimise_moves_above_floor, soft_floor
 from glucoloop.simulation import nonlinear_model
 from glucoloop.tuning.search import padded
 from observing import observing

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, GuardSettings, guarded
 from glucoloop.pumps import DoseLimits
-from guarding import BASAL, SETPOINT, observe
+from guarding import BASAL, SETPOINT, largest_hour, largest_on_board, observe
 
 SAMPLE_TIMES_MIN = (0.1, 0.7, 1.0, 3.0, 5.0, 7.0, 11.0, 15.0, 25.0, 29.9, 40.0, 45.0, 59.0, 60.0, 61.0, 90.0, 120.0)
 USUAL, SKIN = GuardSettings(), GuardSettings.for_route("subcutaneous")
@@ -67,37 +67,6 @@ def damaged(state, word, value):
         new.append(jnp.where(word == number, value.astype(leaf.dtype), leaf))
         first += leaf.size
     return jax.tree.unflatten(structure, new)
-
-
-def largest_hour(rates, boluses, every):
-    """Largest insulin in any window of 60 min [basal hours]: windows that begin or end anywhere, by brute force.
-
-    The insulin up to a time is linear between boluses, so the largest window has an end at the border of a sample.
-    """
-    before = math.ceil(60.0 / every) + 2
-    rates = np.r_[np.full(before, BASAL), np.maximum(rates, BASAL)]
-    boluses = np.r_[np.zeros(before), boluses]
-    t = every * np.arange(rates.size + 1)
-    total = np.r_[0.0, np.cumsum(every * rates)]
-    at_once = np.r_[0.0, np.cumsum(boluses)]
-    begin = np.r_[t, t - 60.0]
-    begin = begin[(begin >= 0.0) & (begin + 60.0 <= t[-1] + 1e-9)]
-    flowed = np.interp(begin + 60.0, t, total) - np.interp(begin, t, total)
-    hair = 1e-7
-    last = np.searchsorted(t[:-1], begin + 60.0 + hair, side="right")
-    first = np.searchsorted(t[:-1], begin - hair, side="left")
-    return float(np.max(flowed + at_once[last] - at_once[first])) / (60.0 * BASAL)
-
-
-def largest_on_board(rates, boluses, every, tau_min):
-    """Largest insulin on board [basal rates], each bolus given at once."""
-    left, on_board, largest = math.exp(-every / tau_min), 0.0, 0.0
-    for rate, bolus in zip(rates, boluses, strict=True):
-        on_board += bolus / (tau_min * BASAL)
-        largest = max(largest, on_board)
-        on_board = max(left * on_board + (1.0 - left) * (rate / BASAL - 1.0), 0.0)
-        largest = max(largest, on_board)
-    return largest
 
 
 def samples_for(every):

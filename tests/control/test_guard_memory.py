@@ -152,3 +152,17 @@ def _scanned(carry, reading):
     state, delivered = carry
     state, decision = guarded(MPC).step(state, observe(reading, delivered))
     return (state, decision.insulin_mU_min), decision.insulin_mU_min
+
+
+@pytest.mark.parametrize("basal", [16.93985272, 20.0, 23.7])
+def test_a_first_state_that_is_rounded_to_single_precision_is_no_damaged_one(basal):
+    """As native code rounds it: the controller gets what it asks for at once, and a damaged word is still noticed."""
+    guard = guarded(Wants(rate=1.15 * basal), basal_mU_min=basal)
+    state = guard.init(observe(150.0, basal))
+    rounded = jax.tree.map(lambda leaf: leaf.astype(jnp.float32).astype(leaf.dtype), state)
+    for k in range(2):
+        rounded, decision = step(guard, rounded, observe(90.0 + k, basal))
+    assert float(decision.insulin_mU_min) == pytest.approx(1.15 * basal)
+    damaged = dataclasses.replace(state, given=dataclasses.replace(state.given, counted=jnp.asarray(-0.5)))
+    _, decision = step(guard, damaged, observe(90.0, basal))
+    assert float(decision.insulin_mU_min) == pytest.approx(basal, rel=1e-6)

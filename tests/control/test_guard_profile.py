@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from glucoloop.control import GuardSettings, Status, design_basal_bolus, guarded
-from glucoloop.profile import Profile
 from glucoloop.pumps import bolus_limits
+from glucoloop.therapy import Profile
 from guarding import BASAL, SETPOINT, Wants, follow, observe, step
 
 SKIN = GuardSettings.for_route("subcutaneous")

@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from glucoloop.build.designs import with_guard
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.control.guard_settings import GUARDS, OF_ROUTE, guard_of
-from glucoloop.experiments.designs import with_guard
-from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.settings import USUAL_PATIENT, PatientPart, patient_entry
 from glucoloop.pumps import PARKER_1999_LIMITS
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from glucoloop.control import Observation, Status, design_loop_like
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
-from glucoloop.insulin_action import INSULINS, action_per_min, insulin_left
-from glucoloop.profile import Profile
 from glucoloop.pumps import dose_limits
+from glucoloop.therapy import INSULINS, Profile, action_per_min, insulin_left
 from other_programs import answer_of
 
 TARGET, BASAL, EVERY, RATIO, SENSITIVITY = 110.0, 1000.0 / 60.0, 5.0, 10.0, 50.0

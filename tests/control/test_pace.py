@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import glucoloop as gl
 from glucoloop._pytree import pytree, static
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control import Decision, Observation, PIDTuning, Status, design_open_loop, design_pid, paced
 from glucoloop.control.pace import Paced, samples_of_pace
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.population import of_people, virtual_people
 from glucoloop.simulation import Adaptive, simulate

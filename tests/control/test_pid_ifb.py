@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from glucoloop.control import Observation, design_pid_ifb
 from glucoloop.control.pid_ifb import FEEDBACK, insulin_lags
-from glucoloop.profile import Profile
 from glucoloop.pumps import dose_limits
+from glucoloop.therapy import Profile
 
 TARGET, BASAL, EVERY = 110.0, 15.0, 5.0
 WIDE = dose_limits(max_change_mU_min=1e5, max_mU_min=1e6)

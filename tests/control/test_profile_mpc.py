@@ -12,9 +12,9 @@ from glucoloop.control.profile_mpc import design_profile_mpc, forecast_of
 from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
-from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
+from glucoloop.therapy import Profile
 
 PATIENT = gl.patient("hovorka-2004")
 BASAL = float(PATIENT.basal_insulin_mU_min)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.estimation import riccati_step
-from glucoloop.estimation.carried import RICCATI_STEPS, carried_on, is_covariance, triangle, whole
+from glucoloop.estimation.riccati import RICCATI_STEPS, carried_on, is_covariance, triangle, whole
 
 
 def a_model(seed, n=6, radius=0.95):

@@ -11,9 +11,9 @@ import glucoloop as gl
 from glucoloop.control.profile_mpc import design_profile_mpc
 from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.models.profiled import GutCompartments
-from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model
+from glucoloop.therapy import Profile
 
 PATIENT = gl.patient("hovorka-2004")
 PROFILE = Profile(basal_mU_min=10.0, setpoint_mg_dl=120.0, carb_ratio_g_U=12.0, correction_mg_dl_U=50.0)

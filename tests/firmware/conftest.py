@@ -5,8 +5,8 @@ import functools
 
 import pytest
 
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.hil.build import HOST, build
 from glucoloop.firmware.hil.link import ProcessLink

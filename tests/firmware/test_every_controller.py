@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.build.designs import controller_of
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Observation
-from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, decision_of, equal, leaves_of
 from glucoloop.native.targets.c.host import Library, compiler

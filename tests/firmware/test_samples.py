@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import Observation
-from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.exported import export
 from glucoloop.firmware.samples import arithmetic, joined, leaves_of, record, spread
 from glucoloop.pumps import bolus_limits

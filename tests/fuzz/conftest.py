@@ -20,7 +20,7 @@ _STOPS = (
     "glucoloop.studies.tuning.study.model_for",
     "glucoloop.cohorts.engine.prepare",
     "glucoloop.storage.trials.folder.trial_folder",
-    "glucoloop.papers.parker1999.study.study",
+    "glucoloop.reproduction.parker1999.study.study",
 )
 """Where reading ends and computing begins."""
 

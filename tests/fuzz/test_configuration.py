@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.grammar import given as given_values
 from glucoloop.control.settings import LinearMPCSettings
-from glucoloop.parts.grammar import given as given_values
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
 from glucoloop.situations.request import asked_for

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from glucoloop.component.grammar import part_text, part_tree, plain
 from glucoloop.faults import FAULTS
-from glucoloop.parts.grammar import part_text, part_tree, plain
-from glucoloop.printable import is_printable, printable
 from glucoloop.situations.case import Case
 from glucoloop.situations.meal_text import meal_text, parse_meal
+from glucoloop.text import is_printable, printable
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 
 awkward = st.text(alphabet="0123456789.eE+-@ghmin:,= \t\n\0'\"[]{}#_²٣", max_size=20) | st.text(max_size=12)

@@ -2,18 +2,20 @@
 
 import base64
 import gzip
+import hashlib
 import itertools
 import json
 import math
 import re
 import subprocess
 import sys
+import urllib.parse
 
 import pytest
 
 from browser import MODULES, NODE, needs_modules
-from glucoloop.lab.body import FAMILIES
 from glucoloop.lab.pack import DATA, MODULE, PAGE, page
+from glucoloop.lab.patient_functions import FAMILIES
 from glucoloop.native.targets.wasm.module import HOST
 from glucoloop.pages.script import PAGES
 from glucoloop.patients.settings import PATIENTS
@@ -64,7 +66,7 @@ def test_every_module_is_in_the_file(text):
     there = re.findall(r'^"([\w-]+)": \(\) => \{$', program, re.M)
     assert sorted(there) == sorted(
         path.stem
-        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "data")))
+        for path in (HOST, *PAGE.rglob("*.mjs"), *(PAGES / f"{name}.mjs" for name in ("axes", "chart", "csv", "data")))
     )
     assert set(re.findall(r' = need\("([\w-]+)"\);$', program, re.M)) <= set(there)
 
@@ -90,6 +92,11 @@ def test_nothing_in_the_file_can_reach_the_network(text):
     assert "default-src 'none'" in policy
     assert "http" not in policy
     assert "connect-src" not in policy
+    sources = dict(part.split(maxsplit=1) for part in policy.split("; "))
+    ran = [*re.findall(r"<script>(.*?)</script>", text, re.S), packed(text, "code").decode()]
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in ran]
+    assert sources["script-src"].split() == [*(f"'sha256-{digest}'" for digest in hashes), "'wasm-unsafe-eval'"]
+    assert sources["worker-src"] == "blob:"
     assert not re.search(r'(?:src|href)="(?!data:)', text)
     program = packed(text, "code").decode()
     assert not re.search(r"\b(?:fetch|XMLHttpRequest|WebSocket|EventSource|sendBeacon|importScripts)\b", program)
@@ -276,6 +283,21 @@ LINKS = {
     "#sensor=dead-time,+minutes=7": "the dead time is 7 min; give a multiple of 5 min from 0 to 60 min",
     "#model=noise_variance=1.45": "it has model.noise_variance = 1.45, which this page cannot simulate",
 }
+
+
+VALUES = ("1", "-1", "1e999", "true", '"x"', "[]", "[[1]]", "{ a = 1 }", "[{ name = 1 }]", "null")
+KEYS = ("patient", "controller", "guard", "sensor", "faults", "habits", "seed", "announce_meals", "used", "__proto__")
+
+
+def test_any_configuration_in_a_link_is_read_or_refused_in_a_sentence(in_node):
+    """An error of another kind ends the answers, and the page would stay empty."""
+    forms = ("{key} = {value}", "[{key}]\nx = {value}", "{key} = 1\n[[{key}]]\nx = {value}", "[{key}.x]\na = {value}")
+    texts = [form.format(key=key, value=value) for form in forms for key in KEYS for value in VALUES]
+    links = [f"#configuration={urllib.parse.quote(text)}" for text in texts]
+    answers = dict(zip(texts, in_node(links), strict=True))
+    assert all("refused" in answer or answer["situation"]["announce"] in (True, False) for answer in answers.values())
+    for text in ("patient = 1\n[[patient]]\nx = 1", "[__proto__]\nx = 1", "[__proto__.x]\na = 1", "seed = 1e999"):
+        assert "which this page cannot read" in answers[text]["refused"]
 
 
 def test_nonsense_in_a_link_is_refused_in_a_sentence(in_node):

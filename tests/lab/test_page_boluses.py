@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.lab.body import people_of
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
+from glucoloop.lab.patient_functions import people_of
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import of_people
-from glucoloop.profile import given_profile
 from glucoloop.simulation import simulate
+from glucoloop.therapy import given_profile
 from page_loops import run_of
 
 THERAPY = "#patient=hovorka-2004&controller=basal-bolus&meals=60g@60min&announce_meals=true"

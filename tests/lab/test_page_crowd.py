@@ -7,18 +7,18 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.experiments.designs import controller_of
-from glucoloop.lab.body import people_of, situation
+from glucoloop.build.designs import controller_of
 from glucoloop.lab.own_people import with_people
 from glucoloop.lab.pack import DATA, MODULE, PAGE
+from glucoloop.lab.patient_functions import people_of, situation
 from glucoloop.patients import virtual_people
 from glucoloop.patients.population import draw, of_people
 from glucoloop.patients.settings import PATIENTS
-from glucoloop.profile import given_profile
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.population import named_population
+from glucoloop.therapy import given_profile
 from glucoloop.threefry import name_word, uniforms
 
 NODE = shutil.which("node")

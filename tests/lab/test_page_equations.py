@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import glucoloop as gl
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.lab import build
-from glucoloop.lab.body import GRID
-from glucoloop.lab.numbers import numbers
-from glucoloop.lab.parts import parts
+from glucoloop.lab.lowered_functions import parts
+from glucoloop.lab.page_data import numbers
+from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.targets.wasm.module import linker
 from glucoloop.simulation.plant import Exogenous

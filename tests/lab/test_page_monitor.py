@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from page_loops import run_of
 
 RUNS = [

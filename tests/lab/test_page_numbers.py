@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from glucoloop.arguments import random_key
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of, with_guard
+from glucoloop.build.faulty import put_around
+from glucoloop.build.surroundings import Surroundings, sensor_of
 from glucoloop.control.guard import Guard
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, with_guard
-from glucoloop.experiments.faulty import put_around
-from glucoloop.experiments.surroundings import Surroundings, sensor_of
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
-from glucoloop.lab.body import SAMPLE_TIME_MIN, STEPS, adjusted, example_person
 from glucoloop.lab.controllers import adjustable, example_controller
-from glucoloop.lab.numbers import numbers
+from glucoloop.lab.lowered_function import starting
+from glucoloop.lab.lowered_functions import parts
 from glucoloop.lab.pack import MODULE
-from glucoloop.lab.part import starting
-from glucoloop.lab.parts import parts
+from glucoloop.lab.page_data import numbers
+from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, STEPS, adjusted, example_person
 from glucoloop.metrics import summarise
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel

@@ -18,6 +18,7 @@ async function open(hash, options = {}) {
     if (!/^(data|blob):/.test(request.url())) seen.loads.push(request.url());
   });
   page.on("pageerror", (error) => seen.errors.push(error.message));
+  page.on("console", (message) => { if (message.type() === "error") seen.errors.push(message.text()); }); // what the policy forbids, too
   await page.goto(address + hash);
   await page.waitForFunction(() => document.documentElement.dataset.ready);
   return { page, seen };

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.cohorts.engine import alone, prepare, run_people
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.simulation import simulate
 from glucoloop.simulation.closed_loop import on_the_grid, sample_grid

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.meals import Meal
 from glucoloop.meals.plan import MealPlan, draw_days
-from glucoloop.parts.number_text import parse_time_of_day
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 

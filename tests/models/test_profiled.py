@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 import glucoloop as gl
 from glucoloop.models.profiled import ACTION_MIN, MEAL_G, GutCompartments, profiled_model
 from glucoloop.patients.protocol import inputs_of
-from glucoloop.profile import Profile
 from glucoloop.simulation import linear_model, nonlinear_model
+from glucoloop.therapy import Profile
 
 GUT = GutCompartments(time_to_peak_min=40.0)
 PATIENT = gl.patient("hovorka-2004")

@@ -65,7 +65,9 @@ def test_levels_are_few_round_and_inside(cases):
         ({"from": 0, "to": 600, "unit": "min"}, 11, [0, 60, 120, 180, 240, 300, 360, 420, 480, 540, 600]),
         ({"from": 0, "to": 1440, "unit": "h"}, 5, [0, 360, 720, 1080, 1440]),
         ({"from": 70, "to": 100, "unit": "min"}, 4, [70, 80, 90, 100]),
-        ({"from": 0, "to": 14 * 1440, "unit": "h"}, 4, [0, 10080, 20160]),
+        ({"from": 0, "to": 14 * 1440, "unit": "days"}, 4, [0, 10080, 20160]),
+        ({"from": 0, "to": 2 * 1440, "unit": "days", "start": 420}, 3, [1020, 2460]),
+        ({"from": 0, "to": 600, "unit": "days", "start": 420}, 5, [60, 180, 300, 420, 540]),
     ],
 )
 def test_times_are_round_and_as_many_as_fit(view, most, times):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from glucoloop.meals import Meal
 from glucoloop.patients import PeopleTable, Population, Variation, draw, population, virtual_people
 from glucoloop.patients.population import alone
-from glucoloop.printable import is_printable
+from glucoloop.text import is_printable
 
 TABLE = PeopleTable(
     names=("anna", "ben", "cleo"),

@@ -13,7 +13,7 @@ from glucoloop._pytree import pytree
 from glucoloop.control import design_imc
 from glucoloop.episodes import Episodes, always, never, once, recurring
 from glucoloop.meals import Meal, Scenario
-from glucoloop.pumps import Delivery, LimitedPump, battery_gap, missed_pulses, occlusion, with_resolution
+from glucoloop.pumps import Delivery, LimitedPump, battery_gap, misreported, missed_pulses, occlusion, with_resolution
 from glucoloop.sensors import missing, spikes, white_noise
 from glucoloop.simulation import simulate
 from glucoloop.simulation.engines import make_engine
@@ -96,6 +96,44 @@ def test_after_a_battery_gap_the_pump_starts_from_no_insulin(commands, start, le
     insulin, reported = delivered(battery_gap(once(start, length)), commands)
     np.testing.assert_allclose(insulin, expected, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(reported, np.where(there_of(start, length), math.nan, insulin))
+
+
+@settings(max_examples=30)
+@given(commands=COMMANDS, part=st.floats(0.0, 10.0), late=st.integers(0, 1), **TIMES)
+def test_a_misreported_dose_is_delivered_and_a_part_of_it_or_of_the_one_before_is_reported(
+    commands, part, late, start, length
+):
+    inside, _ = delivered(LimitedPump(), commands)
+    pump = misreported(once(start, length), rate_part=part, late_samples=late)
+    insulin, reported = delivered(pump, commands)
+    np.testing.assert_array_equal(insulin, inside)
+    of = np.r_[START, inside[:-1]] if late else inside
+    np.testing.assert_array_equal(reported, np.where(there_of(start, length), part * of, inside))
+
+
+@pytest.mark.parametrize(("late", "expected"), [(0, [0.0, 500.0, 0.0]), (1, [0.0, 0.0, 500.0])])
+def test_of_a_bolus_a_part_is_reported_too(late, expected):
+    pump, state, found = misreported(always(), bolus_part=0.5, late_samples=late), None, []
+    state = pump.init(jnp.asarray(START), KEY)
+    for bolus in (0.0, 1000.0, 0.0):
+        state, delivery = pump.deliver(state, jnp.asarray(START), KEY, jnp.asarray(bolus))
+        assert float(delivery.bolus_mU) == bolus
+        found.append(float(delivery.reported_bolus_mU))
+    assert found == expected
+    assert pump.deliver(state, jnp.asarray(START), KEY)[1].reported_bolus_mU is None
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rate_part": -0.1}, "rate_part is -0.1"),
+        ({"bolus_part": math.nan}, "bolus_part is nan"),
+        ({"late_samples": 2}, "late_samples is 2"),
+    ],
+)
+def test_an_impossible_report_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        misreported(always(), **given)
 
 
 def test_what_a_pump_owes_is_forgotten_when_it_has_no_power():

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.insulin_action import insulin_left
 from glucoloop.pumps import LimitedPump, bolus_limits, dose_limits, pen
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
+from glucoloop.therapy import insulin_left
 
 KEY = jax.random.key(4)
 FREE = LimitedPump(

@@ -17,6 +17,7 @@ for (const file of pages)
       const loads = [], errors = [];
       page.on("request", (request) => { if (!request.url().startsWith("file:")) loads.push(request.url()); });
       page.on("pageerror", (error) => errors.push(error.message));
+      page.on("console", (message) => { if (message.type() === "error") errors.push(message.text()); }); // what the policy forbids, too
       await page.goto(pathToFileURL(file).href);
       // which takes most of the time: each width and each theme once
       const looked = (width === 1280) === (colorScheme === "light");

@@ -10,14 +10,14 @@ import pytest
 from browser import in_browser, needs_browser
 from glucoloop.metrics import summarise
 from glucoloop.metrics.readings import Readings, numbers_of
-from glucoloop.papers.parker1999 import POINTS
-from glucoloop.papers.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
-from glucoloop.papers.parker1999.experiments import PointResults
-from glucoloop.papers.parker1999.study import page
 from glucoloop.report import Repeat, interactive_page, trial_page
 from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_groups import ReportedRecord
 from glucoloop.report.record_page import record_page
-from glucoloop.report.reported import ReportedRecord
+from glucoloop.reproduction.parker1999 import POINTS
+from glucoloop.reproduction.parker1999.comparison import ENTRIES, ComparedEntry, Reproduced
+from glucoloop.reproduction.parker1999.experiments import PointResults
+from glucoloop.reproduction.parker1999.study import page
 from glucoloop.studies.tuning.study import Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 from monitor_records import with_gaps
@@ -102,8 +102,8 @@ def test_a_moment_is_told_by_keyboard_and_by_voice(seen, quiet):
             assert f"calm, delivered {insulin:.2f} mU/min ({0.06 * insulin:.2f} U/h)" in told
         times = [float(text.removesuffix(" min")) for text in of["zoomed"]]
         assert (times[0], times[-1]) == (0.0, 300.0)  # half of 600 min, about minute 5
-        assert of["saved"][0] == '"plot","curve","t_min","value","unit"'
-        assert of["saved"][1].startswith('"Glucose and insulin","calm, glucose","0","80"')
+        assert of["saved"][0] == "plot,curve,t_min,value,unit"
+        assert of["saved"][1].startswith('Glucose and insulin,"calm, glucose",0,80')
 
 
 def test_a_time_of_day_is_told_with_its_percentiles(seen):

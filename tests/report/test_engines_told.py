@@ -1,7 +1,7 @@
 """The engines of loops in words: grouped by what native code lacks, and few names however many cases there are."""
 
+from glucoloop.build.designs import controller_of
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.designs import controller_of
 from glucoloop.report.descriptions import case_in_words, controllers_facts, engine_facts, engine_notes
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

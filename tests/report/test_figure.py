@@ -129,12 +129,14 @@ def test_a_column_has_its_width_and_its_words_fit(quiet, noisy, width, mm):
     assert len(figure.legends[0].get_texts()) == 3 + 5
 
 
-@pytest.mark.parametrize(("horizon_min", "unit"), [(600, "min"), (720, "min"), (1440, "h"), (10080, "h")])
-def test_long_runs_are_told_in_hours(make_trace, horizon_min, unit):
+@pytest.mark.parametrize(
+    ("horizon_min", "unit"), [(600, "min"), (720, "min"), (1440, "h"), (10080, "days"), (40320, "days")]
+)
+def test_long_runs_are_in_hours_and_days(make_trace, horizon_min, unit):
     figure = plot(make_trace(np.full(horizon_min + 1, 80.0)), width="single")
     below = figure.axes[1]
     assert below.get_xlabel() == f"Time ({unit})"
-    assert below.get_xlim()[1] == horizon_min / (60.0 if unit == "h" else 1.0)
+    assert below.get_xlim()[1] == horizon_min / {"min": 1.0, "h": 60.0, "days": 1440.0}[unit]
     assert_nothing_is_clipped(figure)
     assert len(below.get_xticks()) <= 9
 

@@ -7,10 +7,10 @@ import pytest
 from rich.table import Table
 from rich.text import Text
 
-from glucoloop.parts.code import loaded
+from glucoloop.component.code import loaded
+from glucoloop.display_units import showing
 from glucoloop.report.columns import Column, MetricRow, lines_table, terminal_table, whole
 from glucoloop.report.latex import latex_tables, latex_text
-from glucoloop.shown_units import showing
 from glucoloop.studies.catalogue import STUDIES
 from glucoloop.studies.study import PlainStudy
 

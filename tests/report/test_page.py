@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from glucoloop.control import Status
+from glucoloop.display_units import showing
 from glucoloop.metrics import summarise
 from glucoloop.report import Repeat, interactive_page
 from glucoloop.report.columns import metric_rows
-from glucoloop.shown_units import showing
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 FAULT = "occlusion, start_min=200, duration_min=60, open_fraction=0, noticed=false"

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from glucoloop.faults import FAULTS
 from glucoloop.patients import population
-from glucoloop.report._runs import periods
 from glucoloop.report.charts import GLUCOSE, Panel, thinned
 from glucoloop.report.descriptions import person_in_words, window_of
+from glucoloop.report.labelled_traces import periods
 
 finite = st.floats(-1e4, 1e4)
 

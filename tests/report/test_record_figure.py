@@ -6,8 +6,8 @@ import pytest
 from glucoloop.metrics.readings import Readings, day_profile, numbers_of
 from glucoloop.report.record_figure import plot_records
 from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_groups import ReportedRecord
 from glucoloop.report.record_page import MOST_IN_FULL
-from glucoloop.report.reported import ReportedRecord
 from monitor_records import with_gaps
 
 

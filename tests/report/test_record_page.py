@@ -12,8 +12,8 @@ from glucoloop.metrics.readings.catalogue import MEASURES, numbers_of
 from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_groups import ReportedRecord
 from glucoloop.report.record_page import MOST_IN_FULL, record_page
-from glucoloop.report.reported import ReportedRecord
 from monitor_records import with_gaps
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glucoloop.control import MPCTuning, StateTuning
-from glucoloop.report.surface import plot_surface
+from glucoloop.report.sse_surface import plot_surface
 from glucoloop.tuning.grid import tuning_grid
 
 

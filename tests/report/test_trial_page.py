@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from glucoloop.metrics.control_variability import grid_counts, zone_pct
-from glucoloop.printable import percent
 from glucoloop.report import trial_page
 from glucoloop.report.trial_report import RANGES, MetricDistribution
+from glucoloop.text import percent
 from glucoloop.units import MG_DL_PER_MMOL_L
 
 

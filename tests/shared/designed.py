@@ -5,8 +5,8 @@ from typing import Any
 
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.profile import Profile
 from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.therapy import Profile
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

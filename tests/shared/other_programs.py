@@ -11,6 +11,8 @@ from pathlib import Path
 import platformdirs
 import pytest
 
+from glucoloop.private_folder import refuse_of_others
+
 PROGRAMS = {
     "simglucose": (
         "simglucose==0.2.11",
@@ -55,6 +57,7 @@ def installed(program):
     packages = PROGRAMS[program]
     version = f"{packages[0]}-py{sys.version_info.major}.{sys.version_info.minor}"
     folder = Path(platformdirs.user_cache_dir("glucoloop")) / "tests" / version
+    refuse_of_others(folder)
     if folder.exists():
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,8 @@ from pathlib import Path
 import jax
 import jaxlib
 
+from glucoloop.private_folder import refuse_of_others
+
 FLAGS = (
     "--xla_backend_optimization_level=0",
     "--xla_cpu_use_fusion_emitters=false",  # half of the time of a large program
@@ -36,7 +38,8 @@ def set_flags(folder):
 
 
 def keep_compiled(folder):
-    """Have this process and those that it starts keep what JAX compiles in a folder, where others find it."""
+    """Have this process and those that it starts keep what JAX compiles in a folder, where others find and run it."""
+    refuse_of_others(Path(folder))
     cache = {
         "jax_compilation_cache_dir": str(folder),
         "jax_persistent_cache_min_compile_time_secs": 0.0,

@@ -2,7 +2,7 @@
 
 from glucoloop.cli.app import command_of
 from glucoloop.cli.request import request_of
-from glucoloop.parts.code import loaded
+from glucoloop.component.code import loaded
 from glucoloop.situations.request import asked_for
 from glucoloop.studies.catalogue import STUDIES
 

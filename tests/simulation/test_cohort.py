@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import (
     MPCTuning,
     StateTuning,
@@ -16,7 +17,6 @@ from glucoloop.control import (
     design_mpc_se,
     design_nlqdmc_se,
 )
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten, HovorkaGut, Meal, Scenario, absorb, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics

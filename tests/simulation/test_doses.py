@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 import glucoloop as gl
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
+from glucoloop.build.assemble import PeopleLoop
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.episodes import once
-from glucoloop.experiments.assemble import PeopleLoop
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics import summarise
 from glucoloop.metrics.running import RunningMetrics

@@ -20,8 +20,8 @@ from glucoloop.simulation import Adaptive, Explicit, Exponential
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.explicit import fastest_rate_per_min
 from glucoloop.simulation.integrators import default_integrator, plants_of_people
-from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.user_objects import goes_fast
 
 PERSON_1 = {"clearance": 2.01, "tau_1": 49.0, "tau_2": 47.0, "p_2": 0.0106, "S": 0.000811, "GEZI": 0.0022, "EGP": 1.33}
 """Person 1 of Kanderian et al. (2009); the clearance in l/min."""

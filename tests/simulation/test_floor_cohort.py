@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import MPCTuning, design_linear_mpc
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Meal, eaten
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel

@@ -10,20 +10,20 @@ import pytest
 
 import glucoloop as gl
 from glucoloop._pytree import pytree
-from glucoloop.exercise import draw_bouts
 from glucoloop.meals import Meal, Scenario, eaten
 from glucoloop.metrics.running import RunningMetrics
 from glucoloop.patients import Inputs, OdePatient
 from glucoloop.patients.capabilities import paced
 from glucoloop.patients.hovorka.patient import HovorkaPatient
-from glucoloop.rhythms.dawn import Dawn
-from glucoloop.rhythms.visentin2015 import PROBABILITIES, Visentin2015, patterns_of
+from glucoloop.physiology.dawn import Dawn
+from glucoloop.physiology.exercise import draw_bouts
+from glucoloop.physiology.visentin2015 import PROBABILITIES, Visentin2015, patterns_of
 from glucoloop.sensors import IdealSensor
 from glucoloop.simulation import Adaptive, Explicit, Exponential
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.explicit import plant_with
-from glucoloop.simulation.held import HeldOfPeople
 from glucoloop.simulation.integrators import default_integrator
+from glucoloop.simulation.minute_inputs import HeldOfPeople
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
 from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 
@@ -110,7 +110,7 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     @dataclasses.dataclass(frozen=True)
     class Half:
         def changes(self, clock_min, seed, person):
-            from glucoloop.rhythms.protocol import Changes
+            from glucoloop.physiology.protocol import Changes
 
             return Changes(sensitivity=np.full((len(clock_min), len(person)), 0.5))
 

@@ -7,9 +7,9 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 
+from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, design_open_loop
-from glucoloop.experiments.designs import controller_of
 from glucoloop.models.nonlinear import advance_with_rough_tangents, individual_model, roughly
 from glucoloop.models.state_space import step_response
 from glucoloop.patients import patient

@@ -11,7 +11,7 @@ import glucoloop as gl
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.control.protocol import Decision
-from glucoloop.simulation.parts import apart
+from glucoloop.simulation.user_objects import apart
 
 
 @pytree

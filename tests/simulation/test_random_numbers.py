@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.faults import FAULTS
 from glucoloop.native.lower import lower
 from glucoloop.native.targets.products import FUSED

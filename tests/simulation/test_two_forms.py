@@ -14,9 +14,9 @@ from glucoloop.patients.hovorka.patient import HovorkaPatient
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.simulation import Adaptive, Exponential
-from glucoloop.simulation.parts import goes_fast, refuse_two_patients
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid
+from glucoloop.simulation.user_objects import goes_fast, refuse_two_patients
 
 DAY = Scenario(meals=(), horizon_min=720.0)
 

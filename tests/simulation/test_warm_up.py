@@ -9,12 +9,12 @@ import pytest
 
 import glucoloop as gl
 from glucoloop._pytree import pytree, static
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.engine import alone, prepare, run_people
 from glucoloop.cohorts.people_run import simulate_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Decision, PIDTuning, Status, design_pid
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients.population import virtual_people

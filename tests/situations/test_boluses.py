@@ -2,8 +2,8 @@
 
 import pytest
 
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.pumps import bolus_limits
 from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, boluses_into_a_vein
 from glucoloop.situations.situation import configured

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glucoloop.exercise import Exercise
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.situations.exercise_text import exercise_text, parse_exercise, same_exercise
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

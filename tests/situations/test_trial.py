@@ -93,7 +93,7 @@ REFUSED = [
     ({"people": 0}, "people is 0; give a whole number from 1 to 1000000000"),
     ({"people": 2.5}, "people is 2.5; give a whole number"),
     ({"days": 0}, "days is 0; give a whole number from 1 to 366"),
-    ({"days": 2, "duration_min": 600.0}, "days, duration_min) both tell the length"),
+    ({"days": 2, "duration_min": 600.0}, "days and duration_min both tell the length"),
     ({"duration_min": 601.0}, "601 min is not a whole number of samples"),
     ({"meals": ["50g@25h"]}, "the meal at 1500 min begins after the run ends"),
     ({"meal_size_spread_pct": 100.0}, "meal_size_spread_pct is 100 %; give a number of 0 % or more and below 100 %"),

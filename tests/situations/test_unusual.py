@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.grammar import given
+from glucoloop.component.grammar import given
 from glucoloop.situations.request import asked_for
 from glucoloop.situations.run import Run
 

@@ -10,10 +10,10 @@ import shutil
 
 import pytest
 
+from glucoloop.schema.parquet_size import parquet_size
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.folder import output_folder
-from glucoloop.storage.parquet_size import parquet_size
 from glucoloop.storage.trials.folder import TrialOrigin, done_shards
 
 pytestmark = pytest.mark.usefixtures("_quick_disk")
@@ -131,7 +131,7 @@ def shards_of(folder):
 )
 def test_each_operation_of_a_trial(tmp_path, tiny, monkeypatch, error, begun):
     """The same command ends in the same folder as one that nothing happened to; what was finished is never lost."""
-    monkeypatch.setattr("glucoloop.storage.tables.parquet_size", functools.cache(parquet_size))
+    monkeypatch.setattr("glucoloop.schema.tables.parquet_size", functools.cache(parquet_size))
     tiny, other = tiny
     out, whole, start = tmp_path / "out", tmp_path / "whole", tmp_path / "start"
     tiny.run(whole)

@@ -10,6 +10,7 @@ import time
 import polars as pl
 import pytest
 
+import glucoloop as gl
 from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
 from glucoloop.storage.trials.query import trial_tables
@@ -155,11 +156,45 @@ def test_ctrl_c_ends_a_question_that_listens_to_nobody(finished):
         assert running.wait(timeout=5.0) in (-signal.SIGINT, 130)  # or it had not begun
 
 
+LARGE = (
+    "select * from range(20000000) order by hash(range) limit 19999999",
+    "select repeat(chr(65), 2000000000)",
+    "select length(repeat(chr(65), 2000000000))",
+    "select list(range) from range(300000000)",
+    "select range, repeat('ab', 100000) from range(20000)",
+    "select repeat('ab', 1000000) from range(100)",
+)
+
+
 @pytest.mark.long
-def test_what_does_not_fit_in_memory_is_refused(finished, monkeypatch):
-    monkeypatch.setattr("glucoloop.storage.trials.query._MEMORY", "50MB")
-    with pytest.raises(ValueError, match="needs more than 50MB of memory; ask for fewer rows"):
-        ask(finished, "select * from range(20000000) order by hash(range) limit 19999999")
+@pytest.mark.parametrize("sql", LARGE)
+def test_what_does_not_fit_in_memory_is_refused(finished, sql):
+    with (
+        pytest.raises(gl.Refusal, match="needs more than 50 MB of memory; ask for fewer rows"),
+        trial_tables(finished, memory_mb=50) as tables,
+    ):
+        list(tables.query(sql).rows)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of a process is one of Linux")
+def test_the_process_of_a_question_stays_within_the_memory_that_is_promised(finished):
+    peak = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1000, file=sys.stderr)"
+    ask = f"import sys, atexit; atexit.register(lambda: exec({peak!r})); "
+    ask += "from glucoloop.cli import main; main(sys.argv[1:])"
+    peaks = {}
+    for sql in ("select 1", "select repeat(chr(65), 2000000000)"):
+        done = subprocess.run([sys.executable, "-c", ask, "query", finished, sql], capture_output=True, text=True)
+        peaks[sql] = int(done.stderr.splitlines()[-1])
+    assert "needs more than 1000 MB of memory" in done.stderr
+    assert done.returncode == 2
+    assert max(peaks.values()) < min(peaks.values()) + 1000
+
+
+def test_the_limit_of_memory_ends_with_the_block(finished):
+    with trial_tables(finished, memory_mb=50):
+        pass
+    assert len(bytearray(200_000_000)) == 200_000_000
 
 
 def test_trial_that_is_not_finished_answers_about_what_is_done(tmp_path, make_trial, pretend):

@@ -8,9 +8,9 @@ import polars as pl
 import pytest
 
 import glucoloop as gl
+from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.control import Status
-from glucoloop.experiments.designs import controller_of
 from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary

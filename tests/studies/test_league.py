@@ -12,6 +12,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
+from glucoloop.storage.findings import Findings
 from glucoloop.studies.league import League, reach
 from glucoloop.studies.league.numbers import (
     ALL,
@@ -23,7 +24,7 @@ from glucoloop.studies.league.numbers import (
     ranking,
     worst_mean,
 )
-from glucoloop.studies.league.shown import page
+from glucoloop.studies.league.shown import page, sentences
 from glucoloop.studies.league.study import LeagueSearch, lines_of, rows, shards_of
 
 ON_TARGET = {
@@ -185,6 +186,36 @@ def test_a_controller_that_harms_is_named_with_its_worst_cell():
     found = line_table(table, table.select(LINE).unique(maintain_order=True), "ref", 1.0).to_dicts()
     [harm] = harms(found, "ref")
     assert (harm["controller"], harm["scenario"], harm["harmed_below_54"]) == ("c", "week", 2)
+    [sentence] = sentences(asked(), Findings({"rows": [], "rankings": [], "harms": [harm], "absent": []}))
+    assert sentence.startswith("c: the cell with the most harm is ")
+    assert "Of 10 people, 2 are below 54 mg/dl, and nobody is below 70 mg/dl," in sentence
+    assert "at the 95th percentile" in sentence
+
+
+@pytest.mark.parametrize(
+    ("below_54", "below_70", "which", "who"),
+    [
+        (
+            (5.0, 0.0),
+            (5.0, 0.0),
+            "the cell with any harm",
+            "Of 10 people, 1 is below 54 mg/dl, and 1 is below 70 mg/dl,",
+        ),
+        ((0.0, 0.0), (5.0, 0.0), "the cell with any harm", "Of 10 people, nobody is below 54 mg/dl, and 1 is below 70"),
+        ((5.0, 5.0), (5.0, 5.0), "2 cells have as much harm, and one of them", "Of 10 people, 1 is below 54 mg/dl,"),
+    ],
+)
+def test_no_harm_is_the_most_that_is_shared_or_none(below_54, below_70, which, who):
+    lines = []
+    for scenario, low, very_low in zip(("day", "week"), below_70, below_54, strict=True):
+        harm = {"time_below_54_pct": [very_low] + [0.0] * 9, "time_below_70_pct": [low] + [0.0] * 9}
+        lines += [people_of("ref", 10, scenario), people_of("c", 10, scenario, **harm)]
+    table = pl.concat(lines)
+    found = line_table(table, table.select(LINE).unique(maintain_order=True), "ref", 1.0).to_dicts()
+    [sentence] = sentences(asked(), Findings({"rows": [], "rankings": [], "harms": harms(found, "ref"), "absent": []}))
+    assert sentence.startswith(f"c: {which} is ")
+    assert who in sentence
+    assert ("Below 54 mg/dl that is" in sentence) == any(below_54)
 
 
 # ------------------------------------------------------------------------------------------- what is asked for

@@ -55,7 +55,7 @@ def test_front_is_drawn_with_its_marks(found):
     figure = plot_robust(ASKED, found)
     figure.savefig(io.BytesIO(), format="png", dpi=50)
     axes, *others = figure.axes
-    assert axes.get_xlabel() == "Undershoot, 95 % (mg/dl)"
+    assert axes.get_xlabel() == "Undershoot, 95th percentile (mg/dl)"
     front = next(line for line in axes.lines if line.get_drawstyle() == "steps-post")
     told = [of["scores"]["undershoot_p95_mg_dl"] for of in found.plain["front"]]
     np.testing.assert_array_equal(front.get_xdata(), told)

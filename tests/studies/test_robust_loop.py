@@ -10,10 +10,10 @@ import pytest
 from glucoloop._pytree import pytree, static
 from glucoloop.cohorts import blocks
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.ranges import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics import summarise
-from glucoloop.parts.ranges import Tuned
 from glucoloop.sensors import white_noise
 from glucoloop.simulation import simulate
 from glucoloop.situations.situation import configured

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.parts.ranges import Tuned, parse_range
+from glucoloop.component.ranges import Tuned, parse_range
 from glucoloop.studies.robust import BOTH, RANGES
 from glucoloop.studies.robust.search import NO_SCORES, Bound, choose, judged, objective, pareto, scores
 from glucoloop.tuning.samplers import Evaluated

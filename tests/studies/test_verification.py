@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
+from glucoloop.build.faulty import faulty_pump, faulty_sensor
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.control import Decision, Guard, Observation, Status
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.episodes import Episode
-from glucoloop.experiments.faulty import faulty_pump, faulty_sensor
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import promises
 from glucoloop.metrics.promises import PROMISES, Promises, all_finite
@@ -83,7 +83,7 @@ def happened(**others):
 
 
 def broken_by(sampled, lowest=GLUCOSE):
-    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest))
+    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
     assert tuple(held) == PROMISES
     return {name for name, holds in held.items() if not bool(holds)}
 
@@ -130,6 +130,14 @@ def test_nothing_is_broken_at_rest_and_what_is_no_number_breaks_what_it_is_in():
         assert broken_by(happened(word=word)) == set()
     # what glucose was, not what it is, explains what an organ has left
     assert broken_by(happened(x=with_state(G_G=GLUCOSE - 20.0)), lowest=GLUCOSE - 19.0) == set()
+
+
+def test_a_fall_may_begin_at_the_last_request_where_the_pump_reports_more():
+    """After a request of 20 mU/min, of which the pump reports twice as much."""
+    for command, broken in ((3.31, set()), (3.29, {promises.RATE}), (56.6, set()), (56.8, {promises.RATE})):
+        sampled = happened(command=command, word=40.0)
+        held = Promises(sound=sound).held(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
+        assert {name for name, holds in held.items() if not bool(holds)} == broken
 
 
 def test_breaches_are_counted_and_dated():

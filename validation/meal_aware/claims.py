@@ -22,7 +22,7 @@ SHARES: Final = {"p5": 5.0, "median": 50.0, "p95": 95.0}
 
 OVER_RUNS: Final[Mapping[str, Callable[[Floats], float]]] = {
     "median": np.median,
-    "95 %": lambda values: float(np.percentile(values, 95.0)),
+    "95th percentile": lambda values: float(np.percentile(values, 95.0)),
     "greatest": np.max,
     "least": np.min,
     "size of the mean": lambda values: abs(float(np.mean(values))),

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.bounds import OptimalDoses, bound_of_situation
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of, identified_model
+from glucoloop.build.surroundings import Surroundings, pump_of
 from glucoloop.cohorts import engine
 from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, identified_model
-from glucoloop.experiments.surroundings import Surroundings, pump_of
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.metrics import Metrics, summarise

@@ -14,28 +14,28 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._pytree import pytree
+from glucoloop.build.designs import controller_of, with_guard
+from glucoloop.build.random_keys import keys_of_people
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.control.protocol import Controller, Decision, Observation
 from glucoloop.episodes import once
-from glucoloop.experiments.designs import controller_of, with_guard
-from glucoloop.experiments.random_keys import keys_of_people
 from glucoloop.meals import Eaten
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
-from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.faults import battery_gap, occlusion
 from glucoloop.sensors import CorrelatedNoise, IdealSensor, late, missing
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.varying import varying
+from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.situation import configured
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.threefry import uniforms
 from glucoloop.tuning.search import move_slots
 from meal_aware.measures import Floats, Runs, numbers_at_samples

@@ -21,10 +21,10 @@ from glucoloop.meals import Eaten, Meal, Scenario, absorb, eaten, meal_model_of
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
-from glucoloop.simulation.held import held_of
 from glucoloop.simulation.integrators import default_integrator
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.minute_inputs import held_of
 from glucoloop.simulation.plant import Exogenous, Held, Plant, SampleGrid
+from glucoloop.simulation.user_objects import compiled_by_class
 
 Values = npt.NDArray[np.float64]
 

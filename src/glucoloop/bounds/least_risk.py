@@ -50,8 +50,8 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.formulas import glycemia_risk_index
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.parts import compiled_by_class
 from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
+from glucoloop.simulation.user_objects import compiled_by_class
 
 Values = npt.NDArray[np.float64]
 

@@ -5,7 +5,7 @@ The problem is to minimise over the plan v, within linear limits::
     F(v) = sum_j c_j max(0, max_k(+-g_k(v)) - cap_j) + 1/2 sum_k w_k g_k(v)^2 + rho/2 |D v - d|^2
 
 where g is the deviation of glucose from the setpoint on the fine grid. Each step replaces g by its linearisation and
-adds ``lambda/2 |dv|^2``, which makes it a strictly convex quadratic program for `optimize.solve_qp`; lambda falls when
+adds ``lambda/2 |dv|^2``, which makes it a strictly convex quadratic program for `qp.solve_qp`; lambda falls when
 the linearisation foretold the decrease well, and grows until there is one. At the end an independent linear program
 (SciPy's HiGHS) tells how far from stationary the plan is.
 
@@ -29,7 +29,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.optimize import QPSolution, solve_qp
+from glucoloop.qp import QPSolution, solve_qp
 
 Values = npt.NDArray[np.float64]
 

@@ -8,16 +8,18 @@ import os
 import re
 import sys
 import textwrap
+import traceback
 from collections.abc import Callable, Sequence
+from types import TracebackType
 from typing import Final
 
 import glucoloop
 from glucoloop.cli.command import Command
+from glucoloop.cli.errors import BUG, COMMAND, KEPT_RESULTS, interrupted, mistake, sentence
 from glucoloop.cli.interrupts import catching_interrupts
-from glucoloop.cli.mistakes import BUG, KEPT_RESULTS, interrupted, mistake, sentence
-from glucoloop.cli.screen import note, width_of_text
-from glucoloop.parts.code import loaded, only_code
-from glucoloop.parts.setting import known_names
+from glucoloop.cli.screen import note, print_text, width_of_text
+from glucoloop.component.code import loaded, only_code
+from glucoloop.component.setting import known_names
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import CARRY_ON, LIMITS, MODELS, RESULTS, SAFETY, SIMULATE, STUDIES, CommandEntry
 
@@ -60,7 +62,7 @@ def program_help() -> str:
 def command_of(name: str) -> Command:
     """A command by its name; Refusal for an unknown one."""
     if name in STUDIES:
-        from glucoloop.cli.declared import command_of_study
+        from glucoloop.cli.study_command import command_of_study
 
         return command_of_study(loaded(STUDIES[name].place))
     if name not in COMMANDS:
@@ -77,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     _prepare_streams()
     KEPT_RESULTS.set(None)
+    COMMAND.set(None)
     with only_code(_is_allowed(arguments)):
         if any("\0" in argument for argument in arguments):
             mistake("an argument holds a NUL character, which no name or number does; leave it out")
@@ -116,14 +119,15 @@ def _prepare_streams() -> None:
 def _carry_out(arguments: Sequence[str]) -> int:
     """Carry out what the arguments ask for; returns the exit code."""
     if not arguments or arguments[0] in _HELP:
-        print(program_help(), end="")
+        print_text(program_help(), end="")
         return 0 if arguments else 2
     if arguments[0] == "--version":
-        print(f"glucoloop {glucoloop.__version__}")
+        print_text(f"glucoloop {glucoloop.__version__}")
         return 0
     command, rest = command_of(arguments[0]), arguments[1:]
+    COMMAND.set((command.name, frozenset((*_HELP, *(option.flag for option in command.options)))))
     if any(argument in _HELP for argument in rest):
-        print(command.help(), end="")
+        print_text(command.help(), end="")
         return 0
     from glucoloop.arithmetic import pin
 
@@ -138,6 +142,7 @@ def program() -> None:
 
     A regular exit of the interpreter would tear down threads of JAX that still compute, which sometimes crashes.
     """
+    sys.excepthook = _print_bug
     try:
         main()
     except SystemExit as leaving:
@@ -146,3 +151,7 @@ def program() -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(130)
+
+
+def _print_bug(kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
+    print_text("".join(traceback.format_exception(kind, error, where)), end="", error=True)

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.cli.command import Command
-from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import note
+from glucoloop.cli.option import ALLOW_CODE, CommandOption, Given
+from glucoloop.cli.screen import note, print_text, print_value
+from glucoloop.component.catalogue import catalogues
+from glucoloop.component.code import loaded
+from glucoloop.component.grammar import NONE
+from glucoloop.component.part import Part
+from glucoloop.component.references import Reference, cited_parts, known_references, reference
+from glucoloop.component.setting import Setting, known_names
 from glucoloop.metrics.settings import METRICS
-from glucoloop.parts.catalogue import catalogues
-from glucoloop.parts.code import loaded
-from glucoloop.parts.grammar import NONE
-from glucoloop.parts.part import Part
-from glucoloop.parts.references import Reference, cited_parts, known_references, reference
-from glucoloop.parts.setting import Setting, known_names
 from glucoloop.refusal import Refusal
 from glucoloop.studies.catalogue import STUDIES
 
@@ -44,12 +44,12 @@ def _cite(typed: Given) -> None:
             note([f"The {what} names no publication."])
     references = [(source, reference(source), users) for source, users in whose.items()]
     if typed.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
-        print(json_text(with_version({"references": [_plain(*entry) for entry in references]})))
+        print_value(with_version({"references": [_plain(*entry) for entry in references]}))
         return
     for number, (_, entry, users) in enumerate(references, start=1):
-        print(f"% {'; '.join(users)}\n{entry.bibtex(entry.key or f'source{number}')}\n")
+        print_text(f"% {'; '.join(users)}\n{entry.bibtex(entry.key or f'source{number}')}\n")
 
 
 def _plain(source: str, entry: Reference, users: list[str]) -> dict[str, Any]:
@@ -138,6 +138,7 @@ CITE: Final = Command(
             required=False,
             many=True,
         ),
+        ALLOW_CODE,
         CommandOption("json", "--json", "Print one JSON object: a list of references."),
     ),
     _cite,

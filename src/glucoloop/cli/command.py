@@ -120,7 +120,7 @@ class _Parser(argparse.ArgumentParser):
 
     def _other_way(self, word: str) -> str:
         """Advice for an option that is none: a part that is left out, or a setting of a part; empty for others."""
-        from glucoloop.parts.catalogue import catalogues
+        from glucoloop.component.catalogue import catalogues
 
         switch = self._by_flag.get(word.replace("--no-", "--", 1))
         if word.startswith("--no-") and switch is not None and switch.metavar is not None:

@@ -9,7 +9,7 @@ from typing import Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
 from glucoloop.cli.request import completed, request_of
-from glucoloop.cli.screen import note, print_json, stage, where_written
+from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
 from glucoloop.situations.run import boluses_into_a_vein
@@ -42,11 +42,12 @@ def _export(typed: Given) -> None:
     request = request_of(typed, OPTIONS)
     read_root(Export, request.tree)
     output = request.output
-    asked = completed(request, Export)
-    note(boluses_into_a_vein(asked))
-    with output.folder() as folder:
-        if folder is None:
-            raise Refusal("an exported controller is a folder; name one with --out")
+    if output.place is None:
+        raise Refusal("an exported controller is a folder; name one with --out")
+    with output.folder("run.toml", "controller.c") as folder:
+        assert folder is not None
+        asked = completed(request, Export)
+        note(boluses_into_a_vein(asked))
         from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):
@@ -56,9 +57,9 @@ def _export(typed: Given) -> None:
         print_json(report(made, rungs), files)
     else:
         exported = made.exported
-        print(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
+        print_text(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")
         print_rungs(rungs)
-        print(where_written(output.out, files))
+        print_text(where_written(output.out, files))
     if any(rung.holds is False for rung in rungs):
         sys.exit(1)
 
@@ -79,9 +80,9 @@ def _check(typed: Given) -> None:
     with stage("Checking"):
         rungs = check(asked, folder)
     if typed.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
-        print(json_text(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]})))
+        print_value(with_version({"folder": str(folder), "checks": [rung.as_dict() for rung in rungs]}))
     else:
         print_rungs(rungs)
     sys.exit(1 if any(rung.holds is False for rung in rungs) else 0)

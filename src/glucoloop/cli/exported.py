@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from glucoloop.build.designs import controller_of
+from glucoloop.cli.screen import print_text
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.designs import controller_of
 from glucoloop.firmware.chips import chip_of
 from glucoloop.firmware.folder import code_files, numbers_table, proof, readme
 from glucoloop.firmware.ladder import CHECKED, INTERPRETED, chips_for, ladder
@@ -110,4 +111,4 @@ def print_rungs(rungs: Sequence[Rung]) -> None:
     """Print one line for each check."""
     for rung in rungs:
         verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]
-        print(f"{verdict:>13}  {rung.check}: {rung.found}.")
+        print_text(f"{verdict:>13}  {rung.check}: {rung.found}.")

@@ -7,7 +7,8 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.cli.screen import print_text
 from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 
@@ -55,7 +56,9 @@ def _lab(given: Given) -> None:
     code = None if language is None else read_text(Path(language), "a module with texts")
     text = page(None if population is None else (patient or USUAL_PATIENT.name, population), code).encode()
     write_file(place, text)
-    print(f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network.")
+    print_text(
+        f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network."
+    )
 
 
 LAB: Final = Command("lab", HELP, _OPTIONS, _lab)

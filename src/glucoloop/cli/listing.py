@@ -7,8 +7,8 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
-from glucoloop.cli.screen import width_of_text
-from glucoloop.parts.listing import listed, listing
+from glucoloop.cli.screen import print_text, print_value, width_of_text
+from glucoloop.component.listing import listed, listing
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.studies.catalogue import STUDIES
 
@@ -46,11 +46,11 @@ def _list(typed: Given) -> None:
         width = width_of_text()
         text = "\n".join(textwrap.fill(line, width, subsequent_indent="    ", break_on_hyphens=False) for line in lines)
     if typed.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
-        print(json_text(with_version({"parts": parts})))
+        print_value(with_version({"parts": parts}))
     else:
-        print(text)
+        print_text(text)
 
 
 LIST: Final = Command(

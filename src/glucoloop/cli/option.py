@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from glucoloop.parts.grammar import part_text
-from glucoloop.parts.part import Part
-from glucoloop.parts.setting import Setting, value_text
+from glucoloop.component.grammar import part_text
+from glucoloop.component.part import Part
+from glucoloop.component.setting import Setting, value_text
 from glucoloop.situations.option import OUTPUT_PANEL, WORK_PANEL, Option
 
 Given = dict[str, Any]

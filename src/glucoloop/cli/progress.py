@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
-from glucoloop.printable import how_many
+from glucoloop.cli.screen import print_text
+from glucoloop.text import how_many
 
 BETWEEN_LINES_S: Final = 10.0
 _MEASURED_S: Final = 5.0
@@ -66,7 +67,7 @@ def counted(total: int, before: int, what: str, *, rate_over_s: float = 30.0) ->
             if not terminal and time.monotonic() - last_s >= BETWEEN_LINES_S:
                 last_s = time.monotonic()
                 left = datetime.timedelta(seconds=round((total - task.completed) / rate)) if rate else "an unknown time"
-                print(f"{text}, {left} left", file=sys.stderr)
+                print_text(f"{text}, {left} left", error=True)
 
         yield more
     raise_if_interrupted()

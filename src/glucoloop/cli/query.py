@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
-import sys
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from glucoloop.cli.command import Command
 from glucoloop.cli.interrupts import leave_to_the_system
 from glucoloop.cli.option import CommandOption, Given
-from glucoloop.cli.screen import note, show
+from glucoloop.cli.screen import note, print_rows, print_value, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -30,6 +28,7 @@ HELP: Final = (
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
 _MOST_SHOWN: Final = 1000
+_LONGEST_CELL: Final = 10_000
 
 
 def _query(typed: Given) -> None:
@@ -39,7 +38,6 @@ def _query(typed: Given) -> None:
         raise Refusal("--json and --csv exclude one another; leave one out")
     if not folder:
         raise Refusal("DIR is empty; give the folder of a trial")
-    from glucoloop.storage.files import json_text
     from glucoloop.storage.trials.query import VIEWS, Answer, trial_tables
 
     leave_to_the_system()
@@ -47,17 +45,15 @@ def _query(typed: Given) -> None:
         if tables.done < tables.shards:
             note([f"{tables.done} of {tables.shards} shards are done; the answer is about these."])
         if sql is None and typed.get("json"):
-            print(json_text(tables.views))
+            print_value(tables.views)
             return
         held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
         answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
         if typed.get("csv"):
-            writer = csv.writer(sys.stdout, lineterminator="\n")
-            writer.writerow(answer.columns)
-            writer.writerows(answer.rows)
+            print_rows(answer.columns, answer.rows)
         elif typed.get("json"):
             plain = {"columns": answer.columns, "rows": list(answer.rows)}
-            print(json_text(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value)))
+            print_value(plain, lambda value: float(value) if isinstance(value, Decimal) else str(value))
         else:
             _print_table(answer)
 
@@ -80,11 +76,14 @@ def _print_table(answer: Answer) -> None:
         note(["No row answers the question."])
     if len(shown) > _MOST_SHOWN:
         note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
+    if any(len(str(value)) > _LONGEST_CELL for row in shown for value in row):
+        note([f"The first {_LONGEST_CELL} letters of a longer text; --csv prints it whole."])
 
 
 def _cells(row: tuple[Any, ...]) -> Iterator[str]:
     for value in row:
-        yield "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+        text = "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+        yield text if len(text) <= _LONGEST_CELL else f"{text[:_LONGEST_CELL]} ..."
 
 
 QUERY: Final = Command(

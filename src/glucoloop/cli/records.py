@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import JSON, CommandOption, Given
-from glucoloop.cli.screen import show
-from glucoloop.cli.written import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
+from glucoloop.cli.screen import print_text, print_value, show
 from glucoloop.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ _ANSWERS: Final = (
     CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
 )
 _NETWORK: Final = "Network"
+_MOST_DIGITS: Final = 9
 _NIGHTSCOUT: Final = "nightscout"
 _SITE: Final = (
     CommandOption(
@@ -84,13 +85,13 @@ def _records(given: Given) -> None:
     if place is not None:
         write_file(place, record.parquet())
     if given.get("json"):
-        from glucoloop.storage.files import json_text, with_version
+        from glucoloop.storage.files import with_version
 
         written = {"file": str(place)} if place is not None else {}
-        print(json_text(with_version({**_described(record), **written})))
+        print_value(with_version({**_described(record), **written}))
         return
     _print_record(record)
-    print("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
+    print_text("Nothing was written; --out FILE keeps the record." if place is None else f"Wrote {place}.")
 
 
 def _read(given: Given) -> DeviceRecord:
@@ -112,7 +113,7 @@ def _fetched(given: Given) -> DeviceRecord:
         if option.key in given and option.key != "time_zone":
             raise Refusal(f"{option.flag} is for files, and not for a site; leave it out")
     days = given.get("days", "14")
-    if not days.isdecimal():
+    if not days.isdecimal() or len(days) > _MOST_DIGITS:
         raise Refusal(f"--days is {days!r}; give a whole number of days")
     from glucoloop.records.nightscout_site import TOKEN_VARIABLE, read_nightscout
 
@@ -143,14 +144,14 @@ def _print_record(record: DeviceRecord) -> None:
     from glucoloop.report.columns import FittingTable
 
     told = _described(record)
-    print(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
+    print_text(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
     table = Table("Column", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("Values", justify="right")
     for name, count in told["values"].items():
         table.add_row(name, str(count))
     show(FittingTable(table))
     for note in record.notes:
-        print(note)
+        print_text(note)
 
 
 RECORDS: Final = Command(

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from glucoloop.cli.mistakes import written_whole
+from glucoloop.cli.errors import written_whole
 from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
 from glucoloop.cli.screen import note, stage
-from glucoloop.parts.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
-from glucoloop.parts.part import Part
+from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
+from glucoloop.component.part import Part
 from glucoloop.patients.settings import USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import asked_for
@@ -54,14 +54,17 @@ class Output:
             raise Refusal("--overwrite is about an output folder; name one with --out")
         return self.out
 
-    def folder(self) -> contextlib.AbstractContextManager[OutputFolder | None]:
-        """The output folder, or None if nothing is to be written."""
+    def folder(self, *holds: str) -> contextlib.AbstractContextManager[OutputFolder | None]:
+        """The output folder, or None if nothing is to be written; every one of the command holds files of these names.
+
+        It is entered before anything is computed, so that a place that cannot be used is refused at once.
+        """
         from glucoloop.storage.folder import output_folder
 
         place = self.place
         if place is None:
             return written_whole(contextlib.nullcontext(), None)
-        return written_whole(output_folder(place, overwrite=self.overwrite), place)
+        return written_whole(output_folder(place, overwrite=self.overwrite, holds=holds), place)
 
 
 @dataclass(frozen=True)
@@ -170,8 +173,9 @@ def _cases(in_file: Any, given_cases: list[Tree]) -> list[Tree]:
     if len(tables) > 1:
         labels = ", ".join(str(plain(table.get("label", table.get(NAME)))) for table in tables)
         raise Refusal(
-            f"{where}: the settings name no controller, and there are several ({labels}); write --set "
-            "controller.LABEL.setting=value"
+            f"{where}: the settings name no controller, and there are several ({labels})",
+            "name one",
+            "write --set controller.LABEL.setting=value",
         )
     return [functools.reduce(over, given_cases, tables[0])]
 
@@ -235,7 +239,7 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
 def completed(request: Request, root: type[P]) -> P:
     """The complete request, once the simulator is imported; with a note on what a file leaves out and is other now."""
     with stage("Importing the simulator"):
-        from glucoloop.cli.compiled import keep_compiled
+        from glucoloop.cli.jax_cache import keep_compiled
 
         keep_compiled()  # before the patient's rest is computed
         asked = asked_for(root, request.tree)

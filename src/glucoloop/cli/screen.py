@@ -1,15 +1,24 @@
-"""Output of a command: results on standard output, and everything else on standard error."""
+"""Output of a command: results on standard output, and everything else on standard error.
+
+Whatever a command prints passes through here, where control characters become their escapes: a text of a file could
+otherwise command the terminal.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from glucoloop.cli.interrupts import raise_if_interrupted
+from glucoloop.text import printable, printable_json, printable_lines
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions
+    from rich.segment import Segment
 
 _PIPED: Final = 200
 _WIDEST_TEXT: Final = 100
@@ -31,21 +40,39 @@ def stage(text: str) -> Iterator[Callable[[str], None]]:
         if sys.stderr.isatty():
             from rich.console import Console
 
-            update = stack.enter_context(Console(stderr=True).status(f"{text} ...")).update
+            update = stack.enter_context(Console(stderr=True, markup=False).status(f"{printable(text)} ...")).update
 
         def done(what: str) -> None:
             raise_if_interrupted()
             if update is not None:
-                update(f"Done: {what} ...")
+                update(f"Done: {printable(what)} ...")
 
         yield done
     raise_if_interrupted()
 
 
+def print_text(text: str, *, end: str = "\n", error: bool = False) -> None:
+    """Print a text of one line or several on standard output, or on standard error."""
+    print(printable_lines(text), end=end, file=sys.stderr if error else sys.stdout)
+
+
 def note(texts: Iterable[str]) -> None:
     """Print notes, one line each."""
     for text in texts:
-        print(text, file=sys.stderr)
+        print_text(printable(text), error=True)
+
+
+class _Printable:
+    """What rich can print, with escapes in the place of control characters of its texts."""
+
+    def __init__(self, inner: Any) -> None:
+        self.inner = inner
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        from rich.segment import Segment
+
+        for segment in console.render(self.inner, options):
+            yield segment if segment.control else Segment(printable_lines(segment.text), segment.style)
 
 
 def show(table: object) -> None:
@@ -54,14 +81,35 @@ def show(table: object) -> None:
 
     width = None if sys.stdout.isatty() else _PIPED
     # No markup: square brackets and colons in a label or an answer are its own.
-    Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout).print(table)
+    Console(width=width, highlight=False, markup=False, emoji=False, file=sys.stdout).print(_Printable(table))
+
+
+def print_value(value: object, other: Callable[[Any], object] | None = None) -> None:
+    """Print a value as JSON; `other` makes plain what is not."""
+    from glucoloop.storage.files import json_text
+
+    print(printable_json(json_text(value, other)))
+
+
+class _StandardOutput:
+    """Standard output as a file to write to."""
+
+    def write(self, text: str) -> None:
+        print_text(text, end="")
+
+
+def print_rows(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Print a CSV table with the names of its columns."""
+    from glucoloop.spreadsheet import write_rows
+
+    write_rows(_StandardOutput(), names, rows)
 
 
 def print_json(report: Mapping[str, Any], files: Mapping[str, str], notes: Iterable[str] = ()) -> None:
     """Print the report with the paths of its files, and notes on standard error."""
-    from glucoloop.storage.files import json_text, with_version
+    from glucoloop.storage.files import with_version
 
-    print(json_text({**with_version(report), "files": files}))
+    print_value({**with_version(report), "files": files})
     note(notes)
 
 

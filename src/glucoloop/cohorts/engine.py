@@ -11,17 +11,17 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.build.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import Surroundings, shared_surroundings
+from glucoloop.build.titration import with_profiles
 from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
 from glucoloop.cohorts.trial import LEAST_BLOCK, Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
-from glucoloop.experiments.assemble import AtRest, PeopleLoop, close_loop, own_controllers, with_profile_of_each
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import Surroundings, shared_surroundings
-from glucoloop.experiments.titration import with_profiles
 from glucoloop.meals import Scenario
 from glucoloop.meals.days import LivedDays
 from glucoloop.metrics import Metrics, RunningMetrics
@@ -30,8 +30,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
 from glucoloop.simulation.cohort import Fold
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.held import HeldOfPeople
-from glucoloop.simulation.varying import chosen, replaced, varying
+from glucoloop.simulation.minute_inputs import HeldOfPeople
+from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
 

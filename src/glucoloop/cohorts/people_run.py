@@ -11,24 +11,24 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked, on_host
+from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import Surroundings
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller
-from glucoloop.exercise import draw_bouts
-from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.meals import Scenario, eaten
 from glucoloop.meals.scenario import announced_g, announced_min
 from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.patients.settings import patient_entry
+from glucoloop.physiology.exercise import draw_bouts
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid, usual_limits
 from glucoloop.simulation.cohort import CohortRun
-from glucoloop.simulation.held import HeldOfPeople
+from glucoloop.simulation.minute_inputs import HeldOfPeople
 from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]

@@ -11,16 +11,16 @@ import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import Default
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.setting import Default
 from glucoloop.patients.settings import patient_entry
-from glucoloop.plausible import DURATION
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import FedSituation
 from glucoloop.situations.scenarios import USUAL_DAY
+from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY, MIN_PER_WEEK
 
 if TYPE_CHECKING:
@@ -231,7 +231,8 @@ class Trial(FedSituation):
         table = self.population.table
         if table is None or not table.meals:
             raise Refusal(
-                f"the people of {self.population.name} have no days of their own; give meals, like --meal 45g@7h"
+                f"the people of {self.population.name} have no days of their own",
+                "give meals, like --meal 45g@7h",
             )
         return typing.cast("Population", self.population)
 

@@ -8,7 +8,7 @@ References
 ----------
 H. Zisser, L. Robinson, W. Bevier, E. Dassau, C. Ellingsen, F. J. Doyle III, L. Jovanovic, "Bolus calculator: a review
 of four 'smart' insulin pumps", Diabetes Technol. Ther. 10(6), 2008, 441-444.
-The rules of 500 and 1800 are those of `glucoloop.profile`.
+The rules of 500 and 1800 are those of `glucoloop.therapy`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import BasalBolusSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.plausible import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import Profile
+from glucoloop.unit_guess import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
 from glucoloop.units import MU_PER_U
 
 _LEFT: Final = 4.744

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from glucoloop.component.catalogue import Catalogue
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.profile_settings import (
     BasalBolusSettings,
@@ -21,7 +22,6 @@ from glucoloop.control.settings import (
     NLQDMCSettings,
     PIDSettings,
 )
-from glucoloop.parts.catalogue import Catalogue
 
 CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
     ControllerPart,

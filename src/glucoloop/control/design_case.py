@@ -11,12 +11,12 @@ from glucoloop.identification import FirstOrderModel
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.therapy import Profile
 
 
 class DesignCase(Protocol):
-    """Subject of the design of a controller; `experiments.designs` makes it from a situation."""
+    """Subject of the design of a controller; `build.designs` makes it from a situation."""
 
     @property
     def limits(self) -> DoseLimits:

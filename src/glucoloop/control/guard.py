@@ -20,6 +20,8 @@ from glucoloop.control.guard_doses import (
     OwnLimits,
     first_given,
     heal_given,
+    largest_bolus,
+    largest_rate,
     most,
     most_bolus,
     take_in,
@@ -36,8 +38,8 @@ from glucoloop.control.protocol import (
     gives_boluses,
 )
 from glucoloop.control.tuning import check_rate
-from glucoloop.profile import Profile, given_profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.units import MIN_PER_DAY
 
 _ORDINARY_MG_DL: Final = 100.0
@@ -146,7 +148,7 @@ class Guard:
         return GuardState(
             inner=self.inner.init(clean),
             seen=seen,
-            given=first_given(basal, self.sample_time_min, no_bolus).with_check(delivered, no_bolus),
+            given=first_given(basal, delivered, self.sample_time_min, no_bolus).with_first_check(delivered, no_bolus),
             command_mU_min=delivered,
             setpoint_mg_dl=setpoint,
             suspended=jnp.zeros_like(delivered),
@@ -162,13 +164,17 @@ class Guard:
         word = observation.delivered_mU_min
         rate_reported = self._is_rate(word)
         delivered = jnp.where(rate_reported, word, state.command_mU_min)
-        counted = jnp.where(rate_reported | intact, delivered, self._highest_rate)
+        # A report of less than was asked for may be wrong, so that it lowers no count.
+        counted = largest_rate(state.given, state.command_mU_min, delivered, self.limits.max_change_mU_min)
         setpoint = self._setpoint(observation, state.setpoint_mg_dl)
         pushed = jnp.abs(state.given.on_board) > settings.stuck_on_board
         seen, believed, jump = see(
             state.seen, observation.glucose_mg_dl, observation.valid, setpoint, pushed, settings, every
         )
         bolus_since = self._bolus_since(state, observation)
+        counted_bolus = state.bolus_mU
+        if bolus_since is not None and counted_bolus is not None:
+            counted_bolus = jnp.maximum(bolus_since, counted_bolus)
         clean = _clean(observation, seen, believed, setpoint, delivered, bolus_since)
         # A memory that is lost is put right before it is used and not when it is stored: this makes native code faster.
         heals = getattr(self.inner, "heals", False)
@@ -184,7 +190,8 @@ class Guard:
         is_possible = possible(observation.glucose_mg_dl, observation.valid, settings)
         lowest = jnp.where(is_possible, jnp.minimum(seen.glucose_mg_dl, observation.glucose_mg_dl), seen.glucose_mg_dl)
         above = lowest - setpoint
-        given = take_in(state.given, counted, bolus_since, seen.glucose_mg_dl - setpoint, jump, own, settings, every)
+        excess = seen.glucose_mg_dl - setpoint
+        given = take_in(state.given, counted, counted_bolus, excess, jump, own, settings, every)
         allowed = most(given, above, seen.held_min > 0.0, own, settings, self.limits.max_change_mU_min, every)
         trusted = believed & (seen.held_min <= settings.held_min)
         allowed = jnp.where(trusted, allowed, given.basal_mU_min)
@@ -194,11 +201,13 @@ class Guard:
         bound = settings.low_mg_dl + settings.hysteresis_mg_dl * state.suspended
         suspended = jnp.minimum(predicted, lowest) < bound
         dose = jnp.minimum(wanted, allowed)
-        fallback = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, given.basal_mU_min)
-        dose = jnp.where(unseen, fallback, dose)
+        # No insulin at all for longer would end in ketoacidosis, so that a request of nothing is not followed for ever.
+        dose = jnp.where(long_unseen, settings.reduced_fraction * given.basal_mU_min, dose)
         dose = jnp.where(suspended, self.limits.min_mU_min, dose)
-        within = self._keeps(dose, delivered)
-        dose = jnp.where(within, dose, self.limits.clip(dose, delivered))
+        # A report of more than was asked for lifts no dose: the pump goes down as fast as it can by itself.
+        lowest_start = jnp.where(intact, jnp.minimum(delivered, state.command_mU_min), delivered)
+        within = self._keeps(dose, delivered, lowest_start)
+        dose = jnp.where(within, dose, self._clip(dose, delivered, lowest_start))
 
         limited, bolus = wanted > allowed, None
         if decision.bolus_mU is not None:
@@ -206,8 +215,9 @@ class Guard:
             # A reading that is not believed calls for no insulin, but a meal does, which also ends a predicted low.
             eats = clean.announced_carbs_g > 0.0
             may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~unseen
-            largest = most_bolus(given, dose, own, settings, self.limits.max_change_mU_min, every)
-            bolus = jnp.where(may, jnp.minimum(asked, largest), 0.0)
+            change = self.limits.max_change_mU_min
+            beside = largest_rate(given, dose, dose, change)
+            bolus = jnp.where(may, jnp.minimum(asked, most_bolus(given, beside, own, settings, change, every)), 0.0)
             limited = limited | (asked > bolus)
 
         status = decision.status
@@ -237,8 +247,9 @@ class Guard:
         held, suspended = state.setpoint_mg_dl, state.suspended
         setpoint = jnp.where(self._is_setpoint(held), held, _ORDINARY_MG_DL)
         basal = jnp.asarray(self.basal_mU_min, held.dtype)
-        given = heal_given(state.given, intact, basal, self._own_limits, self._highest_rate)
-        bolus = state.bolus_mU
+        own, before = self._own_limits, self.limits.max_mU_min + self.limits.max_change_mU_min
+        given = heal_given(state.given, intact, basal, own, self._highest_rate, before)
+        bolus, largest = state.bolus_mU, largest_bolus(given.basal_mU_min, own, self.settings)
         return GuardState(
             inner=state.inner,
             seen=heal_seen(state.seen, setpoint, self.settings),
@@ -246,7 +257,7 @@ class Guard:
             command_mU_min=jnp.where(intact, state.command_mU_min, given.basal_mU_min),
             setpoint_mg_dl=setpoint,
             suspended=jnp.where(suspended == 0.0, 0.0, 1.0).astype(suspended.dtype),
-            bolus_mU=None if bolus is None else jnp.where(intact, bolus, MOST_BOLUS_MU),
+            bolus_mU=None if bolus is None else jnp.where(intact, bolus, largest),
         )
 
     @property
@@ -282,14 +293,18 @@ class Guard:
         given = observation.setpoint_mg_dl
         return jnp.where(self._is_setpoint(given), given, otherwise)
 
-    def _keeps(self, dose: jax.Array, delivered: jax.Array) -> jax.Array:
+    def _keeps(self, dose: jax.Array, delivered: jax.Array, lowest_start: jax.Array) -> jax.Array:
         """Whether a dose keeps the limits, up to the rounding of an earlier clip to the rate limit."""
         limits = self.limits
-        rounding = 4.0 * jnp.finfo(dose.dtype).eps * limits.max_mU_min
-        change = jnp.abs(dose - delivered)
-        return (
-            (change <= limits.max_change_mU_min + rounding) & (dose >= limits.min_mU_min) & (dose <= limits.max_mU_min)
-        )
+        change = limits.max_change_mU_min + 4.0 * jnp.finfo(dose.dtype).eps * limits.max_mU_min
+        slow = (dose - delivered <= change) & (lowest_start - dose <= change)
+        return slow & (dose >= limits.min_mU_min) & (dose <= limits.max_mU_min)
+
+    def _clip(self, dose: jax.Array, delivered: jax.Array, lowest_start: jax.Array) -> jax.Array:
+        """The nearest dose that keeps the limits; it rises from what was reported, and falls from `lowest_start`."""
+        limits = self.limits
+        slow = jnp.clip(dose, lowest_start - limits.max_change_mU_min, delivered + limits.max_change_mU_min)
+        return jnp.clip(slow, limits.min_mU_min, limits.max_mU_min)
 
 
 def _clean(
@@ -359,15 +374,17 @@ def guarded(
 
     1. Every field of the observation is checked. A reading that is not a number, out of range, too fast or stuck is
        passed on as not valid, and the controller relies on its model; an impossible value of another field is replaced
-       by the last possible one.
+       by the last possible one. Of the reported and the requested insulin the larger counts.
     2. The controller decides. If its memory or its dose is not finite or absurd, it is restarted and the basal rate is
        given. A memory is absurd beyond the controller's `memory_bound`, by default 1e6.
     3. The dose is cut to the largest that is allowed, ``b max(A, 1 + (B' - k B) / (1 - k))``, and to that of the hour,
        but not below the basal rate. ``B' = min((y - r - e - d) / F, B_max)`` is the insulin that may be on board, and
        at most ``B`` of it while the reading stays the same.
-    4. After some time without a believed reading the dose is the basal rate, and later a part of it.
+    4. Without a believed reading the dose is at most the basal rate and at most what the controller asks for. After a
+       long time without one it is a part of the basal rate, whatever the controller asks for.
     5. The dose is 0 while ``y + t y'`` is below the bound.
-    6. The dose is clipped to the pump's limits. A dose that no rule changed passes bit for bit.
+    6. The dose is clipped to the pump's limits: it rises from the reported rate, and falls from the lower of that and
+       the requested one. A dose that no rule changed passes bit for bit.
     7. A bolus is cut so that insulin on board, which has all of it at once, stays within ``B_max``, and insulin in any
        window of 60 min, the rate included, within the cap of the hour. Readings do not bound it otherwise. No bolus is
        given while insulin is suspended nor on a reading that is not believed, unless a meal is announced; and none at

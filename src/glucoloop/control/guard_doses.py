@@ -12,7 +12,15 @@ rate as fast as the pump can. Call a state safe if that is so for the rate in fo
 3. The guard gives at most the largest allowed rate, or the next one on the way down. Either leaves a safe state.
 
 So from a safe state every later one is safe, for any readings and any controller, as long as the pump gives no more
-than it was asked for. If it gives more, the guard takes the rate down as fast as the pump can until the caps hold.
+than it was asked for. If it reports that it gave more, the guard takes the rate down as fast as the pump can until the
+caps hold.
+
+No report of a pump lowers the count. A report of less than was asked for may be true, as after an occlusion, or false,
+and nothing that a guard is told tells these apart: an occlusion that ended looks like a report that was wrong. So what
+counts of a sample is the largest of three rates, the one that was asked for, the one that was reported, and the one
+that counted before less ``D``, below which the pump may not have come; and of two boluses the larger. A pump that gives
+what it was asked for, or goes there from a higher rate as fast as it can, never gives more than this. Both caps grow
+with every past rate, so what it truly gave keeps them too, whatever it reports.
 
 An hour is any window of 60 min, at whatever time it begins, its ends included. Rates are constant over a sample, and a
 bolus counts whole at the beginning of its sample. Between two windows that begin or end between samples the insulin of
@@ -33,7 +41,8 @@ In an hour a rate below the basal rate counts as the basal rate, and insulin on 
 basal rate. So insulin that was withheld is never given later, and the way down never has to go below the basal rate.
 
 The record from which both caps are counted has a check sum. If that does not agree with the record, every number of
-the record is taken for the largest that it can be, which allows no more than the basal rate until the hour has passed.
+the record is taken for the largest that it can be, which allows no more than the basal rate until they no longer
+count: for an hour, and longer where more may be on board.
 """
 
 from __future__ import annotations
@@ -67,26 +76,35 @@ class Given:
     """Insulin on board as the cap counts it, which never falls below 0."""
     hour_mU_min: jax.Array
     """(samples, ...) rates of the last hour, the oldest first, each at least the basal rate."""
+    rate_mU_min: jax.Array
+    """Largest rate that the pump can have given in the last sample."""
     doubted_mg_dl: jax.Array
     """Part of the reading that is attributed to the sensor; below 0 after a jump down, which may be reversed."""
     check: jax.Array
-    """Check sum of the record: of `counted`, the hour, and the last dose that was asked for."""
+    """Check sum of the record: of `counted`, the hour, the last rate, and the last dose that was asked for. It is below
+    0 in the first state, which may have been rounded to single precision since.
+    """
     hour_bolus_mU: jax.Array | None = None
     """(samples, ...) boluses of the last hour, the oldest first; None where none are given."""
 
     def agrees(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
         """Whether the check sum agrees with the record, up to rounding."""
-        rounding = 8.0 * (self.hour_mU_min.shape[0] + 4) * jnp.finfo(self.check.dtype).eps
-        difference = jnp.abs(self.check - self._sum(asked_mU_min, asked_bolus_mU))
+        eps = jnp.where(self.check < 0.0, jnp.finfo(jnp.float32).eps, jnp.finfo(self.check.dtype).eps)
+        rounding = 8.0 * (self.hour_mU_min.shape[0] + 5) * eps
+        difference = jnp.abs(jnp.abs(self.check) - self._sum(asked_mU_min, asked_bolus_mU))
         return difference <= rounding * jnp.abs(self.check)
 
     def with_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
         """The same record with its check sum."""
         return dataclasses.replace(self, check=self._sum(asked_mU_min, asked_bolus_mU))
 
+    def with_first_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
+        """The same record with the check sum of a first state."""
+        return dataclasses.replace(self, check=-self._sum(asked_mU_min, asked_bolus_mU))
+
     def _sum(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
         # It is above 0 for every record, so that a record of zeros has no check sum of zero.
-        total = 1.0 + self.counted + asked_mU_min + jnp.sum(self.hour_mU_min, axis=0)
+        total = 1.0 + self.counted + self.rate_mU_min + asked_mU_min + jnp.sum(self.hour_mU_min, axis=0)
         if self.hour_bolus_mU is None or asked_bolus_mU is None:
             return total
         return total + asked_bolus_mU + jnp.sum(self.hour_bolus_mU, axis=0)
@@ -131,8 +149,10 @@ class Hour:
         return self.whole + (self.part_min > 0.0)
 
 
-def first_given(basal_mU_min: jax.Array, sample_time_min: float, no_bolus_mU: jax.Array | None) -> Given:
-    """State after a long time at the basal rate; the bolus is None for a controller without boluses."""
+def first_given(
+    basal_mU_min: jax.Array, rate_mU_min: jax.Array, sample_time_min: float, no_bolus_mU: jax.Array | None
+) -> Given:
+    """State after a long time at the basal rate, with a rate in force; the bolus is None for a controller without."""
     zero, samples = jnp.zeros_like(basal_mU_min), Hour.of(sample_time_min).samples
     return Given(
         basal_mU_min=basal_mU_min,
@@ -140,6 +160,7 @@ def first_given(basal_mU_min: jax.Array, sample_time_min: float, no_bolus_mU: ja
         on_board=zero,
         counted=zero,
         hour_mU_min=jnp.broadcast_to(basal_mU_min, (samples, *basal_mU_min.shape)),
+        rate_mU_min=rate_mU_min,
         doubted_mg_dl=zero,
         check=zero,
         hour_bolus_mU=None if no_bolus_mU is None else jnp.broadcast_to(no_bolus_mU, (samples, *no_bolus_mU.shape)),
@@ -152,10 +173,12 @@ def heal_given(
     basal_mU_min: jax.Array,
     own: OwnLimits,
     most_mU_min: jax.Array | float,
+    before_mU_min: jax.Array | float,
 ) -> Given:
     """Replace every impossible number of this state by the one that allows the least insulin.
 
-    `basal_mU_min` is NaN for a guard built without a basal rate, and `most_mU_min` the highest possible rate.
+    `basal_mU_min` is NaN for a guard built without a basal rate, `most_mU_min` the highest rate that may be reported,
+    and `before_mU_min` one from which the pump comes down to the highest that may be asked for.
     """
 
     def rate(value: jax.Array) -> jax.Array:
@@ -175,10 +198,26 @@ def heal_given(
         on_board=jnp.where(jnp.abs(given.on_board) < _ABSURD, given.on_board, cap),
         counted=jnp.where(intact, given.counted, cap),
         hour_mU_min=jnp.where(intact, given.hour_mU_min, most_mU_min),
+        rate_mU_min=jnp.where(intact, given.rate_mU_min, before_mU_min),
         doubted_mg_dl=jnp.where(jnp.abs(given.doubted_mg_dl) < _ABSURD, given.doubted_mg_dl, _ABSURD),
         check=given.check,
         hour_bolus_mU=None if boluses is None else jnp.where(intact, boluses, MOST_BOLUS_MU),
     )
+
+
+def largest_rate(
+    given: Given, asked_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
+) -> jax.Array:
+    """Largest rate that the pump can give in a sample: it is what counts, whatever the pump reports.
+
+    It is the largest of what was asked for, what was reported, and what the pump comes down to from the rate before.
+    """
+    return jnp.maximum(jnp.maximum(asked_mU_min, reported_mU_min), given.rate_mU_min - max_change_mU_min)
+
+
+def largest_bolus(basal_mU_min: jax.Array, own: OwnLimits, settings: GuardSettings) -> jax.Array:
+    """Largest bolus that a guard can have asked for [mU]: all that may be on board, at once."""
+    return jnp.minimum(own.max_on_board * settings.on_board_tau_min * basal_mU_min, MOST_BOLUS_MU)
 
 
 def take_in(
@@ -212,6 +251,7 @@ def take_in(
         on_board=on_board,
         counted=jnp.maximum(left_share * given.counted + (1.0 - left_share) * beyond, 0.0),
         hour_mU_min=jnp.concatenate([given.hour_mU_min[1:], counted[None]]),
+        rate_mU_min=delivered_mU_min,
         doubted_mg_dl=jnp.minimum(doubted, jnp.maximum(need, 0.0)),
         check=given.check,
         hour_bolus_mU=boluses,

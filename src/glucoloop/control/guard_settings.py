@@ -10,11 +10,12 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import Part
-from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
-from glucoloop.parts.setting import About
-from glucoloop.plausible import (
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import Part
+from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
+from glucoloop.component.setting import About
+from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import (
     ACTION_TIME,
     ANY_SETTING,
     GLUCOSE_BOUND,
@@ -23,7 +24,6 @@ from glucoloop.plausible import (
     GLUCOSE_RISE,
     WAITING_TIME,
 )
-from glucoloop.refusal import Refusal
 
 _bounded: Final = functools.partial(About, at_most=10_000.0)  # no result of so large a value overflows
 _limit: Final = functools.partial(_bounded, at_least=0.0)
@@ -68,8 +68,9 @@ class GuardSettings(Part, name="usual"):
     - fastest rise, against the last accepted reading: healthy people pass 2 mg/dl/min in about 1 % of the time
       (doi:10.1177/15209156251390822); a fall may be twice as fast;
     - unchanged readings, after 10 min: a search for the worst sensor errors makes a reading high and stuck;
-    - basal rate after 20 min: Control-IQ (Tandem); a part of it after 90 min: as long as the MiniMed 670G (Medtronic)
-      stays in its own fallback;
+    - no bolus after 20 min: as long as Control-IQ (Tandem) goes on without readings; a part of the basal rate after
+      90 min: as long as the MiniMed 670G (Medtronic) stays in its own fallback, and less than the 2 h for which its
+      suspension may last;
     - suspension: Basal-IQ (Tandem) takes 80 mg/dl, too near to a setpoint of 81, and 70 for glucose now, and looks
       30 min ahead; with 40 fewer people went low after an occlusion;
     - dose in an hour: OpenAPS allows 3 times the largest basal rate of the day; the paper's pump gives at most 2.6
@@ -100,9 +101,9 @@ class GuardSettings(Part, name="usual"):
     held_min: Annotated[
         float, _waiting("Minutes for which a reading may stay unchanged before at most the basal rate is given.")
     ] = 10.0
-    gap_min: Annotated[float, _waiting("Minutes without an accepted reading after which the basal rate is given.")] = (
-        20.0
-    )
+    gap_min: Annotated[
+        float, _waiting("Minutes without an accepted reading after which no bolus is given, not for a meal either.")
+    ] = 20.0
     long_gap_min: Annotated[
         float, _waiting("Minutes without an accepted reading after which a part of the basal rate is given.")
     ] = 90.0

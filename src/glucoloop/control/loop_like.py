@@ -27,10 +27,9 @@ from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import LoopLikeSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.insulin_action import INSULINS, insulin_left
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import INSULINS, Profile, insulin_left
 from glucoloop.units import MU_PER_U
 
 MEALS: Final = 4
@@ -391,7 +390,7 @@ def design_loop_like(
     dosing : str
         ``"automatic-bolus"`` or ``"temporary-basal"``.
     insulin : str
-        Kind of insulin whose course of action is assumed, of `insulin_action.INSULINS`.
+        Kind of insulin whose course of action is assumed, of `therapy.INSULINS`.
     carb_ratio_g_U, correction_mg_dl_U : float, optional
         Ratio and factor in place of those of the profile.
     range_mg_dl : float

@@ -40,9 +40,9 @@ from glucoloop.models.nonlinear import (
     advance_with_rough_tangents,
     individual_model,
 )
-from glucoloop.optimize.moves_qp import limit_moves
-from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+from glucoloop.qp.moves_qp import limit_moves
+from glucoloop.qp.soft_floor import minimise_moves_above_floor
 from glucoloop.refusal import Refusal
 
 _LEAST_VARIANCE: Final = 0.01

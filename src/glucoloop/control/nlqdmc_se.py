@@ -24,8 +24,8 @@ from glucoloop.control.planning import GlucoseFloor, dynamic_matrix, glucose_flo
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
 from glucoloop.estimation import steady_state_gain
-from glucoloop.estimation.carried import carried_on, is_covariance, triangle, whole
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
+from glucoloop.estimation.riccati import carried_on, is_covariance, triangle, whole
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import ContinuousModel, LinearModel, discretise, halvings_of, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from glucoloop.parts.code import loaded
-from glucoloop.parts.part import Part
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.routes import ROUTES
-from glucoloop.plausible import ANY_SETTING
+from glucoloop.component.code import loaded
+from glucoloop.component.part import Part
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.routes import ROUTES
+from glucoloop.unit_guess import ANY_SETTING
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
 
@@ -33,9 +33,9 @@ class ControllerPart(Part):
     the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""
     uses_model: ClassVar[bool] = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
-    individual: ClassVar[str | None] = "glucoloop.experiments.individual:one_by_one"
+    individual: ClassVar[str | None] = "glucoloop.build.individual:one_by_one"
     """Place ``module:function`` of the design for each person of a trial, see
-    `experiments.individual.individual_design`; None for a controller that is the same for all people."""
+    `build.individual.individual_design`; None for a controller that is the same for all people."""
     tunable: ClassVar[bool] = False
     """Whether `glucoloop tune` tries a grid of it: it has the settings of a predictive controller, and `horizons` and
     `padded` as `control.LinearMPC` has them."""

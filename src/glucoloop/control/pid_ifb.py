@@ -27,8 +27,8 @@ from glucoloop.control.pid import ROUNDING
 from glucoloop.control.profile_settings import PIDIFBSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.therapy import Profile
 from glucoloop.units import MU_PER_U
 
 TIME_CONSTANTS_MIN: Final = (50.0, 70.0, 55.0)

@@ -17,9 +17,9 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
 from glucoloop.control.settings import MPCTuning
-from glucoloop.optimize.moves_qp import minimise_moves
-from glucoloop.optimize.soft_floor import minimise_moves_above_floor
 from glucoloop.pumps.limits import DoseLimits
+from glucoloop.qp.moves_qp import minimise_moves
+from glucoloop.qp.soft_floor import minimise_moves_above_floor
 from glucoloop.refusal import Refusal
 
 CONSTRAINT_HANDLING: Final = ("clip", "qp")

@@ -28,9 +28,9 @@ from glucoloop.estimation.noise_level import CORRELATION
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.profiled import GutCompartments, ProfiledModel, Step, profiled_model
 from glucoloop.models.state_space import LinearModel
-from glucoloop.optimize.bounded_rates import OneSided, minimise_rates
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
+from glucoloop.qp.bounded_rates import OneSided, minimise_rates
+from glucoloop.therapy import Profile
 from glucoloop.units import MG_PER_G
 
 _BLOCK_ENDS_MIN: Final = (15.0, 30.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
@@ -312,7 +312,7 @@ def design_profile_mpc(
     ``g_u``       gain of insulin relative to the nominal person's             ()
     ============  ===========================================================  ======
 
-    The program is solved in a fixed number of rounds (`optimize.bounded_rates`), for two linearisations at each sample,
+    The program is solved in a fixed number of rounds (`qp.bounded_rates`), for two linearisations at each sample,
     the first along the plan of the sample before. A known dead time of the readings is not taken into account.
 
     Parameters

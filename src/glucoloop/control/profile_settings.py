@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
+from glucoloop.component.setting import About
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.settings import SensorLag
-from glucoloop.parts.setting import About
-from glucoloop.plausible import ACTION_TIME, BOLUS_STEP, CARB_RATIO, CORRECTION, GLUCOSE_BOUND
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import ACTION_TIME, BOLUS_STEP, CARB_RATIO, CORRECTION, GLUCOSE_BOUND
 
 CarbRatio = Annotated[
     float,
@@ -36,7 +36,7 @@ CorrectionFactor = Annotated[
 
 class _ByProfile(ControllerPart):
     uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.experiments.individual:by_profile"
+    individual: ClassVar = "glucoloop.build.individual:by_profile"
     gives_boluses: ClassVar = True
 
 

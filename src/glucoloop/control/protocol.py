@@ -79,7 +79,7 @@ _STATUS_TEXTS = {
     ),
     Status.FALLBACK_BASAL: (
         "No reading could be believed for longer than the guard's gap (20 min, if not set otherwise); "
-        "the guard gives the basal rate. Check the sensor, and glucose by another means."
+        "the guard gives at most the basal rate, and no bolus. Check the sensor, and glucose by another means."
     ),
     Status.FALLBACK_REDUCED: (
         "No reading could be believed for longer than the guard's long gap (90 min, if not set otherwise); "

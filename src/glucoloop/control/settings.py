@@ -9,19 +9,19 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import About, usual
 from glucoloop.control.part import ControllerPart
 from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart, NoisePace
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.setting import About, usual
-from glucoloop.plausible import (
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import LONGEST_LAG_MIN
+from glucoloop.unit_guess import (
     FITTED_STEP,
     GLUCOSE_BOUND,
     LAG,
     MEAL,
     PID_GAIN,
 )
-from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import LONGEST_LAG_MIN
 
 if TYPE_CHECKING:
     from glucoloop.estimation.unknown_meal import MealHabits
@@ -137,7 +137,7 @@ class LinearMPCSettings(MPCTuning, _Planned, name="mpc"):
 
     sources = ("parker1999", "lee1994")
     design: ClassVar = "glucoloop.control.linear_mpc:design"
-    individual: ClassVar = "glucoloop.experiments.individual:linear_mpc"
+    individual: ClassVar = "glucoloop.build.individual:linear_mpc"
     tunable: ClassVar = True
 
     constraints: Constraints = "clip"
@@ -174,7 +174,7 @@ class MPCSESettings(_Estimating, name="mpc-se"):
     sources = ("parker1999", "ricker1990")
     design: ClassVar = "glucoloop.control.mpc_se:design"
     uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.experiments.individual:mpc_se"
+    individual: ClassVar = "glucoloop.build.individual:mpc_se"
     tunable: ClassVar = True
     reference_filters: ClassVar = ".3:.8:.05"
 
@@ -258,7 +258,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
     sources = ("lehmann1992", "diehl2005")
     design: ClassVar = "glucoloop.control.meal_mpc:design"
     uses_model: ClassVar = False
-    individual: ClassVar = "glucoloop.experiments.individual:individual_meal_mpc"
+    individual: ClassVar = "glucoloop.build.individual:individual_meal_mpc"
     slow: ClassVar = True
     searched: ClassVar = (
         Tuned("move_weight", 0.02, 2.0, log=True),

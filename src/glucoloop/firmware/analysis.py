@@ -6,7 +6,6 @@ import functools
 import math
 import re
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -17,6 +16,7 @@ from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.rung import Rung, ran
 from glucoloop.native.targets.c.helpers import helpers
 from glucoloop.native.targets.c.numbers import FORMATS
+from glucoloop.private_folder import private_temporary_folder
 
 MISRA: Final = "MISRA C:2012, by cppcheck"
 BOUNDS: Final = "bounds of the dose for any state and observation, by Frama-C EVA"
@@ -42,8 +42,7 @@ def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
     name = MISRA
     if shutil.which("cppcheck") is None:
         return Rung(name, None, "cppcheck is not installed; Debian's package cppcheck brings it", {})
-    with tempfile.TemporaryDirectory(prefix="glucoloop-misra-") as made:
-        folder = Path(made)
+    with private_temporary_folder("glucoloop-misra-") as folder:
         _write(folder, files)
         flags = ["--std=c99", "--enable=style", "--addon=misra", "--quiet", "--template={id}", "--inline-suppr"]
         code, output = ran(["cppcheck", *flags, *checked], folder)
@@ -130,8 +129,7 @@ def _analysed(name: str, files: Mapping[str, str], claim: str, assertions: int) 
 @functools.lru_cache(maxsize=8)
 def _eva(files: tuple[tuple[str, str], ...]) -> tuple[int, str]:
     """Exit code and output of Frama-C; the function that bounds the rate is the same in many controllers."""
-    with tempfile.TemporaryDirectory(prefix="glucoloop-eva-") as made:
-        folder = Path(made)
+    with private_temporary_folder("glucoloop-eva-") as folder:
         _write(folder, dict(files))
         return ran(["frama-c", *_EVA, *(str(folder / name) for name, _ in files if name.endswith(".c"))], folder)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ from glucoloop.firmware.rung import OUTCOMES
 from glucoloop.firmware.samples import SampleRecord
 from glucoloop.native.targets.c.api import MEANINGS
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
+from glucoloop.spreadsheet import write_rows
 
 _GUARDED: Final = "The guard judges readings and insulin on board, and mends a damaged state by itself."
 _BARE: Final = "This controller has no guard: nobody judges its readings, nor the insulin on board."
@@ -124,15 +124,15 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
 
 def numbers_table(controller: Controller) -> str:
     """All numbers of a controller, as CSV: name, row, column, value in float64."""
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(["name", "row", "column", "value"])
+    rows = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(controller):
         name = jax.tree_util.keystr(path).lstrip(".")
         array = np.atleast_1d(np.asarray(leaf))
         flat = array.reshape(array.shape[0], -1)
         for (i, j), value in np.ndenumerate(flat):
-            table.writerow([name, i if np.ndim(leaf) else "", j if np.ndim(leaf) > 1 else "", repr(value.item())])
+            rows.append([name, i if np.ndim(leaf) else "", j if np.ndim(leaf) > 1 else "", value.item()])
+    out = io.StringIO()
+    write_rows(out, ["name", "row", "column", "value"], rows)
     return out.getvalue()
 
 

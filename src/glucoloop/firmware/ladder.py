@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.c.host import Library, compiler
 from glucoloop.native.targets.llvm.kernel import compile_kernel
 from glucoloop.native.targets.products import STRICT
+from glucoloop.private_folder import private_temporary_folder
 
 INTERPRETED: Final = {"unrolled": 10_000, "compact": 12}
 """Largest number of samples that are computed in NumPy when a folder is written."""
@@ -98,8 +98,7 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
     name = f"C on an emulated {chip.name}"
     if chip.missing:
         return Rung(name, None, chip.missing, {})
-    with tempfile.TemporaryDirectory(prefix="glucoloop-chip-") as made:
-        folder = Path(made)
+    with private_temporary_folder("glucoloop-chip-") as folder:
         for file, text in code_files(exported, record, chip).items():
             (folder / file).write_text(text)
         code, output = ran(build_command(chip, exported.precision), folder)

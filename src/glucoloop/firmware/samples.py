@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.faults import FAULTS
 from glucoloop.firmware.exported import Exported
 from glucoloop.native.interpreter import Interpreter

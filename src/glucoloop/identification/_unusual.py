@@ -11,8 +11,8 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.plausible import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity, others_of
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import CONFIRM_ARGUMENT, GLUCOSE, INSULIN_RATE, OtherUnit, Quantity, others_of
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 Floats = npt.NDArray[np.float64]

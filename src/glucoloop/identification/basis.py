@@ -16,9 +16,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.component.routes import INTRAVENOUS, ROUTES, SUBCUTANEOUS
 from glucoloop.identification.laguerre import laguerre_functions
 from glucoloop.identification.reliability import held_out_errors
-from glucoloop.parts.routes import INTRAVENOUS, ROUTES, SUBCUTANEOUS
 
 Floats = npt.NDArray[np.float64]
 

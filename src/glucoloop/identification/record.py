@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.number_text import number_of
 from glucoloop.identification import _check, _unusual
-from glucoloop.parts.number_text import number_of
 from glucoloop.refusal import Refusal
 
 HIGHEST_GLUCOSE_MG_DL = 2000.0

@@ -13,10 +13,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from glucoloop.lab.numbers import numbers
+from glucoloop.lab.lowered_function import CompiledPart
+from glucoloop.lab.lowered_functions import parts
 from glucoloop.lab.pack import DATA, MODULE
-from glucoloop.lab.part import CompiledPart
-from glucoloop.lab.parts import parts
+from glucoloop.lab.page_data import numbers
 from glucoloop.native.targets.wasm.looped import c_compiler_version
 from glucoloop.native.targets.wasm.module import held_numbers, linker_version, wasm_module
 

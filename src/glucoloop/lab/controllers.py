@@ -18,6 +18,9 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
+from glucoloop.build.designs import controller_of, nominal_model
+from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS
+from glucoloop.component.setting import Value
 from glucoloop.control import LinearMPC
 from glucoloop.control.basal_bolus import design_basal_bolus
 from glucoloop.control.guard import Guard, guarded
@@ -27,12 +30,9 @@ from glucoloop.control.imc import design_imc
 from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
-from glucoloop.experiments.designs import controller_of, nominal_model
-from glucoloop.lab.body import SAMPLE_TIME_MIN, patients, situation
-from glucoloop.lab.devices import MONITORS
-from glucoloop.lab.part import CompiledPart, part, starting
-from glucoloop.parts.routes import INTRAVENOUS, SUBCUTANEOUS
-from glucoloop.parts.setting import Value
+from glucoloop.lab.device_functions import MONITORS
+from glucoloop.lab.lowered_function import CompiledPart, part, starting
+from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model

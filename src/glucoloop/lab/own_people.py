@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 import numpy as np
 
 import glucoloop
-from glucoloop.lab.body import SEED, people_of
-from glucoloop.parts.setting import choices_text
+from glucoloop.component.setting import choices_text
+from glucoloop.lab.patient_functions import SEED, people_of
 from glucoloop.patients.population import draw
 from glucoloop.refusal import Refusal
 from glucoloop.situations.population import named_population

@@ -1,7 +1,7 @@
 """Packing of the page: one HTML file with its modules, styles, numbers and WebAssembly, which asks the network nothing.
 
 The modules are one program, compressed. Workers begin with the same program, since they cannot load modules from a file
-on a disk. The policy of the page forbids every connection.
+on a disk. The policy of the page forbids every connection, and every script but this program and what unpacks it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 import glucoloop
-from glucoloop.pages.script import colours, exports, program
+from glucoloop.pages.script import colours, exports, policy_source, program
 from glucoloop.refusal import Refusal
 
 PAGE: Final = Path(str(files("glucoloop.lab"))) / "page"
@@ -24,6 +24,7 @@ MODULE: Final = PAGE / "lab.wasm"
 DATA: Final = PAGE / "lab.json"
 _FIRST: Final = (PAGE / "main.mjs", PAGE / "worker.mjs")
 """Modules with which the page and its workers begin."""
+_BEGIN: Final = 'need(globalThis.document ? "main" : "worker").start();'
 _LANGUAGE: Final = PAGE / "language.mjs"
 
 
@@ -37,11 +38,13 @@ def page(people: tuple[str, str] | None = None, language: str | None = None) -> 
         from glucoloop.lab.own_people import with_people
 
         data = json.dumps(with_people(json.loads(data), *people), separators=(",", ":")).encode()
+    start, code = _read("start.js"), f"{{{_program(language)}{_BEGIN}}}\n"
     parts = {
         "VERSION": html.escape(glucoloop.__version__),
+        "SCRIPTS": f"{policy_source(start)} {policy_source(code)}",
         "STYLE": colours() + _read("lab.css"),
-        "START": _read("start.js"),
-        "CODE": _packed(_program(language).encode()),
+        "START": start,
+        "CODE": _packed(code.encode()),
         "MODULE": _packed(MODULE.read_bytes()),
         "DATA": _packed(data),
     }

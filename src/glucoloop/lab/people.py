@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.special import ndtri
 
-from glucoloop.lab.body import (
+from glucoloop.lab.lowered_function import CompiledPart, part
+from glucoloop.lab.patient_functions import (
     SEED,
     STEP_MIN,
     driven_places,
@@ -20,14 +21,13 @@ from glucoloop.lab.body import (
     people_of,
     plants,
 )
-from glucoloop.lab.part import CompiledPart, part
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
 from glucoloop.simulation import driven_block
-from glucoloop.simulation.varying import chosen
+from glucoloop.simulation.per_person_leaves import chosen
 from glucoloop.threefry import name_word
 
 PEOPLE: Final = 10_000

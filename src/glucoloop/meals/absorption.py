@@ -27,7 +27,7 @@ class Absorption(Protocol):
 
     @property
     def state(self) -> Any:
-        """State of the gut before the coming sample; None where closed forms need none."""
+        """State of the gut before the coming sample."""
 
     def goes_on(self, state: Any) -> Absorption:
         """The same meals with the gut in another state, that before the coming sample."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import Part
-from glucoloop.parts.setting import About
-from glucoloop.plausible import MEAL
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import Part
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import MEAL
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:

@@ -1,19 +1,19 @@
 """The appearance of glucose from meals, in closed form or exact to rounding, for any linear meal model.
 
-`appearance_moments` sums over all jumps at every step. For many people with individual meals and guts,
-`LinearDigestion` takes each jump once, at the step in which it lies, and carries the state of the meal model from step
-to step; `carried_moments` does the same for a whole run of people who eat the same.
+`appearance_moments` sums over all jumps, at one step. A run takes each jump once, at the step in which it lies, and
+integrates the state of the meal model from step to step, so that time and memory are in proportion to its length.
+`LinearDigestion` does so for people with individual meals and guts, sample by sample of their loop.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from glucoloop._kept import kept_result
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree, static
 from glucoloop.meals.moments import MOMENTS, NODES, WEIGHTS, legendre
 from glucoloop.meals.protocol import Eaten, Jumps, LinearMealModel
@@ -25,49 +25,47 @@ class LinearAbsorption:
 
     model: LinearMealModel
     jumps: Jumps
+    state: jax.Array
+    """(states, ...) state before the coming sample; at the time 0, that of the jumps before it."""
 
-    @property
-    def state(self) -> None:
-        """State that is carried, which is None: the closed forms take all meals since the start."""
-
-    def goes_on(self, state: None) -> LinearAbsorption:
-        """The same, whatever has been digested."""
-        del state
-        return self
+    def goes_on(self, state: jax.Array) -> LinearAbsorption:
+        """The same meals with the gut in another state, that before the coming sample."""
+        return LinearAbsorption(model=self.model, jumps=self.jumps, state=state)
 
     def moments(self, samples: int, substeps: int, step_min: float) -> jax.Array:
         """Exact moments of the appearance over every step of a run, ``(samples, substeps, 3, ...)``."""
-        starts = np.arange(samples * substeps).reshape(samples, substeps) * step_min
-        moments: jax.Array = kept_result(_moments, starts, step_min, self)
+        moments: jax.Array = kept_result(_moments_of_run, self, samples, substeps, step_min)
         return moments
 
-    def at_sample(self, index: jax.Array, substeps: int, step_min: float) -> tuple[jax.Array, None]:
-        """The same for the steps of the sample with a number, ``(substeps, 3, ...)``."""
-        starts = (index * substeps + jnp.arange(substeps)) * step_min
-        moments: jax.Array = _moments(starts[None], step_min, self)[0]
-        return moments, None
+    def at_sample(self, index: jax.Array, substeps: int, step_min: float) -> tuple[jax.Array, jax.Array]:
+        """The same of the coming sample, which has the number `index`, and the state of the gut after it."""
+        after, moments = _digested(self, index * substeps, substeps, step_min)
+        return moments, after
 
     def emptying_mg_min(self, samples: int, sample_time_min: float) -> jax.Array:
         """Rate at which the stomach empties at every sample of a run, ``(samples, ...)``."""
-        return jax.vmap(lambda t: emptying_mg_min(t, self))(jnp.arange(samples) * sample_time_min)
+        # one sample after the other: a table of samples by jumps would grow with the square of the run's length
+        emptying: jax.Array = jax.lax.map(lambda t: emptying_mg_min(t, self), jnp.arange(samples) * sample_time_min)
+        return emptying
 
 
 @jax.jit
-def _jumps(model: LinearMealModel, eaten: Eaten) -> Jumps:
-    return model.jumps(eaten)
-
-
 def absorb_linearly(model: LinearMealModel, eaten: Eaten) -> LinearAbsorption:
     """Combine meals with the linear model that absorbs them."""
-    return LinearAbsorption(model=model, jumps=_jumps(model, eaten))
+    jumps = model.jumps(eaten)
+    earlier = _answers(model, jumps, jnp.zeros(()), jumps.t_min < 0.0)
+    return LinearAbsorption(model=model, jumps=jumps, state=earlier)
 
 
 def state_at(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
     """State of the meal model ``(states, ...)`` at a time, a scalar or `(...)`; after a jump at that moment."""
-    jumps = absorption.jumps
-    since = t_min - jumps.t_min
-    answers = absorption.model.propagator(jnp.maximum(since, 0.0))[:, -jumps.size.shape[0] :]
-    return jnp.sum(jnp.where(since >= 0.0, jumps.size * answers, 0.0), axis=(1, 2))
+    return _answers(absorption.model, absorption.jumps, t_min, absorption.jumps.t_min <= t_min)
+
+
+def _answers(model: LinearMealModel, jumps: Jumps, t_min: jax.Array, counts: jax.Array) -> jax.Array:
+    """State of a meal model at a time, the sum of its answers to those jumps before it that count."""
+    answers = model.propagator(jnp.maximum(t_min - jumps.t_min, 0.0))[:, -jumps.size.shape[0] :]
+    return jnp.sum(jnp.where(counts, jumps.size * answers, 0.0), axis=(1, 2))
 
 
 def appearance_mg_min(t_min: jax.Array, absorption: LinearAbsorption) -> jax.Array:
@@ -97,22 +95,21 @@ def appearance_moments(t_min: jax.Array, step_min: float, absorption: LinearAbso
         ``integral of appearance(t + h s) P_n(2 s - 1) ds over 0 <= s <= 1`` for n = 0, 1, 2 in mg/min, with the
         jumps inside the step honoured: the answer to each is integrated from the moment at which it begins.
     """
-    jumps = absorption.jumps
+    return moments_of_jumps(absorption.model, absorption.jumps, t_min, step_min)
+
+
+def moments_of_jumps(model: LinearMealModel, jumps: Jumps, t_min: jax.Array, step_min: float) -> jax.Array:
+    """Moments as `appearance_moments`, of a meal model and the jumps that reach it."""
     since = jumps.t_min - t_min
     begin = jnp.clip(since / step_min, 0.0, 1.0)
     total = jnp.zeros((3, *since.shape[1:]))
     for node, weight in zip(NODES, WEIGHTS, strict=True):
         s = begin + (1.0 - begin) * node
-        answers = absorption.model.propagator(jnp.maximum(s * step_min - since, 0.0))[0, -jumps.size.shape[0] :]
+        answers = model.propagator(jnp.maximum(s * step_min - since, 0.0))[0, -jumps.size.shape[0] :]
         rate = jnp.sum(jumps.size * answers, axis=0) * (weight * (1.0 - begin))
         x = 2.0 * s - 1.0
         total = total + jnp.sum(jnp.stack([rate, rate * x, rate * (1.5 * x * x - 0.5)]), axis=1)
     return total
-
-
-@jax.jit
-def _moments(starts_min: jax.Array, step_min: float, absorption: LinearAbsorption) -> jax.Array:
-    return jax.vmap(jax.vmap(lambda t: appearance_moments(t, step_min, absorption)))(starts_min)
 
 
 @pytree
@@ -155,18 +152,26 @@ def linear_digestion(model: LinearMealModel, substeps: int, step_min: float) -> 
     )
 
 
-def carried_moments(absorption: LinearAbsorption, samples: int, substeps: int, step_min: float) -> jax.Array:
-    """Moments ``(samples, substeps, 3, people)`` as `LinearAbsorption.moments`, with each jump taken once.
+@functools.partial(jax.jit, static_argnames=("samples", "substeps", "step_min"))
+def _moments_of_run(absorption: LinearAbsorption, samples: int, substeps: int, step_min: float) -> jax.Array:
+    moments = _digested(absorption, 0, samples * substeps, step_min)[1]
+    return moments.reshape(samples, substeps, *moments.shape[1:])
 
-    The absorption is of people and has jumps ``(jumps, people)`` from the time 0 on. JAX traces and differentiates it.
-    """
-    digestion = linear_digestion(absorption.model, substeps, step_min)
-    number, added = _of_jumps(absorption, step_min)
-    entries, _, people = added.shape
-    table = jnp.zeros((samples * substeps, entries, people))
-    table = table.at[number, :, jnp.arange(people)].add(jnp.moveaxis(added, 0, -1), mode="drop")
 
-    # where people have the same gut, its matrices have no axis of people
+def _digested(
+    absorption: LinearAbsorption, first: jax.Array | int, steps: int, step_min: float
+) -> tuple[jax.Array, jax.Array]:
+    """State of the gut after steps of which the first has a number, and the moments ``(steps, 3, ...)`` over them."""
+    model, jumps, people = absorption.model, absorption.jumps, absorption.jumps.t_min.shape[1:]
+    digestion, states, width = linear_digestion(model, 1, step_min), absorption.state.shape[0], math.prod(people)
+    number = jnp.floor(jumps.t_min / step_min).astype(int)
+    added = added_by_jump(model, jumps.t_min - number * step_min, jumps.size, step_min)
+
+    # people, if there are any, have one axis here; where they have the same gut, its matrices have none
+    place = (number - first).reshape(-1, width)
+    place = jnp.where(place < 0, steps, place)  # which is dropped, while a negative place counts from the end
+    added = jnp.moveaxis(added.reshape(MOMENTS + states, -1, width), 0, -1)
+    table = jnp.zeros((steps, MOMENTS + states, width)).at[place, :, jnp.arange(width)].add(added, mode="drop")
     of_moments, transition = (
         matrix.reshape(*matrix.shape[:2], -1) for matrix in (digestion.of_moments, digestion.transition)
     )
@@ -175,17 +180,8 @@ def carried_moments(absorption: LinearAbsorption, samples: int, substeps: int, s
         moments = jnp.sum(of_moments * state, axis=1) + inside[:MOMENTS]
         return jnp.sum(transition * state, axis=1) + inside[MOMENTS:], moments
 
-    start = jnp.zeros((entries - MOMENTS, people))
-    _, moments = jax.lax.scan(step, start, table)
-    return moments.reshape(samples, substeps, MOMENTS, people)
-
-
-@functools.partial(jax.jit, static_argnames="step_min")
-def _of_jumps(absorption: LinearAbsorption, step_min: float) -> tuple[jax.Array, jax.Array]:
-    """Step of each jump ``(jumps, people)``, and the contribution of the jump ``(3 + states, jumps, people)``."""
-    jumps = absorption.jumps
-    number = jnp.floor(jumps.t_min / step_min).astype(int)
-    return number, added_by_jump(absorption.model, jumps.t_min - number * step_min, jumps.size, step_min)
+    after, moments = jax.lax.scan(step, absorption.state.reshape(states, width), table)
+    return after.reshape(states, *people), moments.reshape(steps, MOMENTS, *people)
 
 
 def added_by_jump(model: LinearMealModel, since_min: jax.Array, size: jax.Array, step_min: float) -> jax.Array:
@@ -193,7 +189,7 @@ def added_by_jump(model: LinearMealModel, since_min: jax.Array, size: jax.Array,
 
     The jumps, of sizes ``(inputs, ...)``, come some time after the step begins.
     """
-    alone = LinearAbsorption(model=model, jumps=Jumps(t_min=since_min[None], size=size[:, None]))
-    moments = appearance_moments(jnp.zeros(()), step_min, alone)
+    alone = Jumps(t_min=since_min[None], size=size[:, None])
+    moments = moments_of_jumps(model, alone, jnp.zeros(()), step_min)
     answers = model.propagator(step_min - since_min)[:, -size.shape[0] :]
     return jnp.concatenate([moments, jnp.sum(size * answers, axis=1)])

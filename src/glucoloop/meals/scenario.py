@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
-from glucoloop.exercise import Exercise, exercise_in_order
 from glucoloop.limits import LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.ingestion import SHORTEST_EATING_MIN
@@ -20,9 +19,10 @@ from glucoloop.meals.models import check_meal_model, meal_model, meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.rescue import RescueCarbs
 from glucoloop.meals.settings import MEAL_MODELS
-from glucoloop.plausible import GLUCOSE, SETPOINT, refuse_unusual
+from glucoloop.physiology.exercise import Exercise, exercise_in_order
+from glucoloop.physiology.protocol import Rhythm
 from glucoloop.refusal import Refusal
-from glucoloop.rhythms.protocol import Rhythm
+from glucoloop.unit_guess import GLUCOSE, SETPOINT, refuse_unusual
 from glucoloop.units import MIN_PER_DAY
 
 LARGEST_MEAL_G: Final = 1000.0

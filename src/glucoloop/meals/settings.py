@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final, Literal
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About
-from glucoloop.plausible import GLUCOSE_BOUND, MEAL
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About
+from glucoloop.unit_guess import GLUCOSE_BOUND, MEAL
 
 
 class MealModelPart(MadePart):

@@ -82,7 +82,11 @@ class Metrics:
 def short_table(metrics: Mapping[str, Any]) -> str:
     """The most used metrics with units: of one person, or their distribution over people."""
     people = np.shape(metrics["minimum_mg_dl"])
-    lines = [f"{'':31}{'5 %':>9}{'median':>9}{'95 %':>9}   of {np.prod(people, dtype=int)} people"] if people else []
+    lines = (
+        [f"{'':31}{'5th pct.':>9}{'median':>9}{'95th pct.':>10}   of {np.prod(people, dtype=int)} people"]
+        if people
+        else []
+    )
     for result in filter(lambda result: result.name in _EVERYDAY, RESULTS):
         values = np.asarray(metrics[result.name], float) / result.divisor
         finite = values[np.isfinite(values)]

@@ -23,26 +23,40 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, DoseL
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.units import MIN_PER_H
 
-_ROUNDING: Final = 1e-9
+ROUNDING: Final = {"float64": 1e-9, "float32": 3e-5}
+"""Rounding that breaks no promise, by precision: a part of the amounts of an hour."""
+_ROUNDING: Final = ROUNDING["float64"]
 
 
 @pytree
-class Counted:
-    """Insulin counted so far, and whether the caps bind."""
+class InsulinSums:
+    """Insulin counted so far."""
 
-    basal_mU_min: jax.Array
     on_board: jax.Array
     """Insulin on board beyond the basal rate, in basal rates; never below 0."""
     hour_mU_min: jax.Array
     """(samples, ...) rates of somewhat more than the last hour, each at least the basal rate."""
     hour_bolus_mU: jax.Array
     """(samples, ...) boluses of that time."""
+
+
+@pytree
+class Counted:
+    """Insulin counted so far, by what was asked for and by what was reported, and whether the caps bind the latter."""
+
+    basal_mU_min: jax.Array
+    by_request: InsulinSums
+    """What the pump can have given if it gives no more than it was asked for."""
+    by_report: InsulinSums
+    """The same, or what it reports where that is more."""
+    rate_mU_min: jax.Array
+    """Largest rate of the last sample by request."""
     asked_mU_min: jax.Array
     """The last rate that was asked for."""
     asked_bolus_mU: jax.Array
     """The last bolus that was asked for; 0 for a controller that gives none."""
     binds: jax.Array
-    """1 while the caps bind, else 0."""
+    """1 while the caps bind what was reported, else 0."""
 
 
 @pytree
@@ -51,24 +65,33 @@ class Caps:
 
     It shares no code with the guard: insulin on board and in an hour are summed up here a second time, the hour over
     every window of 60 min that ends in the coming sample and can be the largest. A bolus counts whole at the beginning
-    of its sample. The caps bind as long as the pump never reports more than it was asked for. If it does, they bind
-    again once the pump is back at the basal rate and both sums are within their caps; see `control.guard_doses` for why
-    they then hold at every sample.
+    of its sample.
+
+    The caps bind what was asked for at every sample, whatever the pump reports. Of a rate that falls, the least that
+    counts is what a pump comes down to that keeps its rate limit. What a pump reports beyond that counts too: the caps
+    bind the larger sums until it reports more than it can have been asked for, and again once the pump is back at the
+    basal rate and both sums are within their caps; see `control.guard_doses` for why they then hold at every sample.
     """
 
     settings: GuardSettings = static()
     limits: DoseLimits = PARKER_1999_LIMITS
     sample_time_min: float = static(default=5.0)
+    rounding: float = static(default=_ROUNDING)
 
     def init(self, basal_mU_min: jax.Array) -> Counted:
         """State after a long time at the basal rate."""
         hour = math.ceil(MIN_PER_H / self.sample_time_min) + 1, *jnp.shape(basal_mU_min)
         none = jnp.zeros_like(basal_mU_min)
-        return Counted(
-            basal_mU_min=basal_mU_min,
+        sums = InsulinSums(
             on_board=none,
             hour_mU_min=jnp.broadcast_to(basal_mU_min, hour),
             hour_bolus_mU=jnp.broadcast_to(none, hour),
+        )
+        return Counted(
+            basal_mU_min=basal_mU_min,
+            by_request=sums,
+            by_report=sums,
+            rate_mU_min=basal_mU_min,
             asked_mU_min=basal_mU_min,
             asked_bolus_mU=none,
             binds=jnp.ones_like(basal_mU_min),
@@ -82,50 +105,67 @@ class Caps:
         reported_bolus_mU: jax.Array | None = None,
         asked_bolus_mU: jax.Array | None = None,
     ) -> tuple[Counted, jax.Array]:
-        """Count the insulin of the last sample, and say whether both caps hold for the next dose, or do not bind.
+        """Count the insulin of the last sample, and say whether both caps hold for the next dose.
 
-        What the pump reports is counted; in place of an impossible report, what it was asked for. Without boluses they
-        are None.
+        An impossible report counts as none. Without boluses they are None.
         """
-        basal, most_on_board = counted.basal_mU_min, self.settings.max_on_board + _ROUNDING
-        none = jnp.zeros_like(basal)
-        reported_bolus = none if reported_bolus_mU is None else reported_bolus_mU
+        basal, change = counted.basal_mU_min, self.limits.max_change_mU_min
+        none, rounding = jnp.zeros_like(basal), self.rounding * self.limits.max_mU_min
+        report = none if reported_bolus_mU is None else reported_bolus_mU
         bolus = none if asked_bolus_mU is None else asked_bolus_mU
+        rate = jnp.maximum(counted.asked_mU_min, counted.rate_mU_min - change)
         possible = (reported_mU_min >= 0.0) & (reported_mU_min <= 2.0 * self.limits.max_mU_min)
-        given = jnp.where(possible, reported_mU_min, counted.asked_mU_min)
-        possible = (reported_bolus >= 0.0) & (reported_bolus <= MOST_BOLUS_MU)
-        given_bolus = jnp.where(possible, reported_bolus, counted.asked_bolus_mU)
-        hour = jnp.concatenate([counted.hour_mU_min[1:], jnp.maximum(given, basal)[None]])
-        boluses = jnp.concatenate([counted.hour_bolus_mU[1:], given_bolus[None]])
-        on_board = self._on_board(counted.on_board, given + given_bolus / self.sample_time_min, basal)
-        within = (on_board <= most_on_board) & self._hours_hold(hour, boluses, basal, none, basal)
-        more = (given > counted.asked_mU_min + _ROUNDING) | (given_bolus > counted.asked_bolus_mU + _ROUNDING)
+        larger = jnp.where(possible, jnp.maximum(reported_mU_min, rate), rate)
+        possible = (report >= 0.0) & (report <= MOST_BOLUS_MU)
+        larger_bolus = jnp.where(possible, jnp.maximum(report, counted.asked_bolus_mU), counted.asked_bolus_mU)
+        by_request = self._with(counted.by_request, rate, counted.asked_bolus_mU, basal)
+        by_report = self._with(counted.by_report, larger, larger_bolus, basal)
+        within = self._hold(by_report, basal, none, basal) & (by_report.on_board <= self._most_on_board)
+        more = (larger > rate + rounding) | (larger_bolus > counted.asked_bolus_mU * (1.0 + self.rounding))
         binds = jnp.where(more, 0.0, counted.binds)
-        binds = jnp.where((given <= basal) & (given_bolus <= 0.0) & within, 1.0, binds)
-        at_once = on_board + bolus / (self.settings.on_board_tau_min * basal)
-        later = self._on_board(on_board, asked_mU_min + bolus / self.sample_time_min, basal)
-        satisfied = jnp.maximum(at_once, later) <= most_on_board
-        satisfied = satisfied & self._hours_hold(hour, boluses, jnp.maximum(asked_mU_min, basal), bolus, basal)
+        binds = jnp.where((larger <= basal) & (larger_bolus <= 0.0) & within, 1.0, binds)
         after = Counted(
             basal_mU_min=basal,
-            on_board=on_board,
-            hour_mU_min=hour,
-            hour_bolus_mU=boluses,
+            by_request=by_request,
+            by_report=by_report,
+            rate_mU_min=rate,
             asked_mU_min=asked_mU_min,
             asked_bolus_mU=bolus,
             binds=binds,
         )
-        return after, satisfied | (binds < 0.5)
+        coming = jnp.maximum(asked_mU_min, rate - change)
+        reported_coming = jnp.maximum(asked_mU_min, larger - change)
+        kept = self._hold(by_request, coming, bolus, basal)
+        return after, kept & (self._hold(by_report, reported_coming, bolus, basal) | (binds < 0.5))
+
+    def _with(self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> InsulinSums:
+        """The sums with one more sample."""
+        return InsulinSums(
+            on_board=self._on_board(sums.on_board, rate_mU_min + bolus_mU / self.sample_time_min, basal),
+            hour_mU_min=jnp.concatenate([sums.hour_mU_min[1:], jnp.maximum(rate_mU_min, basal)[None]]),
+            hour_bolus_mU=jnp.concatenate([sums.hour_bolus_mU[1:], bolus_mU[None]]),
+        )
+
+    def _hold(self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array) -> jax.Array:
+        """Whether both caps hold while a rate and a bolus are given in the coming sample."""
+        at_once = sums.on_board + bolus_mU / (self.settings.on_board_tau_min * basal)
+        later = self._on_board(sums.on_board, rate_mU_min + bolus_mU / self.sample_time_min, basal)
+        on_board = jnp.maximum(at_once, later) <= self._most_on_board
+        return on_board & self._hours_hold(sums, jnp.maximum(rate_mU_min, basal), bolus_mU, basal)
 
     def _hours_hold(
-        self, past_mU_min: jax.Array, past_mU: jax.Array, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array
+        self, sums: InsulinSums, rate_mU_min: jax.Array, bolus_mU: jax.Array, basal: jax.Array
     ) -> jax.Array:
         """Whether no window of 60 min that ends in the coming sample holds more than its cap."""
-        of_rates, of_boluses = _windows(past_mU_min.shape[0], self.sample_time_min)
-        rates = jnp.concatenate([past_mU_min, rate_mU_min[None]])
-        boluses = jnp.concatenate([past_mU, bolus_mU[None]])
+        of_rates, of_boluses = _windows(sums.hour_mU_min.shape[0], self.sample_time_min)
+        rates = jnp.concatenate([sums.hour_mU_min, rate_mU_min[None]])
+        boluses = jnp.concatenate([sums.hour_bolus_mU, bolus_mU[None]])
         held = jnp.tensordot(of_rates, rates, 1) + jnp.tensordot(of_boluses, boluses, 1)
-        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal * (1.0 + _ROUNDING)
+        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal * (1.0 + self.rounding)
+
+    @property
+    def _most_on_board(self) -> float:
+        return self.settings.max_on_board * (1.0 + self.rounding) + self.rounding
 
     def _on_board(self, before: jax.Array, rate_mU_min: jax.Array, basal_mU_min: jax.Array) -> jax.Array:
         left = math.exp(-self.sample_time_min / self.settings.on_board_tau_min)
@@ -150,7 +190,7 @@ def _windows(past: int, sample_time_min: float) -> tuple[npt.NDArray[np.float64]
 
 DOSE: Final = "dose delivered, rate and bolus: finite, and within the pump's range"
 COMMAND: Final = "dose asked for, rate and bolus: finite, and within the pump's range"
-RATE: Final = "dose asked for: within the rate limit of what the pump reported"
+RATE: Final = "dose asked for: within the rate limit of the last report, or of the last request"
 CAPS: Final = "dose asked for by a guard: within its caps on board and per hour"
 STATUS: Final = "status: a known one"
 CONTROLLER: Final = "state of the controller: finite"
@@ -202,6 +242,8 @@ class PromiseTally:
     """(promises, ...) number of samples at which each was broken."""
     first_min: jax.Array
     """(promises, ...) time at which each was first broken; infinite for never."""
+    asked_mU_min: jax.Array
+    """The last rate that was asked for."""
     counted: Counted | None
     """State of the caps of a guard; None without one."""
 
@@ -224,6 +266,7 @@ class Promises:
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
             first_min=none + jnp.inf,
+            asked_mU_min=insulin_mU_min,
             counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
@@ -239,20 +282,28 @@ class Promises:
                 reported.reported_bolus_mU,
                 decision.bolus_mU,
             )
-        broken = breaches(self.held(happened, tally.lowest_mg_dl, within_caps))
+        broken = breaches(self.held(happened, tally.lowest_mg_dl, tally.asked_mU_min, within_caps))
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
         return PromiseTally(
             lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
             below_60=tally.below_60 + jnp.sum(below, axis=0),
             broken=tally.broken + broken,
             first_min=jnp.where((broken > 0.0) & (tally.broken == 0.0), t_min, tally.first_min),
+            asked_mU_min=happened.decision.insulin_mU_min,
             counted=counted,
         )
 
     def held(
-        self, happened: SampledInside, lowest_mg_dl: jax.Array, within_caps: jax.Array | bool = True
+        self,
+        happened: SampledInside,
+        lowest_mg_dl: jax.Array,
+        asked_mU_min: jax.Array,
+        within_caps: jax.Array | bool = True,
     ) -> dict[str, jax.Array]:
-        """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none."""
+        """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none.
+
+        `asked_mU_min` is the rate that was asked for at the sample before.
+        """
         delivery, after, most_mU = happened.delivery, happened.after, USUAL_BOLUS_LIMITS.max_mU
         # readings that a sensor keeps may be any number, since some faults give such readings
         clocks_of_sensor, _ = _clocks_and_others(after.in_sensor)
@@ -265,6 +316,7 @@ class Promises:
                 most_mU,
                 happened.decision,
                 happened.before.reported_mU_min,
+                asked_mU_min,
                 after.in_controller,
                 within_caps,
             ),
@@ -281,14 +333,21 @@ def held_by_controller(
     most_mU: Any,
     decision: Decision,
     reported_mU_min: jax.Array,
+    asked_mU_min: jax.Array,
     state: Any,
     within_caps: jax.Array | bool,
+    rounding: float = _ROUNDING,
 ) -> dict[str, jax.Array]:
-    """Whether each promise of a controller is kept by a decision, whose bolus may be so large at most."""
+    """Whether each promise of a controller is kept by a decision, whose bolus may be so large at most.
+
+    `reported_mU_min` and `asked_mU_min` are the rates that were reported and asked for of the last sample.
+    """
     command = decision.insulin_mU_min
     # a report that no pump can mean is no rate from which a change could be too large
     meant = (reported_mU_min >= limits.min_mU_min) & (reported_mU_min <= limits.max_mU_min)
-    slow = jnp.abs(command - reported_mU_min) <= limits.max_change_mU_min + _ROUNDING
+    # a pump that reports more than it was asked for may be wrong, and goes down by itself as fast as it can
+    change = limits.max_change_mU_min + rounding * limits.max_mU_min
+    slow = (command - reported_mU_min <= change) & (jnp.minimum(reported_mU_min, asked_mU_min) - command <= change)
     return {
         COMMAND: _in_range(limits, most_mU, command, decision.bolus_mU),
         RATE: slow | ~meant,

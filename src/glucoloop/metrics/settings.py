@@ -13,10 +13,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
 from glucoloop.refusal import Refusal
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID
 from glucoloop.units import MU_PER_U
 
 
@@ -276,7 +276,7 @@ METRICS: Final = Catalogue(
             ),
             _samples(
                 "fallback",
-                "at which the guard gave the basal rate, or a part of it, because readings were missing",
+                "at which the guard gave at most the basal rate, because readings were missing",
                 "Fallback to the basal rate",
                 seldom=True,
             ),

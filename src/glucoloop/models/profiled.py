@@ -8,7 +8,7 @@ meals, a person with the basal rate u_b is::
 where u_n is the nominal basal rate and d what no meal explains, as appearance in the nominal person. The gain g_u is
 that of the correction factors, ``CF / CF_n``, and with it ``g_m = g_u CR_n / CR`` is that of the carbohydrate ratios:
 insulin lowers glucose, and carbohydrate raises it, as the profile has it. CF_n and CR_n are those of the nominal model
-itself, titrated on it as `experiments.titration` titrates people. What the profile does not hold is told from basal
+itself, titrated on it as `build.titration` titrates people. What the profile does not hold is told from basal
 rate and weight: who needs more insulin at rest answers less to it, and who weighs more has more room for glucose.
 
 Insulin is not believed to do next to nothing, since a model in which it does gives far too much of it. With the total
@@ -53,15 +53,15 @@ from jax.typing import ArrayLike
 from glucoloop._pytree import pytree
 from glucoloop.models.nonlinear import NonlinearModel, reading_of
 from glucoloop.models.state_space import LinearModel
-from glucoloop.profile import CARB_RULE, CORRECTION_RULE, Profile
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import CARB_RULE, CORRECTION_RULE, Profile
 from glucoloop.units import MG_PER_G, MIN_PER_H, MU_PER_U
 
 Matrix = npt.NDArray[np.float64]
 
 MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
-"""Meal, and time after which insulin has acted, of the titration of `experiments.titration`."""
+"""Meal, and time after which insulin has acted, of the titration of `build.titration`."""
 LEAST_CORRECTION_SHARE: Final = 0.43
 """Least correction factor that is believed, relative to that by the rule of 1800."""
 LEAST_CARB_SHARE: Final = 0.29
@@ -219,7 +219,7 @@ def profiled_model(
     linear : LinearModel
         The same linearised at rest, whose disturbance is appearance in mg/min.
     gut : GutCompartments
-        GutCompartments with which the model's carbohydrate ratio is titrated.
+        Gut with which the model's carbohydrate ratio is titrated.
     weight_kg : float, optional
         The nominal person's weight.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.grammar import NAME, GivenValue, Tree
-from glucoloop.parts.part import Part
-from glucoloop.parts.setting import About
-from glucoloop.plausible import NOISE_VARIANCE
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.grammar import NAME, GivenValue, Tree
+from glucoloop.component.part import Part
+from glucoloop.component.setting import About
+from glucoloop.unit_guess import NOISE_VARIANCE
 
 MEMORY: Final = About(
     "Number of samples after which the effect of a dose has died out, M; by default three hours, or a day under the "

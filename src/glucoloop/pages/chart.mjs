@@ -1,7 +1,7 @@
 // @ts-check
 /** Pictures over time in SVG: on all pages, and in files. Colours are names of the style sheet, which knows light and dark. */
 
-import { levels, times, timeText } from "./axes.mjs";
+import { levels, markText, times } from "./axes.mjs";
 
 /**
  * A curve; the values of one with `until` are held until the next, the last until then. What is not finite is a gap.
@@ -26,7 +26,7 @@ import { levels, times, timeText } from "./axes.mjs";
  * @property {boolean} [bare] without any axis
  */
 
-/** @typedef {{from: number, to: number, unit: import("./axes.mjs").TimeUnit}} View times of the ends */
+/** @typedef {{from: number, to: number, unit: import("./axes.mjs").TimeUnit, start?: number}} View times of the ends, and of the start of the run after midnight */
 /** @typedef {{left: number, top: number, width: number, height: number}} Inside of the axes, in pixels */
 
 /** Room around the inside of the axes, for their marks. */
@@ -109,8 +109,7 @@ export function drawn(panel, view, width, height) {
     }
     if (!panel.timeless) {
       columns.forEach((t, i) => {
-        const words = timeText(t, view.unit);
-        axes.push(text(left + x(t), top + inside.height + 22, "middle", i === 0 ? words : words.split(" ")[0]));
+        axes.push(text(left + x(t), top + inside.height + 22, "middle", markText(t, view.unit, i === 0, view.start)));
       });
     }
   }

@@ -14,7 +14,7 @@ import { colourOf } from "./chart.mjs";
  * }} PlottedPanel
  */
 /** @typedef {{name: string, rows: {periods: [number, number][], colour: number}[]}} Lane */
-/** @typedef {{name: string, end: number, panels: PlottedPanel[], lanes: Lane[]}} Plot */
+/** @typedef {{name: string, end: number, start: number, panels: PlottedPanel[], lanes: Lane[]}} Plot */
 
 /** Resolution of times in min. */
 const T_STEP = 0.1;

@@ -3,6 +3,7 @@
 
 import { timeText, unitOfTime } from "./axes.mjs";
 import { Chart, colourOf, swatch } from "./chart.mjs";
+import { csvText } from "./csv.mjs";
 import { dashOf, plotOf } from "./data.mjs";
 import { grid, spread } from "./shares.mjs";
 
@@ -50,12 +51,12 @@ function inUnits({ unit, other, factor, digits }, values) {
   return `${values.map((value) => value.toFixed(digits)).join(" – ")} ${unit}${second}`;
 }
 
-/** A panel in words, for those who do not see it. @param {Panel} panel @param {import("./axes.mjs").TimeUnit} unit */
-function inWords(panel, unit) {
+/** A panel in words, for those who do not see it. @param {Panel} panel @param {import("./axes.mjs").TimeUnit} unit @param {number} start */
+function inWords(panel, unit, start) {
   const courses = told(panel).map((of) => {
     const [low, high] = [edges(of)[0], edges(of)[edges(of).length - 1]];
     const at = (/** @type {number[]} */ values, /** @type {number} */ i) =>
-      i < 0 ? "no value" : `${values[i].toFixed(panel.digits)} ${panel.unit} at ${timeText(of.x[i], unit)}`;
+      i < 0 ? "no value" : `${values[i].toFixed(panel.digits)} ${panel.unit} at ${timeText(of.x[i], unit, start)}`;
     const least = at(low, low.indexOf(Math.min(...low.filter(Number.isFinite))));
     const most = at(high, high.indexOf(Math.max(...high.filter(Number.isFinite))));
     const gaps = low.some(Number.isNaN) ? ", with times without a value" : "";
@@ -68,9 +69,10 @@ function inWords(panel, unit) {
 class Plot {
   /** @param {HTMLElement} figure */
   constructor(figure) {
-    const { name, end, panels, lanes } = plotOf(figure);
+    const { name, end, start, panels, lanes } = plotOf(figure);
     this.name = name;
     this.end = end;
+    this.start = start;
     this.unit = unitOfTime(end);
     this.panels = panels;
     this.lanes = lanes.map(({ name, rows }) => ({ name, rows, height: ROW_PX * rows.length }));
@@ -83,7 +85,7 @@ class Plot {
       const [head, field] = [element("div", "axes", element("span", "", `${name} (${unit})`)), element("div", "field")];
       if (other) head.append(element("span", "", `(${other})`));
       field.setAttribute("role", "img");
-      field.setAttribute("aria-label", inWords(panel, this.unit));
+      field.setAttribute("aria-label", inWords(panel, this.unit, start));
       figure.append(head, field);
       return new Chart(field, () => height);
     });
@@ -133,7 +135,7 @@ class Plot {
     );
     const many = new Set(lines.map(({ person }) => person)).size > 2;
     const texts = many ? ["choose a person below for the numbers"] : lines.map(({ text }) => text);
-    this.readout.replaceChildren(...[`${timeText(moment, this.unit)}:`, ...texts].map((text) => element("div", "", text)));
+    this.readout.replaceChildren(...[`${timeText(moment, this.unit, this.start)}:`, ...texts].map((text) => element("div", "", text)));
     return [this.name, ...texts];
   }
 
@@ -156,6 +158,7 @@ function connect(group) {
   const plots = figures.map((figure) => new Plot(figure));
   const end = Math.max(...plots.map((plot) => plot.end));
   const unit = unitOfTime(end);
+  const { start } = plots[0];
   let [from, to] = [0, end];
   slider.max = `${end}`;
 
@@ -163,9 +166,9 @@ function connect(group) {
   /** @param {(plot: Plot) => string[] | void} act */
   function each(act) {
     const words = plots.flatMap((plot) => act(plot) ?? []);
-    slider.setAttribute("aria-valuetext", [timeText(moment(), unit), ...words].filter(Boolean).join(", "));
+    slider.setAttribute("aria-valuetext", [timeText(moment(), unit, start), ...words].filter(Boolean).join(", "));
   }
-  const draw = () => each((plot) => (plot.draw({ from, to, unit }, moment()), plot.tell(moment())));
+  const draw = () => each((plot) => (plot.draw({ from, to, unit, start }, moment()), plot.tell(moment())));
   /** @param {number} [time] */
   function point(time) {
     if (time !== undefined) slider.value = `${Math.round(time)}`;
@@ -184,11 +187,11 @@ function connect(group) {
     show(middle - span / 2, middle + span / 2);
   };
   function save() {
-    const lines = [["plot", "curve", "t_min", "value", "unit"], ...plots.flatMap((plot) => plot.rows())];
-    const cell = (/** @type {string | number} */ of) => `"${`${typeof of === "number" ? Number(of.toFixed(4)) : of}`.replaceAll('"', '""')}"`;
-    const text = lines.map((line) => line.map(cell).join(",")).join("\n");
+    const rounded = (/** @type {string | number} */ of) => (typeof of === "number" ? Number(of.toFixed(4)) : of);
+    const rows = plots.flatMap((plot) => plot.rows()).map((row) => row.map(rounded));
+    const text = csvText([["plot", "curve", "t_min", "value", "unit"], ...rows]);
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
+    link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
     link.download = `${document.title.replace(/[^\w.-]+/g, "-")}.csv`;
     link.click();
     URL.revokeObjectURL(link.href);

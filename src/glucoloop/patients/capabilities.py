@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.parts.routes import INTRAVENOUS, PumpRange, route_of
+from glucoloop.component.routes import INTRAVENOUS, PumpRange, route_of
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 
@@ -77,7 +77,7 @@ def declared_by(patient: Patient, what: str, called: str = "") -> Any:
 
 
 def insulin_route(patient: Patient) -> str:
-    """Route by which insulin enters the body, one of `parts.routes.ROUTES`; by default it enters a vein."""
+    """Route by which insulin enters the body, one of `component.routes.ROUTES`; by default it enters a vein."""
     declared: str = getattr(patient, "insulin_route", INTRAVENOUS)
     return declared
 

@@ -30,8 +30,8 @@ from typing import ClassVar, Final
 import jax
 import jax.numpy as jnp
 
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.protocol import Inputs
 from glucoloop.patients.provenance import Constant

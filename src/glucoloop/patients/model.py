@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop.arguments import checked
-from glucoloop.parts.code import loaded
+from glucoloop.component.code import loaded
 from glucoloop.patients.protocol import Patient
 from glucoloop.patients.settings import patient_entry
 from glucoloop.patients.variation import Distribution
@@ -54,7 +54,7 @@ class PatientModel:
     meanings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of parameters that can vary, in words."""
     profile: Mapping[str, float] = field(default_factory=dict)
-    """Known fields of the nominal patient's `glucoloop.profile.Profile`, beside how the patient rests."""
+    """Known fields of the nominal patient's `glucoloop.therapy.Profile`, beside how the patient rests."""
     hint: str = ""
     """List of the known parameters, for the error about an unknown one."""
     sound: Sound = _finite

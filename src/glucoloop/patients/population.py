@@ -28,8 +28,8 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.patients.settings import NOMINAL
 from glucoloop.patients.table import REPLACED, PeopleTable
 from glucoloop.patients.variation import Distribution, Values, Variation
-from glucoloop.profile import Profile
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 
 MOST_VARIATIONS: Final = 100
@@ -78,7 +78,7 @@ class Population:
             try:
                 model.refuse({**drawn, **self.table.only(row).distributions()})
             except Refusal as error:
-                raise Refusal(f"person {name!r}: {error}") from None
+                raise error.within(f"person {name!r}") from None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -143,7 +143,8 @@ class Population:
             try:
                 self.table.refuse_beyond(last)
             except Refusal as error:
-                raise Refusal(f"population {self.name}: {error}".replace("'NAME,", f"'{self.name},")) from None
+                ways = (remedy.replace("'NAME,", f"'{self.name},") for remedy in error.remedies)
+                raise Refusal(f"population {self.name}: {error.problem}", *ways) from None
 
     def drawn_as(self, draws: str) -> Population:
         """The same people, drawn ``"once"`` each or ``"with-replacement"``; Refusal without a table of people."""

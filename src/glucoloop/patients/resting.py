@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from jax.typing import ArrayLike
 
-from glucoloop._kept import kept_result
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree
 from glucoloop.arguments import at_once, is_traced
 from glucoloop.refusal import Refusal

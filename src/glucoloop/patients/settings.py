@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import Part
-from glucoloop.parts.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
-from glucoloop.parts.setting import About, Default, Tunings, known_names
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import Part
+from glucoloop.component.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
+from glucoloop.component.setting import About, Default, Tunings, known_names
 from glucoloop.refusal import Refusal
 
 NOMINAL: Final = "nominal"
@@ -70,7 +70,7 @@ class PatientPart(Part):
     populations: ClassVar[Mapping[str, str]] = {}
     """Summary of each population by name besides the nominal one; the first is the usual one."""
     insulin_route: ClassVar[str] = INTRAVENOUS
-    """Way of insulin into the body, one of `parts.routes.ROUTES`."""
+    """Way of insulin into the body, one of `component.routes.ROUTES`."""
     max_change_mU_min: ClassVar[float]
     """Largest change of the rate of a usual pump, from one sample to the next."""
     min_insulin_mU_min: ClassVar[float]

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from glucoloop.meals.scenario import Meal
 from glucoloop.patients.variation import Distribution
-from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
+from glucoloop.text import is_printable
 from glucoloop.threefry import uniforms
 
 PROFILE_COLUMNS: Final = (
@@ -24,7 +24,7 @@ PROFILE_COLUMNS: Final = (
     "weight_kg",
     "total_daily_dose_U",
 )
-"""Columns of a table that are the profile of a person, see `glucoloop.profile.Profile`."""
+"""Columns of a table that are the profile of a person, see `glucoloop.therapy.Profile`."""
 ONCE: Final = "once"
 REPLACED: Final = "with-replacement"
 DRAWS: Final = (ONCE, REPLACED)
@@ -102,7 +102,7 @@ class PeopleTable:
         numbered = person.isascii() and person.isdecimal() and not any(name.isdecimal() for name in self.names)
         if numbered and len(person) < len(str(MOST_ROWS)) + 1 and int(person) < len(self.names):
             return int(person)
-        from glucoloop.parts.setting import known_names
+        from glucoloop.component.setting import known_names
 
         raise Refusal(f"there is no person {person!r}; {known_names(person, self.names)}")
 
@@ -124,8 +124,9 @@ class PeopleTable:
         n = len(self.names)
         if self.draws == ONCE and last >= n:
             raise Refusal(
-                f"person {last} is asked for, but the table has {n} people, from 0 to {n - 1}; ask for fewer, or draw "
-                f"them with replacement, like --population 'NAME, draw={REPLACED}'"
+                f"person {last} is asked for, but the table has {n} people, from 0 to {n - 1}",
+                "ask for fewer",
+                f"draw them with replacement, like --population 'NAME, draw={REPLACED}'",
             )
 
     def distributions(self) -> dict[str, Distribution]:

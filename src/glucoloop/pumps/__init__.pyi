@@ -2,6 +2,7 @@ from .expiring import Expiring as Expiring
 from .expiring import expiring as expiring
 from .expiring import rate_in_force as rate_in_force
 from .faults import battery_gap as battery_gap
+from .faults import misreported as misreported
 from .faults import missed_pulses as missed_pulses
 from .faults import occlusion as occlusion
 from .faults import unheard as unheard

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.episodes import Episodes, Within, begin, recurring
-from glucoloop.faults import OcclusionSettings
+from glucoloop.faults import MisreportedSettings, OcclusionSettings
 from glucoloop.pumps.expiring import expiring
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
@@ -167,3 +168,83 @@ def unheard(episodes: Episodes, inner: Pump | None = None) -> Unheard:
         Inner pump; by default one whose commands expire after two samples.
     """
     return Unheard(inner=expiring() if inner is None else inner, episodes=episodes)
+
+
+@pytree
+class _Reports:
+    within: Within
+    rate_mU_min: jax.Array
+    """Rate that the inner pump reported at the sample before."""
+    bolus_mU: jax.Array
+    """The same of the bolus; 0 without boluses."""
+
+
+@pytree
+class Misreported(FaultyPump):
+    """Delivers as the inner pump does, and reports a part of that or of the delivery before."""
+
+    rate_part: jax.Array | float
+    bolus_part: jax.Array | float
+    late_samples: jax.Array | float
+
+    def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> _Reports:
+        """State of the inner pump and of the fault, after a long time at the given rate without a bolus."""
+        return _Reports(
+            within=super().init(insulin_mU_min, key),
+            rate_mU_min=insulin_mU_min,
+            bolus_mU=jnp.zeros_like(insulin_mU_min),
+        )
+
+    def deliver(
+        self, state: _Reports, command_mU_min: jax.Array, key: jax.Array, bolus_mU: jax.Array | None = None
+    ) -> tuple[_Reports, Delivery]:
+        """Deliver as the inner pump does, and report something else while the fault is present."""
+        within, age, delivery = deliver_within(self, state.within, command_mU_min, key, bolus_mU)
+        there, late = age >= 0.0, jnp.asarray(self.late_samples) > 0.5
+
+        def report(true: jax.Array, before: jax.Array, part: jax.Array | float) -> jax.Array:
+            return jnp.where(there, part * jnp.where(late, before, true), true)
+
+        rate, bolus = delivery.reported_mU_min, delivery.reported_bolus_mU
+        after = _Reports(within=within, rate_mU_min=rate, bolus_mU=jnp.zeros_like(rate) if bolus is None else bolus)
+        reported_bolus = None if bolus is None else report(bolus, state.bolus_mU, self.bolus_part)
+        return after, dataclasses.replace(
+            delivery,
+            reported_mU_min=report(rate, state.rate_mU_min, self.rate_part),
+            reported_bolus_mU=reported_bolus,
+        )
+
+
+@checked
+def misreported(
+    episodes: Episodes,
+    inner: Pump | None = None,
+    *,
+    rate_part: float = 0.0,
+    bolus_part: float = 0.0,
+    late_samples: int = 0,
+) -> Misreported:
+    """Pump that delivers what it is asked for and reports something else during the episodes.
+
+    Parameters
+    ----------
+    rate_part : float
+        Part of the basal rate that is reported; 2 for twice as much.
+    bolus_part : float
+        Part of a bolus that is reported.
+    late_samples : int
+        1 if the report is that of the sample before, else 0.
+
+    Raises
+    ------
+    ValueError
+        For a part outside 0 to 10, or a report that is late by more than a sample.
+    """
+    MisreportedSettings(rate_part=rate_part, bolus_part=bolus_part, late_samples=late_samples)
+    return Misreported(
+        inner=_or_limited(inner),
+        episodes=episodes,
+        rate_part=rate_part,
+        bolus_part=bolus_part,
+        late_samples=float(late_samples),
+    )

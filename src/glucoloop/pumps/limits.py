@@ -10,10 +10,10 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, is_traced
-from glucoloop.parts.routes import PUMP_OF_1999
-from glucoloop.plausible import LARGEST_RATE, RATE_CHANGE, refuse_unusual
+from glucoloop.component.routes import PUMP_OF_1999
 from glucoloop.pumps.protocol import Delivery
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import LARGEST_RATE, RATE_CHANGE, refuse_unusual
 from glucoloop.units import MU_PER_U
 
 

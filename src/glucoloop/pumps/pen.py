@@ -2,7 +2,7 @@
 
 The duration and the peak of the action of long-acting insulins are those of cgmsim-lib (https://github.com/lsandini/
 cgmsim-lib, `src/drug.ts`, Apache-2.0), which draws the course between them as the exponential curve of
-`glucoloop.insulin_action`. A pen is no new patient: what leaves the depot of the long-acting insulin enters the patient
+`glucoloop.therapy`. A pen is no new patient: what leaves the depot of the long-acting insulin enters the patient
 as the rate of a pump does.
 """
 
@@ -16,11 +16,11 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.insulin_action import insulin_left
 from glucoloop.pumps.limits import LimitedPump
 from glucoloop.pumps.protocol import Delivery, Pump, deliver
 from glucoloop.pumps.settings import LongActing, PenSettings
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import insulin_left
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U
 
 LONG_ACTING: Final[dict[LongActing, tuple[float, float, float]]] = {

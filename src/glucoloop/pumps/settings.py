@@ -10,12 +10,12 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About, known_names
 from glucoloop.faults import Least, Step
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About, known_names
-from glucoloop.plausible import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import BOLUS_STEP, LARGEST_BOLUS, RATE_STEP
 from glucoloop.units import MIN_PER_DAY
 
 LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]

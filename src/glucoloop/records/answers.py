@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.parts.setting import choices_text, known_names
+from glucoloop.component.setting import choices_text, known_names
 from glucoloop.refusal import Refusal
 
 DAY_FIRST: Final = "day-first"

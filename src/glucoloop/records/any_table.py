@@ -57,7 +57,7 @@ def _own_names(content: FileText) -> dict[str, str]:
     place = next((found for name in _UNITS if (found := content.header("time", name, whole=True))), None)
     if place is None:
         raise Refusal(
-            "its columns have no names of a record; name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
+            "its columns have no names of a record", "name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
         )
     number, delimiter = place
     fields = [text.strip().strip('"').casefold() for text in content.head[number].split(delimiter)]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.code import loaded
-from glucoloop.parts.part import Part
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.code import loaded
+from glucoloop.component.part import Part
 
 if TYPE_CHECKING:
     from glucoloop.records.answers import Answers

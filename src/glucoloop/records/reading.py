@@ -8,7 +8,7 @@ from pathlib import Path
 
 import polars as pl
 
-from glucoloop.parts.setting import choices_text
+from glucoloop.component.setting import choices_text
 from glucoloop.records.answers import Answers
 from glucoloop.records.file_text import FileText, content_of, read_bytes
 from glucoloop.records.readers import READERS, ReaderPart
@@ -50,7 +50,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
     try:
         return record_of(frames, account)
     except Refusal as error:
-        raise FileRefusal(paths, str(error)) from None
+        raise FileRefusal(paths, error) from None
 
 
 @contextlib.contextmanager
@@ -59,7 +59,7 @@ def _refusing(path: Path) -> Iterator[None]:
     try:
         yield
     except Refusal as error:
-        raise FileRefusal([path], str(error)) from None
+        raise FileRefusal([path], error) from None
 
 
 def reader_that_knows(path: Path) -> str | None:
@@ -80,10 +80,10 @@ def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
         return found[0]
     if found:
         names = [reader.name for reader in found]
-        raise Refusal(f"it could be read by {' and by '.join(names)}; say which with reader={names[0]} (--reader)")
+        raise Refusal(f"it could be read by {' and by '.join(names)}", f"say which with reader={names[0]} (--reader)")
     raise Refusal(
-        f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}; for any other table "
-        "name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"
+        f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}",
+        "for any other table name its columns, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)",
     )
 
 

@@ -6,36 +6,66 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import polars as pl
 
 from glucoloop.records.answers import Answers, columns_from_text
+from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
+from glucoloop.schema.tables import Column, TableBounds, read_table, table_metadata
+from glucoloop.schema.values import Bounds, checked, json_value
 
-SCHEMA: Final = {
-    "time": pl.Datetime("us"),
-    "utc_offset_min": pl.Int32(),
-    "glucose_mg_dl": pl.Float64(),
-    "carbs_g": pl.Float64(),
-    "bolus_U": pl.Float64(),
-    "basal_U_h": pl.Float64(),
-    "out_of_range": pl.String(),
-    "device": pl.String(),
+LOWEST_MG_DL: Final = 20.0
+HIGHEST_MG_DL: Final = 800.0
+"""Bounds of a reading: no sensor or meter shows less than 20 or more than 600 mg/dl, and the wider one is no number
+that mmol/l could be."""
+LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "basal": 100.0}
+"""Largest amounts [g, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h."""
+COLUMNS: Final = {
+    "time": Column(
+        kind=pl.Datetime("us"), at_least=datetime(YEARS[0], 1, 1), at_most=datetime(YEARS[1] + 1, 1, 8), optional=False
+    ),
+    "utc_offset_min": Column(kind=pl.Int32(), at_least=-6100, at_most=6100),
+    "glucose_mg_dl": Column(kind=pl.Float64(), at_least=LOWEST_MG_DL, at_most=HIGHEST_MG_DL),
+    "carbs_g": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["carbs"]),
+    "bolus_U": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["bolus"]),
+    "basal_U_h": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["basal"], nan=True),
+    "out_of_range": Column(kind=pl.String(), choices=("low", "high")),
+    "device": Column(kind=pl.String()),
 }
+"""Columns of a record, with the values that are possible."""
+SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of a record and their types."""
 PARQUET: Final = b"PAR1"
 """Bytes with which a Parquet file begins."""
 _METADATA: Final = "glucoloop_record"
+_BOUNDS: Final = TableBounds(least_rows=0, most_rows=5_000_000, columns=len(COLUMNS))
+"""Size of a record: nine years of a reading a minute."""
+_Count = Annotated[int, Bounds(at_least=0, at_most=10**12)]
+
+
+@dataclass(frozen=True)
+class _About:
+    """Contents of the footer of a record; see `DeviceRecord`."""
+
+    rows: _Count
+    left_out: dict[str, _Count]
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if sum(self.left_out.values()) >= self.rows:
+            raise Refusal(f"of its {self.rows} rows {sum(self.left_out.values())} are left out")
 
 
 class FileRefusal(Refusal):
     """A file, or several of one person, that cannot be read; `why` names none of them."""
 
-    def __init__(self, paths: Sequence[Path], why: str) -> None:
-        super().__init__(f"{', '.join(map(str, paths))}: {why}")
-        self.paths, self.why = tuple(paths), why
+    def __init__(self, paths: Sequence[Path], why: Refusal) -> None:
+        super().__init__(f"{', '.join(map(str, paths))}: {why.problem}", *why.remedies)
+        self.paths, self.why = tuple(paths), str(why)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,17 +115,17 @@ class DeviceRecord:
 def record_from_parquet(data: bytes) -> DeviceRecord:
     """Record from the bytes of a Parquet file that `DeviceRecord.parquet` made; Refusal for any other."""
     try:
-        about = json.loads(pl.read_parquet_metadata(io.BytesIO(data))[_METADATA])
-        frame = pl.read_parquet(io.BytesIO(data))
-        if frame.schema != SCHEMA:
-            raise ValueError
-        return DeviceRecord(
-            frame=frame, rows=about["rows"], left_out=dict(about["left_out"]), notes=tuple(about["notes"])
-        )
-    except (*(pl.exceptions.PolarsError, pl.exceptions.PanicException), KeyError, TypeError, ValueError, OSError):
+        about = checked(_About, json_value(table_metadata(data, _METADATA)))
+        frame = read_table(data, _BOUNDS, COLUMNS)
+        if not frame.height:
+            raise Refusal("it has no row")
+        if not frame["time"].is_sorted():
+            raise Refusal("its rows are not in the order of time")
+    except Refusal as error:
         raise Refusal(
-            "it is a Parquet file, but no whole record that glucoloop wrote; read the first file again"
+            f"it is a Parquet file, but no whole record that glucoloop wrote: {error}; read the first file again"
         ) from None
+    return DeviceRecord(frame=frame, rows=about.rows, left_out=about.left_out, notes=about.notes)
 
 
 def read_record(

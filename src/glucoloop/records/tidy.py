@@ -8,12 +8,12 @@ from typing import Final
 
 import polars as pl
 
-from glucoloop.printable import how_many
 from glucoloop.records.answers import UNITS, Answers
 from glucoloop.records.extract import VALUES, Extract
-from glucoloop.records.record import SCHEMA, DeviceRecord
+from glucoloop.records.record import HIGHEST_MG_DL, LARGEST_AMOUNTS, LOWEST_MG_DL, SCHEMA, DeviceRecord
 from glucoloop.records.times import clock, settled_clock
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many, printable
 from glucoloop.units import MG_DL_PER_MMOL_L, MIN_PER_H, S_PER_MIN
 
 NO_VALUE: Final = "rows without glucose, carbohydrate or insulin"
@@ -22,12 +22,6 @@ NO_TIME: Final = "rows without a readable time"
 REPEATED: Final = "rows that repeat another one"
 SAME_TIME: Final = "readings at the time of another reading of the same device"
 
-LOWEST_MG_DL: Final = 20.0
-HIGHEST_MG_DL: Final = 800.0
-"""Bounds of a reading: no sensor or meter shows less than 20 or more than 600 mg/dl, and the wider one is no number
-that mmol/l could be."""
-_MOST: Final = {"carbs": 1000.0, "bolus": 100.0, "basal": 100.0}
-"""Largest amounts: a pump gives up to 25 or 75 U at once, and up to 35 U/h."""
 _WORDS: Final = {"glucose": "glucose", "carbs": "carbohydrate", "bolus": "a bolus", "basal": "a basal rate"}
 _COLUMNS: Final = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
 _LOW: Final = "low", "lo", "niedrig", "tief", "bas", "bajo", "basso", "laag", "baixo", "lav", "låg", "<"
@@ -75,11 +69,14 @@ def record_of(frames: Sequence[pl.DataFrame], account: Account) -> DeviceRecord:
     frame = frame.sort("time", "second_pass", maintain_order=True)
     account.notes += [f"Left out: {reason} ({count})." for reason, count in account.left_out.items()]
     account.notes += [*_on_devices(frame), *_on_gaps(frame)]
+    devices = {name: printable(name) for name in frame["device"].drop_nulls().unique()}
     return DeviceRecord(
-        frame=frame.select(pl.col(name).cast(kind) for name, kind in SCHEMA.items()),
+        frame=frame.select(pl.col(name).cast(kind) for name, kind in SCHEMA.items()).with_columns(
+            pl.col("device").replace(devices)
+        ),
         rows=account.rows,
-        left_out=account.left_out,
-        notes=tuple(account.notes),
+        left_out={printable(reason): count for reason, count in account.left_out.items()},
+        notes=tuple(map(printable, account.notes)),
     )
 
 
@@ -128,7 +125,7 @@ def _with_numbers(frame: pl.DataFrame, extract: Extract, answers: Answers, accou
     within = glucose.is_between(LOWEST_MG_DL, HIGHEST_MG_DL)
     limit = pl.when(pl.col("out_of_range") == "low").then(lowest).otherwise(highest)
     columns: dict[str, pl.Expr] = {"glucose_mg_dl": pl.when(pl.col("_marked")).then(limit).when(within).then(glucose)}
-    for name, most in _MOST.items():
+    for name, most in LARGEST_AMOUNTS.items():
         value = pl.col(f"_{name}")
         least = value >= 0 if name == "basal" else value > 0
         columns[_COLUMNS[name]] = pl.when((least & (value <= most)) | value.is_nan()).then(value)
@@ -155,8 +152,8 @@ def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     unit = answers.glucose_unit or extract.glucose_unit
     if answers.glucose_unit and extract.glucose_unit and answers.glucose_unit != extract.glucose_unit:
         raise Refusal(
-            f"it says itself that glucose is in {extract.glucose_unit}, not in {answers.glucose_unit}; leave out "
-            "glucose_unit (--glucose-unit)"
+            f"it says itself that glucose is in {extract.glucose_unit}, not in {answers.glucose_unit}",
+            "leave out glucose_unit (--glucose-unit)",
         )
     factors = dict(zip(UNITS, (1.0, MG_DL_PER_MMOL_L), strict=True))
     shares = {
@@ -165,8 +162,9 @@ def _factor(glucose: pl.Series, extract: Extract, answers: Answers) -> float:
     }
     if unit is None:
         raise Refusal(
-            "it does not say whether glucose is in mg/dl or in mmol/l; give glucose_unit (--glucose-unit), as "
-            f"{'mmol/l' if shares['mmol/l'] > shares['mg/dl'] else 'mg/dl'} from the look of the numbers"
+            "it does not say whether glucose is in mg/dl or in mmol/l",
+            "give glucose_unit (--glucose-unit), as "
+            f"{'mmol/l' if shares['mmol/l'] > shares['mg/dl'] else 'mg/dl'} from the look of the numbers",
         )
     other = UNITS[1 - UNITS.index(unit)]
     if shares[unit] < 0.5 < shares[other]:
@@ -203,7 +201,11 @@ def _tell(frame: pl.DataFrame, factor: float, limits: tuple[float, float], accou
                 f"{how_many(no_number, 'cell')} of {_WORDS[name]} hold{'s' * (no_number == 1)} no number."
             )
         if outside.any():
-            bounds = f"{LOWEST_MG_DL:g} to {HIGHEST_MG_DL:g} mg/dl" if name == "glucose" else f"0 to {_MOST[name]:g}"
+            bounds = (
+                f"{LOWEST_MG_DL:g} to {HIGHEST_MG_DL:g} mg/dl"
+                if name == "glucose"
+                else f"0 to {LARGEST_AMOUNTS[name]:g}"
+            )
             worst = number.filter(outside)
             ends = f"{float(worst.min() or 0.0):g} to {float(worst.max() or 0.0):g}"  # type: ignore[arg-type]
             account.notes.append(

@@ -18,7 +18,8 @@ _PATTERN: Final = (
 )
 _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_YEARS: Final = (1970, 2199)
+YEARS: Final = (1970, 2199)
+"""First and last year of a time."""
 _MOST_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
 
@@ -43,7 +44,7 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
         day=pl.when("year_first").then("c").when(day_first).then("a").otherwise("b"),
     )
     bounds = {
-        "year": _YEARS,
+        "year": YEARS,
         "month": (1, 12),
         "day": (1, 31),
         "hour": (0, 23),
@@ -100,8 +101,9 @@ def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str 
     month = last.filter((pl.col("b") > 12) & (pl.col("a") <= 12)).height
     if day and month:
         raise Refusal(
-            f"{day} of its dates have the day first and {month} the month first; divide the file, or say which is "
-            "meant with dates=day-first or dates=month-first (--dates), which leaves out the others"
+            f"{day} of its dates have the day first and {month} the month first",
+            "divide the file",
+            "say which is meant with dates=day-first or dates=month-first (--dates), which leaves out the others",
         )
     if day or month:
         return (DAY_FIRST if day else MONTH_FIRST), []
@@ -110,8 +112,8 @@ def _order(parts: pl.DataFrame, texts: pl.Series, given: str | None, usual: str 
     if last.select((pl.col("a") == pl.col("b")).all()).item():
         return DAY_FIRST, []
     raise Refusal(
-        "its dates fit both orders, for no day is above 12; say which is meant with dates=day-first or "
-        "dates=month-first (--dates)"
+        "its dates fit both orders, for no day is above 12",
+        "say which is meant with dates=day-first or dates=month-first (--dates)",
     )
 
 
@@ -123,7 +125,7 @@ def clock(time: object) -> str:
 def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time of instants in UTC: in the zone that is asked for, or by the offsets [min] that the file has."""
     frame = pl.DataFrame({"instant": instants.cast(TIME)})
-    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*_YEARS)).then("instant"))
+    frame = frame.select(pl.when(pl.col("instant").dt.year().is_between(*YEARS)).then("instant"))
     if answers.time_zone is not None:
         there = pl.col("instant").dt.replace_time_zone("UTC").dt.convert_time_zone(answers.time_zone)
         offset = (there.dt.base_utc_offset() + there.dt.dst_offset()).dt.total_minutes().cast(pl.Int32)
@@ -133,7 +135,7 @@ def from_utc(instants: pl.Series, offsets: pl.Series | None, answers: Answers) -
     notes = []
     if not (known.fill_null(0) != 0).any():
         notes.append(
-            "Times are in UTC, for the file tells no other; time_zone (--time-zone) brings them to the time on the "
+            "Times are in UTC, for the file tells no other; the time zone of the person brings them to the time on the "
             "wall."
         )
     shift = pl.duration(minutes=pl.lit(known.fill_null(0)).cast(pl.Int64), time_unit="us")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.refusal import Refusal
-from glucoloop.units import MIN_PER_H
+from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -211,14 +211,18 @@ def add_legend(figure: Figure, entries: Mapping[str, Artist], width: Width) -> N
 def time_axis(horizon_min: float, width: Width) -> tuple[float, str, float]:
     """Number of minutes per unit of the time axis, the unit, and the distance of ticks in it.
 
-    The unit is minutes up to twelve hours, and hours beyond.
+    The unit is minutes up to twelve hours, hours up to a day, and days beyond.
     """
-    in_minutes = horizon_min <= _LONGEST_IN_MINUTES
-    divisor, unit = (1.0, "min") if in_minutes else (MIN_PER_H, "h")
-    steps = (10.0, 20.0, 30.0, 60.0, 120.0, 180.0) if in_minutes else (2.0, 3.0, 6.0, 12.0, 24.0)
+    steps: tuple[float, ...]
+    if horizon_min <= _LONGEST_IN_MINUTES:
+        divisor, unit, steps = 1.0, "min", (10.0, 20.0, 30.0, 60.0, 120.0, 180.0)
+    elif horizon_min <= MIN_PER_DAY:
+        divisor, unit, steps = MIN_PER_H, "h", (2.0, 3.0, 6.0)
+    else:
+        divisor, unit, steps = MIN_PER_DAY, "days", (0.25, 0.5, 1.0, 2.0, 7.0)
     least = horizon_min / divisor / _MAX_TICK_STEPS[width]
     fitting = [step for step in steps if step >= least]
-    # beyond a week or two, whole days
+    # beyond a few weeks, whole weeks
     return divisor, unit, fitting[0] if fitting else steps[-1] * float(np.ceil(least / steps[-1]))
 
 

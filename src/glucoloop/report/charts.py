@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.shown_units import other_value, shown_unit
+from glucoloop.display_units import other_value, shown_unit
 
 Floats = npt.NDArray[np.float64]
 
@@ -143,8 +143,10 @@ class Plot(NamedTuple):
     panels: Sequence[Panel]
     lanes: Sequence[Mapping[str, Any]] = ()
     """Lines of time: a `name`, and `rows`, each with its `periods` in min and its `colour`."""
+    start_min: float = 0.0
+    """Time of day at the start, after midnight."""
 
     def data(self) -> dict[str, Any]:
         """Plain values for JSON."""
         panels = [panel.data() for panel in self.panels]
-        return {"name": self.name, "end": self.end_min, "panels": panels, "lanes": self.lanes}
+        return {"name": self.name, "end": self.end_min, "start": self.start_min, "panels": panels, "lanes": self.lanes}

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import polars as pl
 from polars import selectors
 
+from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
 from glucoloop.metrics.settings import Result, metrics_with
-from glucoloop.printable import NOT_AVAILABLE, glucose_text
-from glucoloop.printable import percent as percent_text
 from glucoloop.refusal import Refusal
-from glucoloop.shown_units import OTHERS, heading_shown, in_shown_units, other_number, shown_unit
+from glucoloop.text import NOT_AVAILABLE, glucose_text
+from glucoloop.text import percent as percent_text
 from glucoloop.units import UNIT_BY_ENDING, ending_of
 
 if TYPE_CHECKING:

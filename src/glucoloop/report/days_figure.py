@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.display_units import other_value
 from glucoloop.report._style import (
     GREY,
     SETPOINT,
@@ -23,7 +24,6 @@ from glucoloop.report._style import (
     time_axis,
 )
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
-from glucoloop.shown_units import other_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,7 +81,8 @@ def days_plot(shown: DaysShown, band: str) -> Plot:
         panel.line(t_min, course, place, name=name, dash=place)
     readings = len(shown.course_mg_dl)
     panel.line(t_min, shown.reading_mg_dl, readings, name="readings", dash=readings)
-    return Plot(f"Glucose from {shown.begins}", float(t_min[-1]), [panel])
+    first = shown.first + dt.timedelta(minutes=float(start))
+    return Plot(f"Glucose from {shown.begins}", float(t_min[-1]), [panel], start_min=60.0 * first.hour + first.minute)
 
 
 def plot_days(shown: DaysShown) -> Figure:

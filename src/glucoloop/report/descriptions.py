@@ -8,18 +8,19 @@ from typing import Any, Final
 import jax
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.setting import Value, value_text
 from glucoloop.faults import DURATION, FAULTS, LATEST, PER_DAY, START, TIMING, FaultPart
 from glucoloop.meals import Meal
-from glucoloop.parts.setting import Value, value_text
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
-from glucoloop.printable import the_first
 from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.report.moments import moment_text
 from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
-from glucoloop.simulation.parts import goes_fast
+from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import FedSituation, Run
+from glucoloop.text import the_first
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, ending_of, u_h_from_mu_min
 
 # What changes nothing, if it is not 0.
@@ -164,7 +165,8 @@ def _length(horizon_min: float) -> str:
 
 
 def _meal(meal: Meal) -> str:
-    clock = f"{meal.t_min:g} min" if meal.t_min % 15.0 else f"{meal.t_min / MIN_PER_H:g} h"
+    in_hours = meal.t_min <= MIN_PER_DAY and not meal.t_min % 15.0
+    clock = f"{meal.t_min / MIN_PER_H:g} h" if in_hours else moment_text(meal.t_min)
     return f"{meal.carbs_g:g} g at {clock}" + (f", eaten for {meal.eating_min:g} min" if meal.eating_min else "")
 
 
@@ -261,7 +263,9 @@ def when_in_words(fault: FaultPart) -> str:
         return "always"
     start = times.get(START, "0")
     latest = times.get(LATEST, start)
-    begins = f"from {start} min" if latest == start else f"from a moment between {start} and {latest} min"
+    ends = [float(start), float(latest)]
+    first, last = (moment_text(t_min, ends[1]) for t_min in ends)
+    begins = f"from {first}" if latest == start else f"from a moment between {first.removesuffix(' min')} and {last}"
     return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
 
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from glucoloop.arguments import ArgumentTypeError
 from glucoloop.cohorts.people_run import PeopleRun
-from glucoloop.exercise import Exercise
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
-from glucoloop.report._runs import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.report._style import GREY, Width
 from glucoloop.report.charts import extent
+from glucoloop.report.labelled_traces import Bout, Floats, PlottedRun, labelled_runs, limits_passed, values_in_words
 from glucoloop.simulation import Trace
 from glucoloop.units import mmol_l_from_mg_dl, u_h_from_mu_min
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from glucoloop.display_units import other_number
 from glucoloop.metrics.readings.people import PeopleSpread
-from glucoloop.printable import NOT_AVAILABLE, percent
 from glucoloop.report.profile_plot import percentile_rows, profile_plot
 from glucoloop.report.record_goals import HIGHEST_CV_PCT, LEAST_ACTIVE_PCT, LEAST_DAYS, Goals
-from glucoloop.report.reported import ReportedGroup
-from glucoloop.shown_units import other_number
+from glucoloop.report.record_groups import ReportedGroup
+from glucoloop.text import NOT_AVAILABLE, percent
 
 
 class _Number(NamedTuple):

@@ -9,9 +9,9 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from glucoloop.printable import NOT_AVAILABLE
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, Width
+from glucoloop.text import NOT_AVAILABLE
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -8,12 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.display_units import other_number
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL, Metrics, clinical_summary
-from glucoloop.printable import glucose_text
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
-from glucoloop.report._runs import (
+from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
+from glucoloop.report.columns import metric_rows
+from glucoloop.report.descriptions import fault_in_words, windows
+from glucoloop.report.labelled_traces import (
     STATUS_WORDS,
     Floats,
     PlottedRun,
@@ -22,13 +25,12 @@ from glucoloop.report._runs import (
     limits_passed,
     values_in_words,
 )
-from glucoloop.report.charts import BOLUS, GLUCOSE, INSULIN, Panel, Plot, extent, thinned
-from glucoloop.report.columns import metric_rows
-from glucoloop.report.descriptions import fault_in_words, windows
+from glucoloop.report.moments import moment_text, periods_text
 from glucoloop.report.template import Repeat, render
-from glucoloop.report.validity import periods_below, periods_text
-from glucoloop.shown_units import other_number
+from glucoloop.report.validity import periods_below
 from glucoloop.simulation import Trace
+from glucoloop.text import glucose_text
+from glucoloop.units import MIN_PER_DAY
 
 TARGET_MG_DL: Final = (70.0, 180.0)
 """Range of glucose that plots mark."""
@@ -50,6 +52,7 @@ def interactive_page(
     limits: DoseLimits = PARKER_1999_LIMITS,
     lowest_glucose_mg_dl: float = LOWEST_GLUCOSE_MG_DL,
     faults: Sequence[str] = (),
+    start_min: float = 0.0,
     facts: Mapping[str, str] | None = None,
     repeat: Repeat | None = None,
 ) -> str:
@@ -71,6 +74,8 @@ def interactive_page(
         The bound on glucose.
     faults : sequence of str
         Faults of sensor and pump in all runs, each as its text, whose times are marked.
+    start_min : float
+        Time of day at the start, after midnight.
     facts : mapping, optional
         Settings of the runs by name.
     repeat : Repeat, optional
@@ -115,11 +120,11 @@ def interactive_page(
         faults=faults,
         dots=any(run.reading_t_min.size for run in runs),
         commanded=len(panels[1].lines) > len(runs),
-        plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min))),
-        events=list(_events(runs, chosen)),
+        plot=Plot("Glucose and insulin", end_min, panels, list(_lanes(runs, chosen, end_min)), start_min),
+        events=list(_events(runs, chosen, start_min)),
         metrics=["Value"] if single else labels,
         rows=metric_rows(by_label),
-        **_numbers(runs),
+        **_numbers(runs, start_min),
     )
 
 
@@ -211,47 +216,55 @@ def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: flo
             yield {"name": name, "rows": rows if len(runs) <= _MOST_LANES else [row for row in rows if row["periods"]]}
 
 
-def _boluses_text(boluses: Sequence[tuple[float, float]]) -> str:
+def _boluses_text(boluses: Sequence[tuple[float, float]], end_min: float, start_min: float) -> str:
     if not boluses:
         return "none"
     total = sum(size for _, size in boluses)
     if len(boluses) > _MOST_BOLUSES:
         return f"{len(boluses)} boluses, {total:.4g} U in all"
-    return ", ".join(f"{size:.4g} U at {t_min:g} min" for t_min, size in boluses)
+    return "; ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
 
 
-def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart]) -> Iterator[str]:
+def _events(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], start_min: float) -> Iterator[str]:
     """Meals, faults, boluses, high and low glucose and what the guard did, in words."""
-    yield f"Meals: {', '.join(f'{carbs:.4g} g at {t:g} min' for t, carbs in runs[0].meals) or 'none'}."
+    end_min = float(runs[0].t_min[-1])
+    meals = (f"{carbs:.4g} g at {moment_text(t, end_min, start_min)}" for t, carbs in runs[0].meals)
+    yield f"Meals: {'; '.join(meals) or 'none'}."
     if runs[0].exercise:
-        yield f"Exercise: {', '.join(f'{exercise_in_words(b)} at {b.t_min:g} min' for b in runs[0].exercise)}."
+        bouts = (
+            f"{exercise_in_words(bout)} at {moment_text(bout.t_min, end_min, start_min)}" for bout in runs[0].exercise
+        )
+        yield f"Exercise: {'; '.join(bouts)}."
     yield from (f"Fault: {fault_in_words(fault)}." for fault in faults)
     for run in runs:
-        yield from (_name(runs, run, event, ": ") for event in _events_of(run))
+        yield from (_name(runs, run, event, ": ") for event in _events_of(run, start_min))
 
 
-def _events_of(run: PlottedRun) -> Iterator[str]:
+def _events_of(run: PlottedRun, start_min: float) -> Iterator[str]:
+    end_min = float(run.t_min[-1])
     for where, limits, sign in (("above", _HIGH_MG_DL, -1.0), ("below", _LOW_MG_DL, 1.0)):
         for limit in limits:
             if beyond := periods_below(run.fine_t_min, sign * run.fine_glucose_mg_dl, sign * limit):
-                yield f"Glucose {where} {limit:g} mg/dl {periods_text(beyond)}."
+                yield f"Glucose {where} {limit:g} mg/dl {periods_text(beyond, end_min, start_min)}."
     if run.boluses or run.command_boluses:
-        yield f"Boluses delivered: {_boluses_text(run.boluses)}."
-    yield from (f"{name} {periods_text(periods)}." for name, periods in run.periods.items())
+        yield f"Boluses delivered: {_boluses_text(run.boluses, end_min, start_min)}."
+    yield from (f"{name} {periods_text(periods, end_min, start_min)}." for name, periods in run.periods.items())
     if run.validity_note is not None:
         yield run.validity_note
 
 
-def _numbers(runs: Sequence[PlottedRun]) -> dict[str, Any]:
+def _numbers(runs: Sequence[PlottedRun], start_min: float) -> dict[str, Any]:
     """Some of the samples as a table, in place of the picture."""
     t_min = runs[0].t_min
     every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
-    heads, numbers = ["Time (min)"], []
+    end_min = float(t_min[-1])
+    in_days = end_min > MIN_PER_DAY
+    heads, numbers = ["Time" if in_days else "Time (min)"], []
     row: list[Any]
     for run in runs:
         heads += [_name(runs, run, what, ": ") for what in ("glucose (mg/dl)", "insulin (mU/min)")]
     for place in range(0, t_min.size, every):
-        row = [f"{t_min[place]:g}"]
+        row = [moment_text(t_min[place], end_min, start_min) if in_days else f"{t_min[place]:g}"]
         for run in runs:
             if place < run.t_min.size:
                 rate = float(run.insulin_mU_min[place])

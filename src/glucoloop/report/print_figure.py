@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, ScalarFormatter
 
-from glucoloop.shown_units import OTHERS, heading_shown, in_shown_units, other_value, showing, units_shown
+from glucoloop.display_units import OTHERS, heading_shown, in_shown_units, other_value, showing, units_shown
 
 KINDS: Final = ("png", "svg", "pdf")
 """File formats in which a command writes each figure."""

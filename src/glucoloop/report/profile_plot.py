@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.display_units import other_number
 from glucoloop.metrics.readings.profile import PERCENTILES, DayProfile
 from glucoloop.report.charts import GLUCOSE, Panel, Plot
 from glucoloop.report.record_goals import Goals
-from glucoloop.report.reported import Reported
-from glucoloop.shown_units import other_number
+from glucoloop.report.record_groups import Reported
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 AXIS_MG_DL: Final = (40.0, 300.0)

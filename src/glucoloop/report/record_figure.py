@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+from glucoloop.display_units import other_value
 from glucoloop.report._style import (
     BOUND,
     FONT_PT,
@@ -20,9 +21,8 @@ from glucoloop.report._style import (
 )
 from glucoloop.report.profile_plot import highest_shown
 from glucoloop.report.record_goals import Goals
+from glucoloop.report.record_groups import Reported
 from glucoloop.report.record_page import MOST_IN_FULL
-from glucoloop.report.reported import Reported
-from glucoloop.shown_units import other_value
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:

@@ -15,20 +15,20 @@ from typing import Any, Final
 
 import numpy as np
 
+from glucoloop.display_units import in_both_units, other_number
 from glucoloop.metrics.readings.catalogue import MEASURES
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, GlucoseEpisode, glucose_episodes
 from glucoloop.metrics.readings.profile import by_time_of_day
 from glucoloop.metrics.readings.series import LONGEST_FILLED_MIN, Floats, Readings
 from glucoloop.metrics.settings import Result
-from glucoloop.printable import how_many, percent
 from glucoloop.report.columns import MetricRow, in_other_unit
 from glucoloop.report.group_page import group_parts, groups_beside
 from glucoloop.report.profile_plot import AXIS_MG_DL, LARGEST_MG_DL, medians_plot, percentile_rows, profile_plot
 from glucoloop.report.record_goals import HIGHEST_CV_PCT, LEAST_ACTIVE_PCT, LEAST_DAYS, Goals
-from glucoloop.report.reported import ReportedRecord, groups_of, warnings
+from glucoloop.report.record_groups import ReportedRecord, groups_of, warnings
 from glucoloop.report.template import render
-from glucoloop.shown_units import in_both_units, other_number
+from glucoloop.text import how_many, percent
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 MOST_IN_FULL: Final = 6

@@ -6,9 +6,7 @@ maps and facts are in ``templates/parts.html``, and the one style sheet is ``pag
 
 from __future__ import annotations
 
-import base64
 import functools
-import hashlib
 import importlib.resources
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,12 +18,12 @@ import jinja2
 from markupsafe import Markup
 
 import glucoloop
-from glucoloop.pages.script import colours, page_script
-from glucoloop.parts.code import loaded
-from glucoloop.printable import glucose_text, percent
+from glucoloop.component.code import loaded
+from glucoloop.display_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
+from glucoloop.pages.script import colours, page_script, policy_source
 from glucoloop.report.columns import headings
-from glucoloop.shown_units import OTHERS, headings_in_both, in_both_units, in_shown_units, other_number, shown_unit
 from glucoloop.situations.toml import toml_text, with_code
+from glucoloop.text import glucose_text, percent
 
 FOOTER: Final = "Research software, not a medical device."
 _SHARED: Final = Path(str(importlib.resources.files("glucoloop.report"))) / "templates"
@@ -70,9 +68,8 @@ def render(
     them; a page with plots needs the `script`.
     """
     code = Markup(page_script() if script else "")
-    digest = base64.b64encode(hashlib.sha256(f"\n{code}".encode()).digest()).decode()
     values |= {"title": title, "sentences": list(sentences), "facts": facts or {}, "repeat": repeat, "script": code}
-    source = Markup(f"'sha256-{digest}'" if script else "'none'")
+    source = Markup(policy_source(f"\n{code}") if script else "'none'")
     page = _environment(template.parent).get_template(template.name)
     return page.render(style=_style(), script_source=source, **values)
 

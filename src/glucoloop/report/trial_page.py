@@ -10,19 +10,19 @@ from typing import Any, Final
 import numpy as np
 
 from glucoloop.cohorts.bins import GLUCOSE_BIN_MG_DL, INSULIN_BIN_MU_MIN
+from glucoloop.display_units import OTHERS, other_value, shown_unit
 from glucoloop.faults import FAULTS
 from glucoloop.metrics import control_variability as cvga
 from glucoloop.metrics.settings import result_named
-from glucoloop.printable import NOT_AVAILABLE, percent
-from glucoloop.report._runs import exercise_in_words
 from glucoloop.report._style import RANGE_COLOURS, ZONE_COLOURS
 from glucoloop.report.charts import INSULIN, TIME_IN_RANGE, Panel, Plot, extent, thinned
 from glucoloop.report.columns import MetricRow
+from glucoloop.report.labelled_traces import exercise_in_words
 from glucoloop.report.page import glucose_panel, mark_faults
 from glucoloop.report.template import render
 from glucoloop.report.trial_report import RANGES, CaseReport, Floats, MetricDistribution, TrialReport, WorstPerson
 from glucoloop.report.validity import concentrations
-from glucoloop.shown_units import OTHERS, other_value, shown_unit
+from glucoloop.text import NOT_AVAILABLE, percent
 from glucoloop.units import MIN_PER_WEEK
 
 BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
@@ -125,7 +125,7 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
             for low, high in BANDS:
                 panel.area(t_min[drawn], shown[low], shown[high], index, f"{100 * (high - low):.0f} % of the {whose}")
             panel.line(t_min[drawn], shown[0.5], index, name="median")
-        plots.append(Plot(label, report.horizon_min, panels))
+        plots.append(Plot(label, report.horizon_min, panels, start_min=report.start_min))
     return plots
 
 
@@ -147,7 +147,7 @@ def _weeks(report: TrialReport) -> Iterator[Plot]:
         panels[0].line(t_min, of["p50"], index, name="median")
         panels[1].line(t_min, of["time_70_180_pct"], index, name="70 to 180 mg/dl")
         panels[1].line(t_min, of["time_below_70_pct"], index, dash=1, name="below 70 mg/dl")
-        yield Plot(label, report.length_min, panels)
+        yield Plot(label, report.length_min, panels, start_min=report.start_min)
 
 
 def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most: int) -> list[Plot]:
@@ -163,7 +163,7 @@ def _worst(report: TrialReport, people: Sequence[WorstPerson], shown: int, most:
             every = slice(None, None, -(-len(one.insulin_t_min) // most))
             t_min = np.append(one.insulin_t_min[every], one.t_min[-1])
             below.line(t_min, one.insulin_mU_min[every], index, **whose)
-        plots.append(Plot(label, horizon_min, (above, below)))
+        plots.append(Plot(label, horizon_min, (above, below), start_min=report.start_min))
     return plots
 
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.exercise import Exercise
 from glucoloop.metrics import LOWEST_GLUCOSE_MG_DL
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.report.template import Repeat
 
 Floats = npt.NDArray[np.float64]
@@ -119,6 +119,8 @@ class TrialReport:
     faults: Sequence[str] = ()
     """Faults of sensor and pump under every controller."""
     length_min: float = 0.0
+    start_min: float = 0.0
+    """Time of day at the start, after midnight."""
     """Length of the run, where weeks are told."""
     repeat: Repeat | None = None
     """Command and configuration that repeat the trial."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.report.moments import periods_text
 from glucoloop.simulation import Trace
-
-_MOST_PERIODS: Final = 3
 
 
 def stretches(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -41,25 +39,23 @@ def validity(trace: Trace) -> dict[str, Any]:
     }
 
 
-def validity_note(trace: Trace) -> str | None:
+def validity_note(trace: Trace, start_min: float = 0.0) -> str | None:
     """Warning about a run in which glucose was below the range in which the model is valid, or None."""
-    return validity_sentence(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl))
+    return validity_sentence(trace.fine_t_min, trace.fine_glucose_mg_dl, float(trace.lowest_valid_mg_dl), start_min)
 
 
-def validity_sentence(t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float) -> str | None:
-    """The same warning for glucose at given times and the limit of the model; arguments as for `periods_below`."""
+def validity_sentence(
+    t_min: npt.ArrayLike, glucose_mg_dl: npt.ArrayLike, limit_mg_dl: float, start_min: float = 0.0
+) -> str | None:
+    """The same warning for glucose at given times and the limit of the model; arguments as for `periods_below`.
+
+    The run starts `start_min` after midnight.
+    """
     periods = periods_below(t_min, glucose_mg_dl, limit_mg_dl)
     if not periods:
         return None
+    when = periods_text(periods, float(np.asarray(t_min)[-1]), start_min)
     return (
-        f"Glucose was below {limit_mg_dl:.1f} mg/dl {periods_text(periods)}: the patient's model is not valid "
-        "there. Read these values as severe hypoglycemia; their depth means nothing."
+        f"Glucose was below {limit_mg_dl:.1f} mg/dl {when}: the patient's model is not valid there. Read these values "
+        "as severe hypoglycemia; their depth means nothing."
     )
-
-
-def periods_text(periods: Sequence[tuple[float, float]]) -> str:
-    """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
-    phrases = [f"at {first:g} min" if first == last else f"from {first:g} to {last:g} min" for first, last in periods]
-    if len(phrases) > _MOST_PERIODS:
-        phrases = [*phrases[: _MOST_PERIODS - 1], f"in {len(phrases) - _MOST_PERIODS + 1} later periods"]
-    return phrases[0] if len(phrases) == 1 else f"{', '.join(phrases[:-1])} and {phrases[-1]}"

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.code import loaded
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About
-from glucoloop.plausible import DEAD_TIME, GLUCOSE_BOUND, LAG, NOISE_BOUND, NOISE_VARIANCE
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.code import loaded
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import DEAD_TIME, GLUCOSE_BOUND, LAG, NOISE_BOUND, NOISE_VARIANCE
 from glucoloop.units import MIN_PER_DAY
 
 LONGEST_LAG_MIN: Final = 120.0

@@ -241,7 +241,7 @@ class Adaptive:
         """The plant with these meals, the time at which the sample with a number begins, and the gut after it."""
         if isinstance(absorption, LinearAbsorption):
             time = Exogenous(t_min=index * grid.sample_time_min)
-            return dataclasses.replace(plant, absorption=absorption), time, None
+            return dataclasses.replace(plant, absorption=absorption), time, absorption.state
         outside = _fed(absorption, absorption.state, index * grid.sample_time_min, grid.sample_time_min)
         return plant, outside, plant.digested(outside)
 

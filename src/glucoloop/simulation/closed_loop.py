@@ -21,11 +21,11 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.held import held_of
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
-from glucoloop.simulation.parts import Fixed, apart, sample_time_of, wrong_with
+from glucoloop.simulation.minute_inputs import held_of
 from glucoloop.simulation.plant import Held, Integrator, SampleGrid
+from glucoloop.simulation.user_objects import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:

@@ -29,14 +29,14 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.pumps import Pump
 from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
-from glucoloop.simulation.held import HeldOfPeople, refuse_held
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
-from glucoloop.simulation.parts import NEED_VALUES, needs_values
+from glucoloop.simulation.minute_inputs import HeldOfPeople, refuse_held
 from glucoloop.simulation.people_meals import PeopleMeals
+from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
-from glucoloop.simulation.stepped import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
-from glucoloop.simulation.varying import chosen, replaced, varying
+from glucoloop.simulation.user_objects import NEED_VALUES, needs_values
+from glucoloop.simulation.vector_stepper import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]

@@ -27,7 +27,7 @@ from glucoloop.native.lower import lower
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel
 from glucoloop.native.targets.products import FUSED, STRICT
 from glucoloop.patients.protocol import SemilinearPatient
-from glucoloop.simulation.parts import compiled_by_class
+from glucoloop.simulation.user_objects import compiled_by_class
 
 Matrix = npt.NDArray[np.float64]
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from glucoloop.arguments import checked, on_host, random_key
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.identification import (
     FirstOrderModel,
@@ -26,7 +27,6 @@ from glucoloop.identification.basis import usual_bases
 from glucoloop.meals import fasting
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.capabilities import insulin_route, seen_mg_dl
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
@@ -35,8 +35,8 @@ from glucoloop.sensors.protocol import site_of
 from glucoloop.simulation.exponential import Exponential
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.internal_model import linear_model
-from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.plant import Integrator, Plant, SampleGrid
+from glucoloop.simulation.user_objects import goes_fast
 
 LARGEST_PULSE_MU_MIN: Final = 22.33
 """Amplitude of the pulses in the paper, its nominal rate."""

@@ -24,9 +24,9 @@ from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.parts import Content, compiled_by_class
+from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
-from glucoloop.simulation.varying import chosen, replaced, varying
+from glucoloop.simulation.user_objects import Content, compiled_by_class
 
 USUAL_STEPS_PER_MIN: Final = 2
 _MOST_STEPS_PER_MIN: Final = 20

@@ -29,15 +29,15 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
-from glucoloop._kept import kept_result
+from glucoloop._disk_cache import kept_result
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, at_once, checked, is_traced
 from glucoloop.meals.absorption import Absorption
 from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, SemilinearPatient
 from glucoloop.refusal import Refusal
-from glucoloop.simulation.parts import Content, compiled_by_class, refuse_two_patients
 from glucoloop.simulation.plant import Exogenous, SampleGrid
+from glucoloop.simulation.user_objects import Content, compiled_by_class, refuse_two_patients
 
 Matrix = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.simulation.adaptive import Adaptive
 from glucoloop.simulation.explicit import Explicit, ExplicitPeople
 from glucoloop.simulation.exponential import Exponential
-from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.people_plant import PeoplePlant
 from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
+from glucoloop.simulation.user_objects import goes_fast
 
 
 def default_integrator(patient: Patient, *, held: bool = False) -> SteppingIntegrator:

@@ -19,8 +19,8 @@ from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.explicit import Explicit
 from glucoloop.simulation.exponential import Exponential, ExponentialPlant
-from glucoloop.simulation.parts import goes_fast
 from glucoloop.simulation.plant import Exogenous, Plant, SampleGrid
+from glucoloop.simulation.user_objects import goes_fast
 
 
 @functools.partial(jax.jit, static_argnames=("sample_time_min", "sensor_lag_min"))

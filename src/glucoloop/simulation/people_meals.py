@@ -15,8 +15,8 @@ from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients.protocol import Patient
+from glucoloop.simulation.per_person_leaves import chosen, varying
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.varying import chosen, varying
 from glucoloop.sparse import Sparse
 
 Array = npt.NDArray[Any]

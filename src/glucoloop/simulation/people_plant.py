@@ -27,9 +27,9 @@ from glucoloop.simulation.exponential import (
     substeps_of,
     working_state,
 )
-from glucoloop.simulation.parts import compiled_by_class, refuse_two_patients
+from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 from glucoloop.simulation.plant import SampleGrid
-from glucoloop.simulation.varying import chosen, replaced, varying
+from glucoloop.simulation.user_objects import compiled_by_class, refuse_two_patients
 
 PER_NOMINAL: Final = 2
 """Steps of the people's exponential integrator for each that the nominal patient needs."""

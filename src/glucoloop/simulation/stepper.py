@@ -14,7 +14,6 @@ import numpy as np
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, random_key
 from glucoloop.control.protocol import Decision, Observation, Status
-from glucoloop.exercise import Bouts, Exercise, refuse_exercise
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.meals.absorption import Absorption, absorb
 from glucoloop.meals.models import meal_model_of
@@ -22,12 +21,12 @@ from glucoloop.meals.protocol import Eaten, MealModel
 from glucoloop.meals.scenario import Meal, Scenario
 from glucoloop.patients.capabilities import takes_exercise
 from glucoloop.patients.protocol import Patient
+from glucoloop.physiology.exercise import Bouts, Exercise, refuse_exercise
+from glucoloop.physiology.protocol import Rhythm
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
-from glucoloop.rhythms.protocol import Rhythm
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.asked import Asked
 from glucoloop.simulation.closed_loop import (
     Trace,
     on_the_grid,
@@ -37,11 +36,12 @@ from glucoloop.simulation.closed_loop import (
     usual_limits,
     with_what_was_held,
 )
-from glucoloop.simulation.held import held_between, held_of, refuse_held
+from glucoloop.simulation.external_doses import Asked
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
-from glucoloop.simulation.parts import Fixed, apart
+from glucoloop.simulation.minute_inputs import held_between, held_of, refuse_held
 from glucoloop.simulation.plant import Held, SampleGrid, SteppingIntegrator
+from glucoloop.simulation.user_objects import Fixed, apart
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
 
@@ -66,7 +66,7 @@ class _Now:
     meals: jax.Array
     """Number of meals that have begun."""
     gut: Any
-    """State of the gut before the coming sample; None where closed forms need none."""
+    """State of the gut before the coming sample."""
 
 
 @functools.partial(jax.jit, static_argnums=1)

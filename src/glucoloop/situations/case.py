@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Self
 
+from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
+from glucoloop.component.part import Part, read
+from glucoloop.component.setting import About, Value
 from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.part import ControllerPart
 from glucoloop.faults import FaultPart
 from glucoloop.models.settings import IdentifiedPart, ModelPart
-from glucoloop.parts.grammar import NAME, GivenValue, Tree, as_table, part_text, place
-from glucoloop.parts.part import Part, read
-from glucoloop.parts.setting import About, Value
-from glucoloop.plausible import SAMPLE_TIME
-from glucoloop.printable import is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.text import is_printable
+from glucoloop.unit_guess import SAMPLE_TIME
 
 
 class Case(Part):

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from glucoloop.exercise import Exercise
-from glucoloop.parts.number_text import NUMBER, UNITS_OF_TIME
+from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.refusal import Refusal
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)

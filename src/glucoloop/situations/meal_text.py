@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from glucoloop.component.number_text import NUMBER, UNITS_OF_TIME
 from glucoloop.meals import Meal
 from glucoloop.meals.scenario import LARGEST_MEAL_G
-from glucoloop.parts.number_text import NUMBER, UNITS_OF_TIME
-from glucoloop.plausible import CONFIRM_OPTION, MEAL, refuse_unusual
 from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import CONFIRM_OPTION, MEAL, refuse_unusual
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY
 
 _UNIT: Final = "|".join(UNITS_OF_TIME)
@@ -79,7 +79,9 @@ def refuse_unusual_meals(texts: Iterable[str], horizon_min: float) -> None:
         meal, match = parse_meal(text), _MEAL.fullmatch(text)
         if match is None or not (match["of_carbs"] or match["unit"]):
             raise Refusal(
-                f"the meal {text!r} names no unit; write {meal_text(meal)}, or {CONFIRM_OPTION} if that is meant"
+                f"the meal {text!r} names no unit",
+                f"write {meal_text(meal)}",
+                f"{CONFIRM_OPTION} if that is meant",
             )
         refuse_unusual(meal.carbs_g, MEAL, f"the size of the meal at {meal.t_min:g} min", CONFIRM_OPTION)
         if horizon_min >= MIN_PER_DAY and not match["unit"] and 0.0 < meal.t_min < HOURS_PER_DAY:

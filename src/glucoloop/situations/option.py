@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from glucoloop.parts.setting import About
+from glucoloop.component.setting import About
 
 PATIENT_PANEL = "Patient and meals"
 SENSOR_PANEL = "Sensor and pump"

@@ -14,19 +14,20 @@ from pathlib import Path
 from typing import Any, Final
 
 from glucoloop.arguments import converted
+from glucoloop.component.grammar import NAME, part_tree, plain
+from glucoloop.component.setting import known_names
 from glucoloop.meals import Meal
-from glucoloop.parts.grammar import NAME, part_tree, plain
-from glucoloop.parts.setting import known_names
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, population, population_names
 from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
-from glucoloop.printable import how_many, is_printable
 from glucoloop.refusal import Refusal
 from glucoloop.situations.meal_text import meal_text, parse_meal
 from glucoloop.situations.toml import LARGEST_CHARACTERS, read_file, text_of_file
+from glucoloop.spreadsheet import text_of_cell
+from glucoloop.text import how_many, is_printable
 
 VARY_KEY: Final = "vary"
 """Key of the tables of variation in a file: ``[[vary]]``."""
@@ -90,7 +91,7 @@ def _read_variation(kind: type[Any], where: str, table: Mapping[str, object]) ->
             return JointVariation(**{key: _of_joint(key, value) for key, value in table.items()})
         return Variation(**{key: converted(key, value, types[key], "Variation") for key, value in table.items()})
     except Refusal as error:
-        raise Refusal(f"{where}: {error}") from None
+        raise error.within(where) from None
 
 
 def _of_joint(key: str, value: Any) -> Any:
@@ -155,7 +156,7 @@ def _meals(given: Any, name: str) -> tuple[Meal, ...]:
     try:
         return tuple(map(parse_meal, texts))
     except Refusal as error:
-        raise Refusal(f"meals of {name!r}: {error}") from None
+        raise error.within(f"meals of {name!r}") from None
 
 
 def population_keys(population: Population) -> dict[str, object]:
@@ -215,7 +216,7 @@ def _found_population(text: str, patient: str) -> Population:
     try:
         people = read_population(keys, patient, path.stem)
     except Refusal as error:
-        raise Refusal(f"{text}: {error}") from None
+        raise error.within(text) from None
     if not (people.variations or people.table):
         # a file that was cut short must not pass for the nominal patient
         raise Refusal(
@@ -253,7 +254,7 @@ def _csv_rows(content: str, text: str) -> list[dict[str, Any]]:
 
 def _cell(column: str, text: str) -> Any:
     if column in (NAME, MEALS_COLUMN):
-        return text
+        return text_of_cell(text)
     try:
         return float(text) if text else None
     except ValueError:
@@ -294,4 +295,4 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     try:
         return people.alone(name.strip(), seed)
     except Refusal as error:
-        raise Refusal(f"person {text!r} of {patient}: {error}") from None
+        raise error.within(f"person {text!r} of {patient}") from None

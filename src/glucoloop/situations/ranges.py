@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from glucoloop.parts.grammar import GivenValue, Tree, as_table, place, plain
+from glucoloop.component.grammar import GivenValue, Tree, as_table, place, plain
 from glucoloop.refusal import Refusal
 from glucoloop.units import ending_of
 

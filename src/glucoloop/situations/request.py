@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from glucoloop.parts.grammar import plain
-from glucoloop.parts.part import Part, read
+from glucoloop.component.grammar import plain
+from glucoloop.component.part import Part, read
 
 P = TypeVar("P", bound=Part)
 

@@ -6,28 +6,28 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
+from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.models.settings import ModelPart
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.setting import Default
-from glucoloop.plausible import GLUCOSE
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
 from glucoloop.situations.scenarios import USUAL_DAY, DaySettings, ScenarioPart
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
+from glucoloop.unit_guess import GLUCOSE
 from glucoloop.units import MIN_PER_DAY
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from glucoloop.exercise import Bouts as DrawnBouts
-    from glucoloop.exercise import Exercise
     from glucoloop.meals import Meal, Scenario
     from glucoloop.meals.days import LivedDays
     from glucoloop.meals.plan import MealPlan
     from glucoloop.patients.population import Population
+    from glucoloop.physiology.exercise import Bouts as DrawnBouts
+    from glucoloop.physiology.exercise import Exercise
 
 BOLUS_INTO_A_VEIN: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
@@ -58,8 +58,8 @@ class ControlledSituation(Situation):
     guard: Annotated[
         GuardSettings | None,
         _controller(
-            "Put a guard around the controllers: it rejects impossible readings, gives the basal rate without "
-            "readings, suspends insulin on predicted low glucose, and bounds the dose.",
+            "Put a guard around the controllers: it rejects impossible readings, gives at most the basal rate "
+            "without readings, suspends insulin on predicted low glucose, and bounds the dose.",
             alone="usual",
         ),
     ] = None
@@ -93,8 +93,7 @@ class ControlledSituation(Situation):
             try:
                 found.append(case.completed_in(self, self.guard, self.model))
             except Refusal as error:
-                message = str(error)
-                raise Refusal(message if len(self.controller) < 2 else f"case {case.label!r}: {message}") from None
+                raise error.within("" if len(self.controller) < 2 else f"case {case.label!r}") from None
         return tuple(found)
 
     @property
@@ -138,7 +137,7 @@ class FedSituation(DaySettings, ControlledSituation):
     ] = None
 
     def __post_init__(self) -> None:
-        from glucoloop.exercise import refuse_exercise
+        from glucoloop.physiology.exercise import refuse_exercise
         from glucoloop.situations.exercise_text import same_exercise
         from glucoloop.situations.meal_text import same_meals
 
@@ -151,11 +150,12 @@ class FedSituation(DaySettings, ControlledSituation):
         alone = next((habit.called for habit in self.habits if habit.of_announcements), None)
         if alone is not None and not self.announce_meals:
             raise Refusal(
-                f"the habit {alone} concerns announced meals only; announce the meals (--announce-meals), or leave it "
-                "out"
+                f"the habit {alone} concerns announced meals only",
+                "announce the meals (--announce-meals)",
+                "leave it out",
             )
         if self.days is not None and self.duration_min is not None:
-            raise Refusal("--days and --duration (days, duration_min) both tell the length; leave one out")
+            raise Refusal("days and duration_min both tell the length; leave one out")
         refuse_parts_of_samples(self.horizon_min, self.sample_time_min, has_duration=self.days is None)
         whole_samples(self.warm_up_min, self.sample_time_min, "a warm-up")
         self.refuse_late_faults(self.horizon_min)
@@ -207,7 +207,7 @@ class FedSituation(DaySettings, ControlledSituation):
             try:
                 plan(day)
             except Refusal as error:
-                raise Refusal(f"the own day of {name!r}: {error}") from None
+                raise error.within(f"the own day of {name!r}") from None
         return plan(people.table.usual_day(), own=functools.partial(own_meals, people))
 
     def population_with_days(self) -> Population:
@@ -217,7 +217,7 @@ class FedSituation(DaySettings, ControlledSituation):
     @functools.cached_property
     def bouts(self) -> tuple[Exercise, ...]:
         """Exercise of all days, without its variation; Refusal for a bout beyond its day."""
-        from glucoloop.exercise import exercise_in_order, repeated_daily
+        from glucoloop.physiology.exercise import exercise_in_order, repeated_daily
         from glucoloop.situations.exercise_text import parse_exercise
 
         a_day = exercise_in_order(map(parse_exercise, self.exercise), self.plan.day_min)
@@ -225,7 +225,7 @@ class FedSituation(DaySettings, ControlledSituation):
 
     def bouts_of(self, person: npt.ArrayLike) -> DrawnBouts | None:
         """Exercise of persons of the seed, with times from the beginning of the warm-up, which has none; or None."""
-        from glucoloop.exercise import draw_bouts
+        from glucoloop.physiology.exercise import draw_bouts
 
         if not self.exercise:
             return None
@@ -339,8 +339,9 @@ class Run(FedSituation):
         table = None if self.one_person is None else self.one_person.table
         if self.one_person is None or table is None or not table.meals:
             raise Refusal(
-                "there is no own day of meals: the patient is no person of a table that has meals; give meals, or "
-                "name such a person, like --patient 'kanderian-2009, person=3'"
+                "there is no own day of meals: the patient is no person of a table that has meals",
+                "give meals",
+                "name such a person, like --patient 'kanderian-2009, person=3'",
             )
         return self.one_person
 
@@ -372,12 +373,13 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
     tenths = (tenth / 10.0 for tenth in range(1, round(10.0 * LONGEST_SAMPLE_TIME_MIN) + 1))
     near = (minutes for minutes in tenths if sample_time_min / 2.0 < minutes < 2.0 * sample_time_min)
     possible = list(filter(fits, near))
-    mends = [f"--sample-time {min(possible, key=lambda minutes: abs(minutes - sample_time_min)):g}"] if possible else []
+    nearest = min(possible, key=lambda minutes: abs(minutes - sample_time_min), default=None)
+    mends = [] if nearest is None else [f"give --sample-time {nearest:g}"]
     if has_duration:
-        mends.append(f"--duration {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
+        mends.append(f"give --duration {max(1, round(horizon_min / sample_time_min)) * sample_time_min:g}")
     raise Refusal(
-        f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min; "
-        f"give {' or '.join(mends) or 'another sample time'}"
+        f"a horizon of {horizon_min:g} min is not a whole number of samples of {sample_time_min:g} min",
+        *(mends or ["give another sample time"]),
     )
 
 

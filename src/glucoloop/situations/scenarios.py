@@ -11,15 +11,15 @@ import functools
 from pathlib import Path
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.grammar import NAME, GivenValue, Tree, given
+from glucoloop.component.part import Part
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
 from glucoloop.meals.habits import HABITS, HabitPart
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.grammar import NAME, GivenValue, Tree, given
-from glucoloop.parts.part import Part
-from glucoloop.plausible import DURATION
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
 from glucoloop.situations.toml import read_file
+from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY
 
 USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")

@@ -2,7 +2,7 @@
 
 It is declared here once: the options of the commands, the keys of files, help, checks and the loop follow from it.
 Where it is made, in Python, from a file or from the command line, its parts are completed by what is usual for the
-patient; what was given stays apart, see `parts.part.Part`.
+patient; what was given stays apart, see `component.part.Part`.
 """
 
 from __future__ import annotations
@@ -11,15 +11,21 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
+from glucoloop.component.grammar import given as given_values
+from glucoloop.component.number_text import parse_time_of_day
+from glucoloop.component.part import Part
 from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
-from glucoloop.parts.grammar import given as given_values
-from glucoloop.parts.number_text import parse_time_of_day
-from glucoloop.parts.part import Part
 from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT, PatientPart
-from glucoloop.plausible import (
+from glucoloop.physiology.settings import RhythmPart
+from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.refusal import Refusal
+from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
+from glucoloop.situations.request import read_root
+from glucoloop.unit_guess import (
     CONFIRM_OPTION,
     LARGEST_RATE,
     LARGEST_RATE_UNDER_THE_SKIN,
@@ -29,19 +35,13 @@ from glucoloop.plausible import (
     SETPOINT,
     refuse_unusual,
 )
-from glucoloop.pumps.settings import PUMPS, PumpPart
-from glucoloop.refusal import Refusal
-from glucoloop.rhythms.settings import RhythmPart
-from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, SensorPart, WhiteNoiseSettings
-from glucoloop.situations.option import PATIENT_PANEL, SENSOR_PANEL, Option
-from glucoloop.situations.request import read_root
 
 if TYPE_CHECKING:
     from glucoloop.meals import MealModel, RescueCarbs
     from glucoloop.patients import Patient, Population
-    from glucoloop.profile import Profile
+    from glucoloop.physiology.protocol import Rhythm
     from glucoloop.pumps import BolusLimits, DoseLimits
-    from glucoloop.rhythms.protocol import Rhythm
+    from glucoloop.therapy import Profile
 
 SHORTEST_SAMPLE_TIME_MIN: Final = 0.1
 """Shortest sample time; with it the paper's memory of three hours stays within the largest memory."""
@@ -209,19 +209,21 @@ class Situation(Part):
     def _refuse_at_odds(self) -> None:
         from glucoloop.meals import meal_model_of
         from glucoloop.patients.capabilities import sites
-        from glucoloop.simulation.held import HeldOfPeople, refuse_held
+        from glucoloop.simulation.minute_inputs import HeldOfPeople, refuse_held
         from glucoloop.simulation.plant import SampleGrid
 
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
         if self.miscounts and not self.announce_meals:
             raise Refusal(
-                "an error of counting carbohydrate concerns announced meals only; announce the meals "
-                "(--announce-meals), or leave the error and the bias out"
+                "an error of counting carbohydrate concerns announced meals only",
+                "announce the meals (--announce-meals)",
+                "leave the error and the bias out",
             )
         if self.announce_before_min and not self.announce_meals:
             raise Refusal(
-                f"meals that are not announced cannot be announced {self.announce_before_min:g} min before eating; "
-                "announce the meals (--announce-meals), or leave the time out"
+                f"meals that are not announced cannot be announced {self.announce_before_min:g} min before eating",
+                "announce the meals (--announce-meals)",
+                "leave the time out",
             )
         if self.profile_by == "titration" and not self.patient.under_the_skin:
             raise Refusal(

@@ -6,31 +6,28 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import glucoloop
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import checked, json_value
 from glucoloop.storage import disk
+from glucoloop.user_file import read_regular
+
+F = TypeVar("F")
 
 LARGEST_TEXT_BYTES: Final = 200_000_000
 
 
 def read_text(path: Path, what: str) -> str:
-    """Text of a file that the user named, which may also be a link or a pipe.
+    """Text of a file that the user named, which may also be a link to it.
 
     A ValueError tells that it cannot be read as `what`, ``"a model"``: it is empty, far too large, or not text.
     """
-    if "\0" in str(path):
-        raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise Refusal(f"{path} is a folder, not {what}; name a file in it")
-        if size > LARGEST_TEXT_BYTES:
-            raise Refusal(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
-        with path.open("rb") as file:
-            # A device or a pipe tells no size beforehand.
-            data = file.read(LARGEST_TEXT_BYTES + 1)
+        data = read_regular(path, LARGEST_TEXT_BYTES)
+    except Refusal as error:
+        raise Refusal(f"{path} cannot be read as {what}: {error}") from None
     except OSError as error:
         mend = disk.mend(error, f"give the path of {what}")
         raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {mend}") from None
@@ -47,16 +44,16 @@ def read_text(path: Path, what: str) -> str:
     return text
 
 
-def stored_json(path: Path, mend: str) -> dict[str, Any]:
-    """JSON object in a regular file that this program keeps; a ValueError, which ends in `mend`, tells of damage."""
+def stored_json(path: Path, mend: str, form: type[F]) -> F:
+    """JSON object of a form in a regular file of this program; a Refusal, which ends in `mend`, tells of damage.
+
+    The form is a dataclass, see `schema.values`, or ``dict[str, Any]`` for any object.
+    """
     data = disk.read_bytes(path, LARGEST_TEXT_BYTES)
     try:
-        found = json.loads(data)
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise Refusal(f"{path} is damaged; {mend}")
-    return found
+        return checked(form, json_value(data))
+    except Refusal as error:
+        raise Refusal(f"{path} is damaged: {error}; {mend}") from None
 
 
 def json_text(value: object, other: Callable[[Any], object] | None = None) -> str:

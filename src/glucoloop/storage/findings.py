@@ -5,16 +5,20 @@ Whatever is printed or drawn later follows from the plain values, so that nothin
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import polars as pl
 
+from glucoloop.refusal import Refusal
 from glucoloop.storage.files import json_text, stored_json, with_version
 from glucoloop.storage.tables import csv, parquet
+
+_MEND: Final = "move it away and run the same command again"
 
 
 @dataclass(frozen=True)
@@ -47,19 +51,34 @@ class Findings:
 
     def files(self, summary: str) -> dict[str, bytes]:
         """The tables, and the plain values as JSON in the file `summary`."""
-        tables = {
-            name: csv(_flat(table)) if name.endswith(".csv") else parquet(table) for name, table in self.tables.items()
-        }
+        tables = {name: csv(table) if name.endswith(".csv") else parquet(table) for name, table in self.tables.items()}
         return {**tables, summary: self.text().encode()}
+
+    place: Path | None = None
+    """File from which they were read back; None for what was computed just now."""
 
     @classmethod
     def read(cls, place: Path) -> Findings:
         """Read earlier findings from the JSON file that holds them."""
-        plain = stored_json(place, "move it away and run the same command again")
-        return cls({key: value for key, value in plain.items() if key != "version"})
+        plain = stored_json(place, _MEND, dict[str, Any])
+        return cls({key: value for key, value in plain.items() if key != "version"}, place=place)
 
+    @contextlib.contextmanager
+    def refusing_damage(self) -> Iterator[None]:
+        """Refuse findings that were read back and are not those of the study that shows them in the block.
 
-def _flat(table: pl.DataFrame) -> pl.DataFrame:
-    """A table whose lists are texts, which a CSV file can hold."""
-    lists = [name for name, kind in table.schema.items() if isinstance(kind, pl.List)]
-    return table.with_columns(pl.col(lists).list.eval(pl.element().cast(pl.String)).list.join(" "))
+        Their form is what the columns and sentences of the study ask for, and is written nowhere else.
+        """
+        try:
+            yield
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            ArithmeticError,
+            pl.exceptions.PolarsError,
+        ) as error:
+            if self.place is None or isinstance(error, Refusal):
+                raise
+            raise Refusal(f"{self.place} does not hold what this study finds; {_MEND}") from error

@@ -7,7 +7,7 @@ replaced only if it holds exactly these files, unchanged: files that a person ad
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from glucoloop.refusal import Refusal
@@ -33,10 +33,12 @@ class OutputFolder:
 
 
 @contextlib.contextmanager
-def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
+def output_folder(path: Path, *, overwrite: bool, holds: Collection[str] = ()) -> Iterator[OutputFolder]:
     """A folder to write to; it appears at its place when the block ends, and nothing changes if the block fails.
 
-    A ValueError before the block tells that the place is taken or cannot be written to, or that another run is at work.
+    `holds` are names of files that every folder of the same command holds; results without them are those of another
+    command, and are not replaced. A ValueError before the block tells that the place is taken or cannot be written to,
+    or that another run is at work.
     """
     with contextlib.ExitStack() as stack:
         try:
@@ -44,7 +46,7 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             stack.enter_context(disk.made_folders(place.parent))
             stack.enter_context(disk.locked(place.parent / f".{place.name}.lock", path))
             disk.recover(place)
-            _refuse_taken(path, place, overwrite=overwrite)
+            _refuse_taken(path, place, holds, overwrite=overwrite)
         except (FileExistsError, NotADirectoryError):
             raise Refusal(
                 f"the output folder {path} cannot be made, since a part of its path is a file; "
@@ -57,16 +59,16 @@ def output_folder(path: Path, *, overwrite: bool) -> Iterator[OutputFolder]:
             raise Refusal(f"the output folder {path} is a loop of links; choose another with --out") from None
         folder = OutputFolder(path)
         yield folder
-        _refuse_taken(path, place, overwrite=overwrite)
+        _refuse_taken(path, place, holds, overwrite=overwrite)
         disk.put_folder(place, folder.files)
 
 
-def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
-    found = disk.kind(place)
-    if not found:
+def _refuse_taken(path: Path, place: Path, ours: Collection[str], *, overwrite: bool) -> None:
+    kind = disk.kind(place)
+    if not kind:
         return
-    if found != "a folder":
-        raise Refusal(f"{path} is {found}, not a folder; choose another place with --out")
+    if kind != "a folder":
+        raise Refusal(f"{path} is {kind}, not a folder; choose another place with --out")
     if Path.cwd().is_relative_to(place):
         raise Refusal(f"{path} is the folder you are in, which cannot be replaced; choose another with --out")
     try:
@@ -83,6 +85,12 @@ def _refuse_taken(path: Path, place: Path, *, overwrite: bool) -> None:
         )
     if foreign:
         raise Refusal(f"{path} is not empty; choose another folder with --out")
+    missing = [name for name in ours if name not in holds]
+    if missing:
+        raise Refusal(
+            f"{path} holds the results of another command, for there is no {missing[0]}, and they are not replaced; "
+            "choose another folder with --out"
+        )
     if not overwrite:
         raise Refusal(f"{path} holds an earlier result; choose another folder with --out, or add --overwrite")
 

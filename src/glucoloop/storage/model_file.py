@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 import glucoloop
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
-from glucoloop.parts.setting import shown
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import Bounds, checked, json_value
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
-from glucoloop.situations.toml import deeper_than
 from glucoloop.storage.files import json_text, read_text
 
 _ROUNDING: Final = 1e-9
-_DEEPEST: Final = 10
-_MOST_STATES: Final = 100
 _LARGEST_RESPONSE: Final = 1e6
 """Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
-Response = Annotated[list[float], Field(min_length=1, max_length=10_000)]
+Response = Annotated[list[float], Bounds(shortest=1, longest=10_000)]
+_FromZero = Annotated[float, Bounds(at_least=0.0)]
 
 
-class Strict(BaseModel):
-    """Part of a file that holds exactly these keys, of exactly these types."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class RestingPoint(Strict):
+@dataclass(frozen=True, kw_only=True)
+class RestingPoint:
     """Steady state around which the model holds."""
 
     name: str | None
     """Name of the simulated patient's operating point; None for a record."""
-    basal_insulin_mU_min: Annotated[float, Field(ge=0.0)]
+    basal_insulin_mU_min: _FromZero
     glucose_mg_dl: float
 
 
-class Provenance(Strict):
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
     """Origin of the model."""
 
     glucoloop: str
@@ -51,36 +44,36 @@ class Provenance(Strict):
     source: str
     """Sentence on the source of the record."""
     method: str
-    dead_time_min: Annotated[float, Field(ge=0.0)] = 0.0
+    dead_time_min: _FromZero = 0.0
     """Dead time of the readings in the record, which the model contains."""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     """Sentences on the processing of the record."""
 
 
-class Quality(Strict):
+@dataclass(frozen=True, kw_only=True)
+class Quality:
     """Quality of the model according to the record; see `identification.Reliability`."""
 
-    gain_margin: Annotated[float, Field(ge=0.0)]
+    gain_margin: _FromZero
     """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
-    explained_percent: Annotated[float, Field(le=100.0)]
+    explained_percent: Annotated[float, Bounds(at_most=100.0)]
     """Share of the variance of readings left out of the fit that is predicted."""
 
 
-class Recursion(Strict):
+@dataclass(frozen=True, kw_only=True)
+class Recursion:
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
 
-    transition: Annotated[list[Response], Field(min_length=1, max_length=_MOST_STATES)]
+    transition: Annotated[list[Response], Bounds(shortest=1, longest=100)]
     start: Response
     output: Response
     """Output of each state, mg/dl per mU/min."""
-    after: Annotated[int, Field(ge=0)]
+    after: Annotated[int, Bounds(at_least=0)]
 
-    @model_validator(mode="after")
-    def _square(self) -> Self:
+    def __post_init__(self) -> None:
         if {len(self.start), len(self.output), *map(len, self.transition)} != {len(self.transition)}:
             raise Refusal("a realisation whose transition, start and output do not have the same number of states")
-        return self
 
     def value(self) -> Realisation:
         """Realisation for a model."""
@@ -90,15 +83,16 @@ class Recursion(Strict):
     @classmethod
     def of(cls, realisation: Realisation) -> Self:
         """Contents of the file for a realisation."""
-        return cls(**{part: np.asarray(getattr(realisation, part)).tolist() for part in cls.model_fields})
+        return cls(**{part.name: np.asarray(getattr(realisation, part.name)).tolist() for part in fields(cls)})
 
 
-class ModelFile(Strict):
+@dataclass(frozen=True, kw_only=True)
+class ModelFile:
     """Contents of a model file."""
 
     format: Literal["glucoloop-model"] = "glucoloop-model"
     version: Literal[1] = 1
-    sample_time_min: Annotated[float, Field(ge=SHORTEST_SAMPLE_TIME_MIN, le=LONGEST_SAMPLE_TIME_MIN)]
+    sample_time_min: Annotated[float, Bounds(at_least=SHORTEST_SAMPLE_TIME_MIN, at_most=LONGEST_SAMPLE_TIME_MIN)]
     step_response: Response
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response
@@ -110,17 +104,10 @@ class ModelFile(Strict):
     """Quality of the model; None in a file from another program."""
     provenance: Provenance
 
-    @model_validator(mode="after")
-    def _agree(self) -> Self:
+    def __post_init__(self) -> None:
         step, impulse = np.array(self.step_response), np.array(self.impulse_response)
         if step.size != impulse.size:
             raise Refusal(f"{step.size} values of the step response and {impulse.size} of the impulse response")
-        if deeper_than(self.provenance.settings, _DEEPEST):
-            raise Refusal(f"settings in its provenance that are nested more than {_DEEPEST} times")
-        try:
-            json.dumps(self.provenance.settings, allow_nan=False)
-        except ValueError:
-            raise Refusal("a setting in its provenance that is not finite, which JSON does not have") from None
         largest = np.abs(step).max()
         if largest > _LARGEST_RESPONSE:
             raise Refusal(f"a step response of {largest:g} mg/dl per mU/min, above {_LARGEST_RESPONSE:g}")
@@ -130,7 +117,6 @@ class ModelFile(Strict):
             raise Refusal("a step response that is not the running sum of the impulse response")
         if self.realisation is not None:
             refuse_other_response(self.realisation.value(), impulse)
-        return self
 
     def step_response_model(self) -> StepResponseModel:
         """Step-response model for a controller."""
@@ -150,14 +136,18 @@ class ModelFile(Strict):
         resting = self.operating_point
         return doubts(
             self.gain,
-            None if self.quality is None else Reliability(**dict(self.quality)),
+            None if self.quality is None else Reliability(**vars(self.quality)),
             basal_insulin_mU_min=resting.basal_insulin_mU_min,
             glucose_mg_dl=resting.glucose_mg_dl,
         )
 
+    def plain(self) -> dict[str, Any]:
+        """The model as plain values."""
+        return asdict(self)
+
     def text(self) -> str:
         """JSON from which the same model is read, to the last bit."""
-        return json_text(self.model_dump(mode="json")) + "\n"
+        return json_text(self.plain()) + "\n"
 
 
 def model_file(
@@ -197,27 +187,6 @@ def read_model(path: Path) -> ModelFile:
     """Model from its file; ValueError for values that are missing, wrong, not finite or at odds with each other."""
     text = read_text(path, "a model")
     try:
-        return ModelFile.model_validate_json(text)
-    except ValidationError as error:
-        raise Refusal(f"{path} is not a model that can be used: {_sentence(error)}") from None
-
-
-def _sentence(error: ValidationError) -> str:
-    """The first fault of a file: the key, its value, and what it should be in Pydantic's words."""
-    first = error.errors(include_url=False)[0]
-    kind, value, message = first["type"], first["input"], first["msg"]
-    name = ".".join(map(str, first["loc"])) or "it"
-    match kind, first["loc"]:
-        case "value_error", _:
-            return f"it has {first['ctx']['error']}; identify it again"
-        case "literal_error", ("version",):
-            return f"its format version is {shown(value)}, but this glucoloop reads version 1; identify it again"
-        case "literal_error", ("format",):
-            return f"its format is {shown(value)} and not 'glucoloop-model'; write one with glucoloop identify"
-        case "missing", _:
-            return f"{name} is missing; add it"
-        case "extra_forbidden", _:
-            return f"{name} is not a known key; leave it out"
-        case "json_invalid", _:
-            return f"this is not JSON: {first['ctx']['error']}"
-    return f"{name} is {shown(value)}; {message.replace('Input', 'it', 1).replace('List', 'it', 1)}"
+        return checked(ModelFile, json_value(text))
+    except Refusal as error:
+        raise Refusal(f"{path} is not a model that can be used: {error}; write one with glucoloop identify") from None

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
 import glucoloop
 from glucoloop import arithmetic
-from glucoloop.parts.code import outside_code
+from glucoloop.component.code import outside_code
 from glucoloop.refusal import Refusal
 from glucoloop.storage.files import json_text, stored_json
+from glucoloop.text import shown
 
 
-class Origin(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class Origin:
     """Record on which the bits of the results depend, written before anything else; a kind of folder may add to it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     format: str = "glucoloop-rows 1"
     version: str
@@ -37,22 +36,19 @@ class Origin(BaseModel):
 
     def text(self) -> str:
         """JSON from which the same origin is read."""
-        return json_text(dict(self)) + "\n"
+        return json_text(vars(self)) + "\n"
 
     @classmethod
     def read(cls, place: Path) -> Self:
         """Read the record of a folder; ValueError if glucoloop did not write it."""
-        mend, expected = f"delete {place.parent} and run the same command again", cls.model_fields["format"].default
-        found = stored_json(place, mend)
-        if found.get("format") != expected:
+        mend = f"delete {place.parent} and run the same command again"
+        written = stored_json(place, mend, dict[str, Any]).get("format")
+        if written != cls.format:
             raise Refusal(
-                f"{place} is of another format, {found.get('format')} and not {expected}; read it with the glucoloop "
-                "that wrote it"
+                f"{place} is of another format, {shown(written)} and not {cls.format}; read it with the glucoloop that "
+                "wrote it"
             )
-        try:
-            return cls.model_validate(found)
-        except ValidationError:
-            raise Refusal(f"{place} is damaged; {mend}") from None
+        return stored_json(place, mend, cls)
 
 
 def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:

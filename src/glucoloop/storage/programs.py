@@ -1,6 +1,6 @@
 """Folder of compiled programs. They are executable code, so it must be private, and they are checked before use.
 
-JAX and `glucoloop._kept` read and write the entries, and run any entry that they find. A person who may write
+JAX and `glucoloop._disk_cache` read and write the entries, and run any entry that they find. A person who may write
 to the folder could run code and change results; so a folder that others own or can write to is not used. A list holds
 the digest of each entry, written when the process that compiled it ends; an entry that is not as it is listed is
 removed before it is run. This detects damage, an interrupted write and an edited entry. It does not protect against a
@@ -16,33 +16,26 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from glucoloop._kept import SUFFIX
-from glucoloop.refusal import Refusal
+from glucoloop._disk_cache import SUFFIX
+from glucoloop.private_folder import refuse_of_others
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 
 MOST_BYTES: Final = 256_000_000
 """Largest size of all entries together; the oldest are removed first."""
 _ENDS: Final = ("-cache", SUFFIX)
-"""Ends of the names of entries: JAX's, and those of `glucoloop._kept`."""
-_OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
+"""Ends of the names of entries: JAX's, and those of `glucoloop._disk_cache`."""
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder that only this user can use; ValueError for one that another user owns or may write to."""
+    """Make a folder that only this user can use; Refusal for one that others own, can write to or can replace."""
     os.makedirs(folder.parent, exist_ok=True)
     if not disk.is_folder(folder):
         os.mkdir(folder, 0o700)
     if os.name == "nt":
         return
-    above, found = os.stat(folder.parent).st_mode, os.lstat(folder)
-    if found.st_uid != os.getuid():
-        raise Refusal(f"{folder} belongs to another user")
-    if above & _OTHERS_WRITE and not above & stat.S_ISVTX:
-        raise Refusal(f"others can put another folder in the place of {folder}")
-    if found.st_mode & _OTHERS_WRITE:
-        raise Refusal(f"others can write to {folder}; empty it and run chmod 700 on it")
-    if stat.S_IMODE(found.st_mode) != 0o700:
+    refuse_of_others(folder)
+    if stat.S_IMODE(os.lstat(folder).st_mode) != 0o700:
         os.chmod(folder, 0o700)
     if not os.access(folder, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeVar
@@ -148,13 +148,7 @@ class ResumableFolder(ABC):
 
         A ValueError names a file that somebody added or changed; nothing is removed then.
         """
-        sums = disk.read_sums(self.path)
-        for name, digest in self._file_digests().items():
-            if sums.get(name, digest) != digest and name != self.record:
-                raise Refusal(
-                    f"{self.path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
-                    "move that away, or choose another folder with --out"
-                )
+        _refuse_changed(self.path, self._file_digests().keys() - {self.record})
         for name in (self._results, SUMS, *reversed(self._files)):
             disk.remove(self.path / name)
         disk.sync(self.path)
@@ -237,15 +231,7 @@ class ResumableFolder(ABC):
         return {name: digest for name, digest in digests.items() if digest}
 
     def _refuse_foreign(self) -> None:
-        known = {*self._files, self._results, SUMS, LOCK}
-        holds = [name for name in disk.names(self.path.resolve()) if not disk.is_part(name, *known) and name != LOCK]
-        foreign = [name for name in holds if name not in known]
-        what, other = self.work.what, "choose another folder with --out"
-        if foreign:
-            raise Refusal(f"{self.path} holds {foreign[0]}, which is no part of a {what}; {other}")
-        if holds and self.record not in holds:
-            raise Refusal(f"{self.path} is not empty and holds no {what}; {other}")
-        for name in holds:
+        for name in _names_of_ours(self.path, self.work.what, self.record, {*self._files, self._results}):
             (disk.is_file if name in (*self._files, SUMS) else disk.is_folder)(self.path / name)
 
     def _sweep(self) -> None:
@@ -270,17 +256,10 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
     """
     path = folder.path
     with contextlib.ExitStack() as stack:
-        try:
+        with _place_refused(path):
             stack.enter_context(disk.made_folders(path))
             stack.enter_context(disk.locked(path / LOCK, path))
             new = folder.begin(overwrite=overwrite)
-        except (FileExistsError, NotADirectoryError):
-            raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
-        except OSError as error:
-            again = f"{disk.mend(error)} and run the same command again, or " if disk.mend(error) else ""
-            raise Refusal(
-                f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
-            ) from None
         try:
             yield folder
         except BaseException:
@@ -291,3 +270,52 @@ def opened(folder: F, *, overwrite: bool) -> Iterator[F]:
                     folder.clear()
             raise
         folder.write_pending()
+
+
+def refuse_unusable(path: Path, what: str, record: str, names: Collection[str], *, overwrite: bool) -> None:
+    """Refuse at once a place that `opened` would refuse for any work of a command, and leave it as it is.
+
+    `record` is the first file that the work of the command writes, and `names` are those of all the others.
+    """
+    with _place_refused(path), disk.made_folders(path, kept=False), disk.locked(path / LOCK, path):
+        there = _names_of_ours(path, what, record, names)
+        if overwrite:
+            _refuse_changed(path, {name for name in there if disk.kind(path / name) == "a file"} - {record, SUMS})
+
+
+def _refuse_changed(path: Path, names: Collection[str]) -> None:
+    """Refuse to replace files that are not as the list of digests has them; one that it lacks was not finished."""
+    sums = disk.read_sums(path)
+    for name in sorted(sums.keys() & names):
+        if sums[name] != disk.digest(path / name):
+            raise Refusal(
+                f"{path} holds {name}, which was changed since glucoloop wrote it, so it is not replaced; "
+                "move that away, or choose another folder with --out"
+            )
+
+
+def _names_of_ours(path: Path, what: str, record: str, names: Collection[str]) -> list[str]:
+    """Names in a folder, all of which are of such work; Refusal for another one, or where the record is missing."""
+    known = {record, *names, SUMS, LOCK}
+    holds = [name for name in disk.names(path.resolve()) if not disk.is_part(name, *known) and name != LOCK]
+    foreign = [name for name in holds if name not in known]
+    other = "choose another folder with --out"
+    if foreign:
+        raise Refusal(f"{path} holds {foreign[0]}, which is no part of a {what}; {other}")
+    if holds and record not in holds:
+        raise Refusal(f"{path} is not empty and holds no {what}; {other}")
+    return holds
+
+
+@contextlib.contextmanager
+def _place_refused(path: Path) -> Iterator[None]:
+    """Report in a sentence that an output folder cannot be made, or not be written to."""
+    try:
+        yield
+    except (FileExistsError, NotADirectoryError):
+        raise Refusal(f"{path} is not a folder and cannot be one; choose another place with --out") from None
+    except OSError as error:
+        again = f"{disk.mend(error)} and run the same command again, or " if disk.mend(error) else ""
+        raise Refusal(
+            f"the output folder {path} cannot be written: {error.strerror}; {again}choose another with --out"
+        ) from None

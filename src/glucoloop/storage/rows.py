@@ -12,10 +12,11 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.refusal import Refusal
+from glucoloop.schema.tables import Column, TableBounds
 from glucoloop.storage import disk
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet
+from glucoloop.storage.tables import parquet, read_parquet
 
 R = TypeVar("R")
 
@@ -68,15 +69,14 @@ class Rows(Generic[R]):
             columns=len(self.schema) - 1 + self.width,
             longest_text=self.longest_text,
         )
+        columns = {name: Column(kind=kind, optional=kind == pl.Float64) for name, kind in self.schema.items()}
         rows: list[R] = []
         try:
-            table = read_parquet(place, bounds)
-            if any(table.schema[name] != kind for name, kind in self.schema.items()):
-                raise ValueError
-            for cells in table.select(list(self.schema)).iter_rows(named=True):
+            for cells in read_parquet(place, bounds, columns).iter_rows(named=True):
                 rows.append(self.row(cells, rows))
-        except (pl.exceptions.PolarsError, ValueError, TypeError, KeyError):
-            raise Refusal(f"{place} is damaged; delete it and run the same command again") from None
+        except ValueError as error:
+            what = str(error) if str(place) in str(error) else f"{place} is damaged: {error}"
+            raise Refusal(f"{what}; delete it and run the same command again") from None
         return rows
 
 

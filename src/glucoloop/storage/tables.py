@@ -5,19 +5,19 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import polars as pl
 
-from glucoloop.parts.number_text import number_of
-from glucoloop.printable import one_line
+from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
+from glucoloop.schema.tables import Column, TableBounds, read_table
+from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
-from glucoloop.storage.parquet_size import parquet_size
+from glucoloop.text import one_line
 
 if TYPE_CHECKING:
     from glucoloop.identification import Record
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 RECORD_COLUMNS: Final = ("t_min", "insulin_mU_min", "glucose_mg_dl")
 MEAL_COLUMN: Final = "carbs_g"
 """Optional column of meals in a record."""
-
-_CELL_BYTES: Final = 16
-_OVERHEAD_BYTES: Final = 10_000_000
 
 
 def minute_table(trace: Trace) -> pl.DataFrame:
@@ -66,39 +63,13 @@ def parquet(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-@dataclass(frozen=True, kw_only=True)
-class TableBounds:
-    """Largest size of a table."""
-
-    least_rows: int
-    most_rows: int
-    columns: int
-    """Largest number of columns."""
-    longest_text: int = 0
-    """Largest size in bytes of the texts of a row."""
-
-    @property
-    def most_bytes(self) -> int:
-        """Largest uncompressed size."""
-        return _OVERHEAD_BYTES + self.most_rows * (self.columns * _CELL_BYTES + self.longest_text)
-
-    def check(self, data: bytes) -> int:
-        """Number of rows of a Parquet file; ValueError if its footer states a size out of bounds."""
-        size = parquet_size(data)
-        if not self.least_rows <= size.rows <= self.most_rows:
-            wanted = f"{self.least_rows}" if self.least_rows == self.most_rows else f"at most {self.most_rows}"
-            raise Refusal(f"it has {size.rows} rows, and {wanted} are expected")
-        if size.bytes > self.most_bytes:
-            raise Refusal(f"it unfolds to {size.bytes} bytes, and at most {self.most_bytes} are expected")
-        return size.rows
-
-
-def read_parquet(place: Path, bounds: TableBounds) -> pl.DataFrame:
-    """Read a table that this program wrote; ValueError if it is damaged, or unfolds to more than its bounds."""
+def read_parquet(place: Path, bounds: TableBounds, columns: Mapping[str, Column] | None = None) -> pl.DataFrame:
+    """Read a table that this program wrote, see `read_table`; Refusal if it is not as it is declared."""
     data = disk.read_bytes(place, bounds.most_bytes)
-    with refusing_damage(place):
-        bounds.check(data)
-        return pl.read_parquet(io.BytesIO(data))
+    try:
+        return read_table(data, bounds, columns)
+    except Refusal as error:
+        raise Refusal(f"{place} is damaged: {error}") from None
 
 
 @contextlib.contextmanager
@@ -114,10 +85,24 @@ def refusing_damage(place: Path) -> Iterator[None]:
 
 
 def csv(table: pl.DataFrame) -> bytes:
-    """A table as a CSV file, its numbers exact."""
+    """A table as a CSV file: numbers exact, lists as texts, and texts as cells that no spreadsheet computes."""
     buffer = io.BytesIO()
-    table.write_csv(buffer)
+    flat = [_flat(column) for column in table]
+    pl.DataFrame([column.alias(text_cell(column.name)) for column in flat]).write_csv(buffer)
     return buffer.getvalue()
+
+
+def _flat(column: pl.Series) -> pl.Series:
+    """A column that a CSV file can hold; a list of numbers is none of the texts in which a formula could stand."""
+    if isinstance(column.dtype, pl.List):
+        joined = column.list.eval(pl.element().cast(pl.String)).list.join(" ")
+        return joined if column.dtype.inner.is_numeric() else _safe(joined)
+    return column if column.dtype.is_numeric() or column.dtype.is_temporal() else _safe(column.cast(pl.String))
+
+
+def _safe(texts: pl.Series) -> pl.Series:
+    cells = [None if text is None else text_cell(text) for text in texts]
+    return pl.Series(texts.name, cells, pl.String)
 
 
 def _line_too_long(text: str) -> str | None:

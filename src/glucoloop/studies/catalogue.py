@@ -38,7 +38,7 @@ _ENTRIES: Final = (
     ("studies.bound:BOUND", LIMITS, "Find how closely glucose could be held at all."),
     ("studies.robust:ROBUST", LIMITS, "Search for a tuning that is good for a whole population."),
     ("studies.record_report:REPORT", RESULTS, "Report glucose of a monitor or a simulation as clinics do."),
-    ("papers.parker1999:REPRODUCE", RESULTS, "Reproduce a published study, number by number."),
+    ("reproduction.parker1999:REPRODUCE", RESULTS, "Reproduce a published study, number by number."),
 )
 STUDIES: Final = {
     place.partition(":")[2].lower(): CommandEntry(f"glucoloop.{place}", group, summary)

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.designs import controller_of, nominal_model, paced_situation
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings, gives_boluses
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.designs import controller_of, nominal_model, paced_situation
 from glucoloop.identification import Identification
 from glucoloop.metrics import Metrics, clinical_summary, summarise
 from glucoloop.models.settings import FilePart
-from glucoloop.plausible import CONFIRM_OPTION
 from glucoloop.refusal import Refusal
 from glucoloop.report.validity import validity, validity_note
 from glucoloop.simulation import Adaptive, Trace
@@ -25,6 +24,7 @@ from glucoloop.situations.case import Case
 from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, rests_without_rhythm
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
+from glucoloop.unit_guess import CONFIRM_OPTION
 from glucoloop.units import u_h_from_mu_min
 
 
@@ -49,7 +49,7 @@ class Outcome:
         return {
             "config": {**config, "controller": self.case.tree(whole=True)},
             "settled": dict(self.computed_settings),
-            "model": None if self.model is None else self.model.model_dump(mode="json"),
+            "model": None if self.model is None else self.model.plain(),
             "summary": clinical_summary(self.trace, self.metrics).as_dict(),
             "metrics": self.metrics.as_dict(),
             "validity": validity(self.trace),
@@ -128,20 +128,24 @@ def _given_model(path: Path, situation: Situation, case: Case) -> ModelFile:
     if not math.isclose(model.sample_time_min, situation.sample_time_min, rel_tol=1e-9):
         of_model, of_run = f"{model.sample_time_min:g}", f"{situation.sample_time_min:g}"
         raise Refusal(
-            f"the model was identified for {of_model}-min samples, the run uses {of_run} min; "
-            f"identify again with --sample-time {of_run} or run with --sample-time {of_model}"
+            f"the model was identified for {of_model}-min samples, the run uses {of_run} min",
+            f"identify again with `glucoloop identify --sample-time {of_run}`",
+            f"run with --sample-time {of_model}",
         )
     held = model.provenance.dead_time_min
     if case.known_dead_time and held and not math.isclose(held, situation.dead_time_min, rel_tol=1e-9):
         raise Refusal(
-            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min; "
-            f"run with --dead-time {held:g} or without known_dead_time, or identify again"
+            f"the model holds a dead time of {held:g} min, the run has {situation.dead_time_min:g} min",
+            f"run with --dead-time {held:g}",
+            "run without known_dead_time",
+            "identify again",
         )
     doubts = model.doubts()
     if doubts and not situation.allow_unusual:
         raise Refusal(
-            f"no controller should be designed on the model {path}. {' '.join(doubts)} Identify it again from a record "
-            f"in which insulin moves glucose more, or {CONFIRM_OPTION} to use it all the same"
+            f"no controller should be designed on the model {path}. {' '.join(doubts)}",
+            "identify it again from a record in which insulin moves glucose more",
+            f"{CONFIRM_OPTION} to use it all the same",
         )
     return model
 

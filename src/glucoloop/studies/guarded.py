@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings, guard_of
-from glucoloop.parts.setting import Default
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, Option

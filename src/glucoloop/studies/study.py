@@ -45,7 +45,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from glucoloop.parts.part import Part
+from glucoloop.component.part import Part
 
 PARTS_TOLD: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
@@ -88,6 +88,8 @@ class TrialStudy(Study):
 class SearchStudy(Study):
     """A study that keeps a row for each of its steps, and goes on where it was."""
 
+    results: str
+    """File of its rows."""
     needs_folder: bool = True
     """Whether it is always kept in a folder."""
     extent: tuple[str, ...] = ()

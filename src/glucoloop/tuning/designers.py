@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 
+from glucoloop.build.designs import design_of
+from glucoloop.component.setting import Value
 from glucoloop.control import Controller, MPCTuning, StateTuning
 from glucoloop.control.catalogue import TUNABLE, controller_entry
-from glucoloop.experiments.designs import design_of
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.parts.setting import Value
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
@@ -36,7 +36,7 @@ def usual_filters(controller: str, tuning: Mapping[str, Value]) -> str | None:
 def designer(
     situation: Situation, case: Case, model: StepResponseModel | None = None, *, model_is_late: bool = False
 ) -> Designer:
-    """Make the design of a tuning in a situation; parameters and errors as for `experiments.designs.design_of`."""
+    """Make the design of a tuning in a situation; parameters and errors as for `build.designs.design_of`."""
     kind = kind_of_tuning(case.controller.called)
     design = design_of(situation, case, model=model, model_is_late=model_is_late)
 

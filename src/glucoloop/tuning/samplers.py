@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from glucoloop._extras import needed_for
-from glucoloop.parts.ranges import Tuned
+from glucoloop.component.ranges import Tuned
 
 
 @dataclass(frozen=True)

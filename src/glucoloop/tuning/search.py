@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glucoloop.build.assemble import close_loop
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.control import Controller, MPCTuning
-from glucoloop.experiments.assemble import close_loop
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.models.step_response import StepResponseModel

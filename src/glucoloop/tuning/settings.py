@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About
 
 
 class SamplerPart(MadePart):
     """Declaration of a sampler, a `tuning.samplers.Sampler`.
 
-    Its function is also given, if it has parameters of these names, ``space`` (a `parts.ranges.Tuned` for each number),
-    ``batch`` (the number of tunings in a round) and ``start`` (the tuning to be tried first, or None).
+    Its function is also given, if it has parameters of these names, ``space`` (a `component.ranges.Tuned` for each
+    number), ``batch`` (the number of tunings in a round) and ``start`` (the tuning to be tried first, or None).
     """
 
     kind: ClassVar = "sampler"

@@ -1,4 +1,3 @@
-from .carried import CarriedResidual as CarriedResidual
 from .course import Simulator as Simulator
 from .days import RecordedDays as RecordedDays
 from .days import recorded_days as recorded_days
@@ -6,5 +5,6 @@ from .fit import find_twin as find_twin
 from .noise import Noise as Noise
 from .prior import Prior as Prior
 from .prior import prior_of as prior_of
+from .residual_sensor import CarriedResidual as CarriedResidual
 from .stored import StoredTwin as StoredTwin
 from .twin import Twin as Twin

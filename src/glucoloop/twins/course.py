@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.meals import Eaten, LinearAbsorption, absorb, meal_model_of
-from glucoloop.meals.linear import carried_moments
+from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.patients.capabilities import rest_at, seen_mg_dl, sites
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, virtual_people
@@ -128,11 +127,7 @@ class Simulator:
             lambda values: jnp.broadcast_to(values[:, None], (values.size, z.shape[1])),
             Eaten(t_min=given["meal_min"], carbs_g=given["carbs_g"], eating_min=jnp.zeros_like(given["carbs_g"])),
         )
-        absorption = absorb(meal_model_of(people), eaten)
-        if isinstance(absorption, LinearAbsorption):
-            moments = carried_moments(absorption, samples, self.steps, step_min)
-        else:
-            moments = absorption.moments(samples, self.steps, step_min)
+        moments = absorb(meal_model_of(people), eaten).moments(samples, self.steps, step_min)
 
         def sample(x: jax.Array, entry: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
             clock, insulin, moments = entry

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.printable import how_many
 from glucoloop.records import DeviceRecord
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, S_PER_MIN
 
 Values = npt.NDArray[np.float64]

@@ -26,8 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.patients.population import Population
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
+from glucoloop.text import how_many
 from glucoloop.twins.course import WARM_UP_MIN, Simulator
 from glucoloop.twins.days import FEWEST_READINGS, RecordedDays
 from glucoloop.twins.noise import Noise

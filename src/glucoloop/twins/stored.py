@@ -4,18 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import Bounds, checked
+from glucoloop.text import one_line
 from glucoloop.twins.prior import Prior
 from glucoloop.twins.twin import TWIN
 
 Values = npt.NDArray[np.float64]
+
+
+_Logarithm = Annotated[float, Bounds(at_least=-60.0, at_most=60.0)]
+_Positive = Annotated[float, Bounds(at_least=1e-12, at_most=1e12)]
+
+
+@dataclass(frozen=True)
+class _Posterior:
+    """Posterior as its file holds it."""
+
+    parameters: Annotated[tuple[str, ...], Bounds(shortest=1, longest=100)]
+    log_mean: list[_Logarithm]
+    log_covariance: list[list[_Logarithm]]
+    start: _Logarithm
+
+    def __post_init__(self) -> None:
+        number = len(self.parameters)
+        if len({*self.parameters}) < number:
+            raise Refusal("a parameter is there twice")
+        if {len(self.log_mean), len(self.log_covariance), *map(len, self.log_covariance)} != {number}:
+            raise Refusal(f"its {number} parameters have a mean or a covariance of another size")
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is used of the plain values of a twin."""
+
+    patient: str
+    posterior: _Posterior
+    known: dict[str, _Positive]
+    profile: dict[Literal["total_daily_dose_U", "carb_ratio_g_U"], _Positive]
 
 
 @dataclass(frozen=True)
@@ -31,21 +65,23 @@ class StoredTwin:
     def of(cls, plain: Mapping[str, Any]) -> StoredTwin:
         """Twin from the plain values of `twins.Twin.plain`; Refusal for others."""
         try:
-            kept = plain["posterior"]
-            posterior = Prior(
-                population=TWIN,
-                patient=str(plain["patient"]),
-                parameters=tuple(map(str, kept["parameters"])),
-                mean=np.asarray(kept["log_mean"], float),
-                factor=np.linalg.cholesky(np.asarray(kept["log_covariance"], float)),
-                known={str(name): float(value) for name, value in plain["known"].items()},
-            )
-            if posterior.factor.shape != (len(posterior.parameters), posterior.mean.size):
-                raise ValueError
-            profile = {str(name): float(value) for name, value in plain["profile"].items()}
-            return cls(posterior, float(kept["start"]), profile)
-        except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
-            raise Refusal("it is no twin that glucoloop wrote; find it again with `glucoloop twin`") from None
+            kept = checked(_Kept, {name: plain[name] for name in _Kept.__dataclass_fields__ if name in plain})
+            for name in (*kept.posterior.parameters, *kept.known):
+                patient_model(kept.patient).refuse_unknown(name)
+            factor = np.linalg.cholesky(np.asarray(kept.posterior.log_covariance))
+        except (Refusal, np.linalg.LinAlgError) as error:
+            raise Refusal(
+                f"it is no twin that glucoloop wrote: {one_line(error)}; find it again with `glucoloop twin`"
+            ) from None
+        posterior = Prior(
+            population=TWIN,
+            patient=kept.patient,
+            parameters=kept.posterior.parameters,
+            mean=np.asarray(kept.posterior.log_mean),
+            factor=factor,
+            known=kept.known,
+        )
+        return cls(posterior, kept.posterior.start, {str(name): value for name, value in kept.profile.items()})
 
     def coordinates(self, draws: int, seed: int) -> Values:
         """Coordinates ``(1 + draws, coordinates)`` of the twin and of people drawn from its posterior."""

@@ -14,7 +14,7 @@ from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
 from glucoloop.patients.variation import Variation
-from glucoloop.printable import how_many
+from glucoloop.text import how_many
 from glucoloop.twins.days import RecordedDays
 from glucoloop.twins.noise import Noise
 from glucoloop.twins.prior import Prior

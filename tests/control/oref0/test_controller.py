@@ -10,9 +10,9 @@ import pytest
 from glucoloop.control import Observation, Status, design_oref0
 from glucoloop.control.oref0.iob import TICKS
 from glucoloop.control.profile_settings import Oref0Settings
-from glucoloop.profile import Profile
 from glucoloop.pumps import dose_limits
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import Profile
 from oref0_package import answers_of, as_written, needs_oref0
 
 PERSON = Profile(basal_mU_min=18.0, setpoint_mg_dl=104.0, carb_ratio_g_U=9.0, correction_mg_dl_U=38.0)

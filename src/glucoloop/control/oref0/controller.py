@@ -26,9 +26,9 @@ from glucoloop.control.oref0.rounding import whole
 from glucoloop.control.profile_settings import Oref0Settings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_rate
-from glucoloop.profile import Profile
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
+from glucoloop.therapy import Profile
 from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
 
 _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0

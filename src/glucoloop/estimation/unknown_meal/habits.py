@@ -12,8 +12,8 @@ import numpy as np
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
+from glucoloop.component.number_text import number_of, parse_time_of_day
 from glucoloop.meals.stomach import SERVED_G_PER_MIN
-from glucoloop.parts.number_text import number_of, parse_time_of_day
 from glucoloop.refusal import Refusal
 from glucoloop.units import HOURS_PER_DAY, MIN_PER_DAY, MIN_PER_H
 

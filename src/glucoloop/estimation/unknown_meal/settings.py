@@ -9,9 +9,9 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
-from glucoloop.parts.catalogue import Catalogue
-from glucoloop.parts.part import MadePart
-from glucoloop.parts.setting import About
+from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.part import MadePart
+from glucoloop.component.setting import About
 
 _samples: Final = functools.partial(About, at_least=2, at_most=100)
 

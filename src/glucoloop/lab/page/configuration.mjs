@@ -1,6 +1,7 @@
 // @ts-check
 /** Files that `glucoloop` writes: root keys of a situation, runs, and people of a trial. */
 
+import { csvRows } from "../../pages/csv.mjs";
 import { plotsOf } from "../../pages/data.mjs";
 import { VERSION } from "./keys.mjs";
 
@@ -25,14 +26,34 @@ export function fromToml(text) {
     const pair = /^(\w+) = (.*)$/.exec(line);
     if (table !== null) {
       const path = table[2].split("."), name = path.pop() ?? "";
-      const outer = path.reduce((of, part) => { of[part] ??= {}; return Array.isArray(of[part]) ? of[part].at(-1) : of[part]; }, keys);
+      const outer = path.reduce((of, part) => tableIn(of, part, line), keys);
       into = {};
-      outer[name] = table[1] === "[" ? into : [...(outer[name] ?? []), into];
+      if (table[1] === "[") set(outer, name, into, line);
+      else if (outer[name] === undefined) set(outer, name, [into], line);
+      else if (Array.isArray(outer[name])) outer[name].push(into);
+      else throw unreadable(line);
     } else if (pair !== null) {
-      into[pair[1]] = valueOf(pair[2], line);
-    } else throw new RangeError(`the configuration has the line '${line}', which this page cannot read`);
+      set(into, pair[1], valueOf(pair[2], line), line);
+    } else throw unreadable(line);
   }
   return keys.used === undefined ? keys : { [VERSION]: keys[VERSION], ...keys.used };
+}
+
+/** @param {string} line */
+const unreadable = (line) => new RangeError(`the configuration has the line '${line}', which this page cannot read`);
+
+/** Give a table a key that it does not have yet, nor any object. @param {Keys} table @param {string} name @param {any} value @param {string} line */
+function set(table, name, value, line) {
+  if (name in table) throw unreadable(line);
+  table[name] = value;
+}
+
+/** The table of a name, or the last one of a list of tables. @param {Keys} outer @param {string} name @param {string} line @returns {Keys} */
+function tableIn(outer, name, line) {
+  if (!(name in outer)) set(outer, name, {}, line);
+  const own = Object.hasOwn(outer, name) && Array.isArray(outer[name]) ? outer[name].at(-1) : outer[name];
+  if (!Object.hasOwn(outer, name) || typeof own !== "object" || own === null) throw unreadable(line);
+  return own;
 }
 
 /** @param {string} text @param {string} line */
@@ -40,9 +61,12 @@ function valueOf(text, line) {
   try {
     // Short tables are written in one line, as { key = value }, which JSON writes as { "key": value }.
     const json = text.replace(/"(?:[^"\\]|\\.)*"|(\w+) = /g, (whole, key) => (key === undefined ? whole : `"${key}": `));
-    return JSON.parse(json.replace(/,\s*\]$/, "]"));
+    return JSON.parse(json.replace(/,\s*\]$/, "]"), (_, value) => {
+      if (value === null || (typeof value === "number" && !Number.isFinite(value))) throw unreadable(line);
+      return value;
+    });
   } catch {
-    throw new RangeError(`the configuration has the line '${line}', which this page cannot read`);
+    throw unreadable(line);
   }
 }
 
@@ -54,7 +78,7 @@ function valueOf(text, line) {
  * @throws {RangeError} for a table without its columns
  */
 export function fromTrace(text, data) {
-  const [head, ...lines] = text.trim().split("\n").map((line) => line.split(","));
+  const [head, ...lines] = csvRows(text);
   const column = (/** @type {string} */ name) => {
     const at = head.indexOf(name);
     if (at < 0) throw new RangeError(`the table has no column ${name}; its columns are ${head.join(", ")}`);

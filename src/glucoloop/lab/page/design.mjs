@@ -193,7 +193,7 @@ export function mpcSe(tuning, linear, kept) {
   };
 }
 
-/** The rules of 500 and 1800, by the total daily dose, which is twice the basal dose; see `glucoloop.profile`. */
+/** The rules of 500 and 1800, by the total daily dose, which is twice the basal dose; see `glucoloop.therapy.profile`. */
 const CARB_RULE = 500;
 const CORRECTION_RULE = 1800;
 const LEAST_DAILY_BASAL_U = 0.5;

@@ -96,9 +96,9 @@ export async function start() {
       const nobody = found.person !== null && session.following === null ? ` ${texts.nobody(found.person)}` : "";
       const left_out = (found.unlike.length ? ` ${texts.unlike(found.unlike)}` : "") + nobody;
       if (nobody) session.person = null;
-      if (found.version === null) say(texts.noVersion + left_out);
-      else if (own) say(texts.ready + nobody);
-      else say((found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
+      if (own) say(texts.ready + nobody);
+      // a link that was written by hand has no version
+      else say((found.version === null || found.version === version ? texts.fromLink : texts.otherVersion(found.version, version)) + left_out);
     } catch (error) {
       if (!(error instanceof RangeError)) throw error;
       session.change(usual(data));

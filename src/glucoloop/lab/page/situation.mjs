@@ -366,6 +366,9 @@ export function checked(given, data) {
   within("the time before eating at which meals are announced", given.announce_before_min, 0, LONGEST_ANNOUNCED_MIN, " min", 1);
   within("the time by which announcements are late", given.announced_late_min, -LONGEST_ANNOUNCED_MIN, LONGEST_ANNOUNCED_MIN, " min", 1);
   within("the seed", given.seed, 0, data.seeds - 1, "", 1);
+  for (const [what, value] of [["announcing meals", given.announce], ["the guard", given.guard]]) {
+    if (typeof value !== "boolean") throw new RangeError(`${what} is ${JSON.stringify(value)}; give true or false`);
+  }
   if (given.monitor !== null) {
     among("the monitor", given.monitor.name, Object.keys(data.monitors));
     allowed(given.monitor.settings, data.monitors[given.monitor.name].settings, "a setting of the monitor");

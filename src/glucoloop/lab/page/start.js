@@ -6,11 +6,9 @@ const unpack = async (id) => {
 };
 const parts = { code: unpack("code"), module: unpack("module"), data: unpack("data") }; // all at once
 globalThis.unpacked = (id) => parts[id];
-parts.code.then((bytes) => {
-  const program = new TextDecoder().decode(bytes);
-  const start = (name) => `{${program}need("${name}").start();}`;
-  globalThis.worker = () => new Worker(URL.createObjectURL(new Blob([start("worker")], { type: "text/javascript" })));
+parts.code.then((program) => {
+  globalThis.worker = () => new Worker(URL.createObjectURL(new Blob([program], { type: "text/javascript" })));
   const script = document.createElement("script");
-  script.textContent = start("main");
+  script.textContent = new TextDecoder().decode(program); // whose hash the policy of the page has
   document.head.append(script);
 });

@@ -77,7 +77,6 @@ const english = {
   fromLink: "This is the situation of the link.",
   otherVersion: (/** @type {string} */ there, /** @type {string} */ here) =>
     `The link was made by glucoloop ${there}, and this page is ${here}; numbers may differ.`,
-  noVersion: "The link does not say which version made it; numbers may differ.",
   familyChosen: (/** @type {string} */ family, /** @type {string} */ unit, /** @type {string[]} */ reset) =>
     `The patient is ${family} now, for whom the controller was designed anew; insulin is shown in ${unit}.` +
     (reset.length > 0 ? ` What was set for another patient is usual again: ${reset.join(", ")}.` : ""),
@@ -194,7 +193,7 @@ const english = {
     {
       title: "A sensor that sticks for two hours",
       hash: "#controller=mpc&guard=usual&faults=stuck,+start_min=90,+duration_min=120",
-      text: "From 90 to 210 min the sensor repeats one reading, while a meal raises glucose. The guard takes readings that do not change for no readings, and gives the basal rate: glucose rises to 148 mg/dl, and does not fall below 78.",
+      text: "From 90 to 210 min the sensor repeats one reading, while a meal raises glucose. The guard takes readings that do not change for no readings, and gives at most the basal rate: glucose rises to 148 mg/dl, and does not fall below 78.",
     },
     {
       title: "Pressure on the sensor at night",

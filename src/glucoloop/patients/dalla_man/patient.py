@@ -7,8 +7,8 @@ from typing import ClassVar, Final
 
 import jax
 
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.dalla_man import DallaManGut
-from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.dalla_man.equations import STATE_NAMES, UPTAKE_FALLS_BELOW_MG_DL, balances
 from glucoloop.patients.dalla_man.parameters.dallaman2007 import CONSTANTS
 from glucoloop.patients.ode import OdePatient

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked
+from glucoloop.component.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.parts.routes import PUMP_OF_1999, SUBCUTANEOUS, PumpRange
 from glucoloop.patients.hovorka import equations
 from glucoloop.patients.hovorka.equations import GLUCOSE, INSULIN, MG_DL_PER_MMOL_L, MG_PER_MMOL, HovorkaConstants
 from glucoloop.patients.hovorka.rest import glucose_without_insulin_mg_dl, infusion_for, rest_at, rest_under

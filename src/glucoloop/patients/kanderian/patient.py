@@ -27,8 +27,8 @@ from typing import ClassVar, Final
 import jax
 import jax.numpy as jnp
 
+from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.meals.hovorka import HovorkaGut
-from glucoloop.parts.routes import SUBCUTANEOUS
 from glucoloop.patients.kanderian.parameters.kanderian2009 import CONSTANTS, NOMINAL, PEOPLE
 from glucoloop.patients.ode import OdePatient
 from glucoloop.patients.population import Population

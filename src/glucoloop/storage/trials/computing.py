@@ -21,10 +21,10 @@ import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
 from glucoloop.cohorts.trial import Trial
-from glucoloop.printable import one_line
 from glucoloop.refusal import Refusal
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import Simulate, compute_shard
+from glucoloop.text import one_line
 
 LOCAL: Final = "local"
 RETRIES: Final = 3

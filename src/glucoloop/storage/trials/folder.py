@@ -11,16 +11,17 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import polars as pl
-from pydantic import Field
 
 from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import Bounds
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import json_text, stored_json
@@ -40,13 +41,14 @@ _NUMBER: Final = re.compile("[0-9]{5}|[1-9][0-9]{5,18}")
 """Name of the folder of a shard."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class TrialOrigin(Origin):
     """Origin of the shards in a folder."""
 
     format: str = "glucoloop-trial 6"
     fingerprint: str
-    people: Annotated[int, Field(ge=1)]
-    shards: Annotated[int, Field(ge=1)]
+    people: Annotated[int, Bounds(at_least=1)]
+    shards: Annotated[int, Bounds(at_least=1)]
     polars: str = pl.__version__
     """Version of the library that writes tables, and computes nothing."""
 
@@ -60,7 +62,7 @@ class TrialOrigin(Origin):
     def of_folder(cls, folder: Path) -> TrialOrigin:
         """Origin of the shards in a folder; ValueError if there is none, or glucoloop did not write it."""
         if not folder.is_dir():
-            raise Refusal(f"{folder} is not a folder; give the folder of a trial, as --out named it")
+            raise Refusal(f"{folder} is not a folder; give the folder that `glucoloop trial --out` wrote")
         if not disk.is_file(folder / RECORD):
             raise Refusal(
                 f"{folder} holds no trial, for there is no {RECORD}; give a folder that glucoloop trial wrote"
@@ -81,6 +83,21 @@ class TrialOrigin(Origin):
             "arithmetic": arithmetic.digest(self.arithmetic),
             "index": index,
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardRecord:
+    """Record of a shard, as ``shard.json`` holds it."""
+
+    format: str
+    format_version: int
+    fingerprint: str
+    arithmetic: str
+    index: int
+    first_person: int
+    people: int
+    rows: dict[str, int]
+    """Number of rows of each of its tables."""
 
 
 class TrialFolder(ResumableFolder):
@@ -125,10 +142,10 @@ class TrialFolder(ResumableFolder):
             except ValueError as error:
                 raise Refusal(f"{name} of shard {index} is not as it must be: {error}") from None
         person = self.trial.shard(index)
-        people = {"first_person": int(person[0]), "people": int(person.size)}
-        record = json_text({**self.origin.of_shard(index), **people, "rows": rows}) + "\n"
+        place = self.origin.of_shard(index)
+        record = ShardRecord(**place, first_person=int(person[0]), people=int(person.size), rows=rows)
         with self.unwritten(f"shard {index}"):
-            disk.put_folder(self.shard(index), {**files, SHARD: record.encode()})
+            disk.put_folder(self.shard(index), {**files, SHARD: f"{json_text(vars(record))}\n".encode()})
         self._sums[index] = disk.read_sums(self.shard(index))
 
     def people(self) -> Iterator[Shard]:
@@ -215,15 +232,14 @@ def _whole_shard(folder: Path, origin: TrialOrigin, index: int) -> dict[str, str
     if sums != digests or SHARD not in sums:
         changed = next((name for name in sums if digests.get(name) != sums[name]), SUMS)
         raise Refusal(f"{shard} is damaged: {changed} is not as it was written; {mend}")
-    record = stored_json(place / SHARD, mend)
+    record = stored_json(place / SHARD, mend, ShardRecord)
     for name, value in origin.of_shard(index).items():
-        if record.get(name) != value:
+        if getattr(record, name) != value:
             raise Refusal(
-                f"{shard} belongs to something else: its {name} is {record.get(name)}, and that of its place is "
+                f"{shard} belongs to something else: its {name} is {getattr(record, name)}, and that of its place is "
                 f"{value}; {mend}"
             )
-    rows = record.get("rows")
-    if not isinstance(rows, dict) or {SHARD, *rows} != digests.keys():
+    if {SHARD, *record.rows} != digests.keys():
         raise Refusal(f"{shard} is damaged: {SHARD} does not list its files; {mend}")
     return sums
 

@@ -1,7 +1,8 @@
 """Queries to the folder of a trial, in SQL.
 
 DuckDB reads the Parquet files in place. A query only reads: SELECT, PIVOT, DESCRIBE or SUMMARIZE; nothing is written,
-and no other file is read.
+and no other file is read. DuckDB's own limit of memory does not count the texts and lists that a function makes, nor
+rows as objects of Python, so the process has a limit too.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from typing import Any, Final
 import polars as pl
 
 from glucoloop._extras import needed_for
-from glucoloop.printable import is_printable, one_line
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import checked
 from glucoloop.storage.files import stored_json
+from glucoloop.storage.memory_limit import memory_limited
 from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
 from glucoloop.storage.trials.shard import BANDS as COUNTS
 from glucoloop.storage.trials.shard import PEOPLE, TRACES
+from glucoloop.text import is_printable, one_line
 
 with needed_for("a question in SQL"):
     import duckdb
@@ -34,7 +37,8 @@ VIEWS: Final = {
     "summary": "how each metric is spread, by controller",
     "traces": "glucose and insulin of those whose traces were kept",
 }
-_MEMORY: Final = "4GB"
+MOST_MEMORY_MB: Final = 1000
+"""Memory that a query may take: what DuckDB counts, and on Linux all that the process takes for it."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
 _LACKED: Final = re.compile(r"Required module '(?P<package>[^']+)' failed to import")
@@ -60,12 +64,13 @@ class TrialTables:
     """Columns of each existing table."""
     done: int
     shards: int
+    memory_mb: int
 
     def query(self, sql: str) -> Answer:
         """Answer a query; ValueError for a text that is not one query that only reads, or that DuckDB refuses."""
         if not is_printable(sql.translate(_SPACES)):
             raise Refusal(f"{one_line(sql)!r} holds control characters; leave them out, or write them as chr(0)")
-        with _refusing():
+        with self._refusing():
             statements = self.connection.extract_statements(sql)
             if len(statements) != 1 or not self._only_reads(statements[0]):
                 raise Refusal(
@@ -78,7 +83,7 @@ class TrialTables:
     def _rows(self, found: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
         while found:
             yield from found
-            with _refusing():
+            with self._refusing():
                 found = self.connection.fetchmany(_ROWS)
 
     def _only_reads(self, statement: Any) -> bool:
@@ -94,14 +99,30 @@ class TrialTables:
             return False
         return len(inside) == 1 and inside[0].type == duckdb.StatementType.MULTI
 
+    @contextlib.contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """Refuse, in a sentence, what DuckDB refuses in the block."""
+        try:
+            yield
+        except (duckdb.OutOfMemoryException, MemoryError):
+            raise Refusal(
+                f"the question needs more than {self.memory_mb} MB of memory; ask for fewer rows or columns, or group "
+                "them"
+            ) from None
+        except (duckdb.Error, OverflowError) as error:
+            raise Refusal(_sentence(error)) from None
+
 
 @contextlib.contextmanager
-def trial_tables(folder: Path) -> Iterator[TrialTables]:
-    """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done."""
+def trial_tables(folder: Path, memory_mb: int = MOST_MEMORY_MB) -> Iterator[TrialTables]:
+    """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done.
+
+    In the block the process, whatever it does, may take `memory_mb` more memory than it has; see `memory_limited`.
+    """
     origin = TrialOrigin.of_folder(folder)
     shards, final = done_shards(folder, origin), final_files(folder)
     if not shards:
-        raise Refusal(f"no shard of {folder} is done yet; run glucoloop trial --config {folder}/trial.toml first")
+        raise Refusal(f"no shard of {folder} is done yet; run `glucoloop trial --config {folder}/trial.toml` first")
     place = folder.resolve()
     if _SPECIAL & set(str(place)):
         raise Refusal(f"{place} has one of {' '.join(sorted(_SPECIAL))} in its name; rename it to ask questions")
@@ -114,7 +135,7 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
                     _summary(folder).write_parquet(f"{scratch}/summary.parquet")
                     connection.execute("create table summary as from read_parquet(?)", [f"{scratch}/summary.parquet"])
             settings = {
-                "memory_limit": _MEMORY,
+                "memory_limit": f"{memory_mb}MB",
                 "temp_directory": "",
                 "allowed_directories": [str(place)],
                 "enable_external_access": False,
@@ -130,7 +151,8 @@ def trial_tables(folder: Path) -> Iterator[TrialTables]:
             raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
         columns = dict(found)
         views = {name: columns[name] for name in VIEWS if name in columns}
-        yield TrialTables(connection, views, len(shards), origin.shards)
+        with memory_limited(memory_mb * 1_000_000):
+            yield TrialTables(connection, views, len(shards), origin.shards, memory_mb)
 
 
 def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
@@ -153,31 +175,23 @@ def _views(shards: list[Path], place: Path, final: list[str]) -> dict[str, str]:
 def _summary(folder: Path) -> pl.DataFrame:
     """Table with one row per controller and metric."""
     mend = f"move it away and run the command that made {folder} again"
+    summary = stored_json(folder / SUMMARY, mend, dict[str, Any])
     try:
         rows = [
             {"controller": label, "metric": metric, **values}
-            for label, of_label in stored_json(folder / SUMMARY, mend)["controllers"].items()
-            for metric, values in of_label["metrics"].items()
+            for label, of_label in checked(dict[str, dict[str, Any]], summary.get("controllers")).items()
+            for metric, values in checked(dict[str, dict[str, float | None]], of_label.get("metrics")).items()
         ]
-        table = pl.DataFrame(rows, infer_schema_length=None)
-        return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
-    except (TypeError, KeyError, AttributeError, pl.exceptions.PolarsError):
-        raise Refusal(f"{folder / SUMMARY} is damaged; {mend}") from None
-
-
-@contextlib.contextmanager
-def _refusing() -> Iterator[None]:
-    """Refuse, in a sentence, what DuckDB refuses in the block."""
-    try:
-        yield
-    except (duckdb.Error, OverflowError) as error:
-        raise Refusal(_sentence(error)) from None
+        if not rows:
+            raise Refusal("it has no controller")
+    except Refusal as error:
+        raise Refusal(f"{folder / SUMMARY} is damaged: {error}; {mend}") from None
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    return table.with_columns(pl.exclude("controller", "metric").cast(pl.Float64))
 
 
 def _sentence(error: Exception) -> str:
     """DuckDB's own message in a line, without the part that points into the text."""
-    if isinstance(error, duckdb.OutOfMemoryException):
-        return f"the question needs more than {_MEMORY} of memory; ask for fewer rows or columns, or group them"
     if isinstance(error, OverflowError):
         return "the answer holds a span of time that is too long to be shown; cast it to varchar"
     lacked = _LACKED.search(str(error))

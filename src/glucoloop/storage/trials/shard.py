@@ -14,7 +14,8 @@ from glucoloop.cohorts.bins import glucose_edges, insulin_edges
 from glucoloop.cohorts.people import PeopleRows, Shard
 from glucoloop.cohorts.trial import Trial, profile_columns
 from glucoloop.refusal import Refusal
-from glucoloop.storage.tables import TableBounds, parquet, read_parquet, refusing_damage
+from glucoloop.schema.tables import TableBounds
+from glucoloop.storage.tables import parquet, read_parquet, refusing_damage
 from glucoloop.units import MIN_PER_WEEK
 
 if TYPE_CHECKING:

@@ -104,6 +104,7 @@ ADVERSARY: Final = SearchStudy(
         },
         "rare": dict.fromkeys(("setpoint_mg_dl", "announce_meals", "model", "starts", "search_seed"), True),
     },
+    results="scores.parquet",
     files=("adversary.csv", "worst.parquet", "worst.pdf", "worst.png", "worst.svg"),
     summary="adversary.json",
 )

@@ -18,11 +18,11 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop._pytree import pytree, static
+from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Controller, Status
-from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.patients.population import VirtualPeople, population, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.erring import erring

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.trial import Trial
-from glucoloop.experiments.designs import controller_of
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.printable import glucose_text
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
@@ -24,7 +23,7 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.adversary import Adversary
+from glucoloop.studies.adversary import ADVERSARY, Adversary
 from glucoloop.studies.adversary.attack import (
     VERY_LOW_MG_DL,
     Array,
@@ -37,6 +36,7 @@ from glucoloop.studies.adversary.attack import (
     worst_of,
 )
 from glucoloop.studies.guarded import WITH_GUARD
+from glucoloop.text import glucose_text
 from glucoloop.tuning.evolution import library
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         return found
 
     return Rows(
-        file="scores.parquet",
+        file=ADVERSARY.results,
         what="generations",
         wanted=wanted,
         most=wanted,

@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 
 from glucoloop.bounds import IN_ADVANCE, HedgedDoses, OptimalDoses, bound_of_situation, hedged_doses, optimal_doses
-from glucoloop.exercise import Exercise
 from glucoloop.meals import Meal
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl
+from glucoloop.physiology.exercise import Exercise
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
 from glucoloop.report.charts import extent

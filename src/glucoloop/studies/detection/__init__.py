@@ -7,11 +7,11 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.control.part import ControllerPart
 from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
 from glucoloop.limits import MOST_DAYS
-from glucoloop.parts.grammar import part_text
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
 from glucoloop.situations.case import Case, cases_of

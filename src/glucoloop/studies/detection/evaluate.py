@@ -21,12 +21,12 @@ import numpy.typing as npt
 import polars as pl
 
 from glucoloop._pytree import pytree
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.cohorts.blocks import in_blocks
 from glucoloop.cohorts.engine import fold_of, loop_of, people_of
 from glucoloop.estimation.unknown_meal.replay import MealEstimates, replay
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import surroundings_of
 from glucoloop.meals import Eaten, absorb, meal_model_of
 from glucoloop.meals.plan import draw_meals
 from glucoloop.meals.stomach import SERVED_G_PER_MIN

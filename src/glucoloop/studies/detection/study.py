@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import polars as pl
 
-from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY
 from glucoloop.report.columns import (
@@ -27,6 +26,7 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
+from glucoloop.text import NOT_AVAILABLE, how_many
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
 if TYPE_CHECKING:

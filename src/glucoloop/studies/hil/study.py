@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.surroundings import surroundings_of
+from glucoloop.build.designs import controller_of
+from glucoloop.build.surroundings import surroundings_of
 from glucoloop.firmware.exported import Exported
 from glucoloop.firmware.hil.build import build, files, portable_files, refuse_missing_tools
 from glucoloop.firmware.hil.exchange import ANSWER_WITHIN_S, EMULATED_WITHIN_S
 from glucoloop.firmware.hil.link import Link, ProcessLink, SerialLink
 from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
+from glucoloop.private_folder import private_temporary_folder
 from glucoloop.simulation.stepper import scenario_stepper
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, outcome_of
@@ -103,8 +102,7 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
 
 @contextlib.contextmanager
 def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
-    with tempfile.TemporaryDirectory(prefix="glucoloop-hil-") as name:
-        folder = Path(name)
+    with private_temporary_folder("glucoloop-hil-") as folder:
         command = build(exported, chip, folder)
         plan = plan_at(exported.source, Payloads(exported.source, exported.precision))
         with contextlib.closing(ProcessLink(command, folder, plan)) as link:

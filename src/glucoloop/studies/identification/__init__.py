@@ -7,14 +7,14 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import About, Default
 from glucoloop.models.settings import LAGUERRE_FUNCTIONS, LAGUERRE_POLE, MEMORY
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.setting import About, Default
-from glucoloop.plausible import INSULIN_RATE, RATE_CHANGE
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.situation import Situation
 from glucoloop.studies.study import PlainStudy
+from glucoloop.unit_guess import INSULIN_RATE, RATE_CHANGE
 
 EXPERIMENT: Final = ("patient", "sensor", "amplitude_mU_min", "samples")
 """Settings of the simulated experiment, which a record replaces."""

@@ -11,8 +11,8 @@ from typing import Any, Final
 import jax
 import numpy as np
 
-from glucoloop.experiments.random_keys import record_key
-from glucoloop.experiments.surroundings import sensor_of
+from glucoloop.build.random_keys import record_key
+from glucoloop.build.surroundings import sensor_of
 from glucoloop.identification import (
     Basis,
     Identification,
@@ -30,8 +30,6 @@ from glucoloop.identification import (
     validate,
 )
 from glucoloop.identification.record import FROM_ZERO
-from glucoloop.plausible import CONFIRM_ARGUMENT, CONFIRM_OPTION
-from glucoloop.printable import printable
 from glucoloop.records.reading import reader_that_knows
 from glucoloop.refusal import Refusal
 from glucoloop.report import plot_identification, plot_validation
@@ -47,6 +45,8 @@ from glucoloop.storage.model_file import ModelFile, model_file
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
 from glucoloop.studies.closed_loop import smoothing_of, source_of
 from glucoloop.studies.identification import ModelRequest
+from glucoloop.text import printable
+from glucoloop.unit_guess import CONFIRM_ARGUMENT, CONFIRM_OPTION
 
 VALIDATION_SAMPLES: Final = 100
 VALIDATION_SHARE: Final = 0.1
@@ -319,7 +319,7 @@ def _plain(identified: Identified) -> dict[str, Any]:
     identification, validation = identified.identification, identified.validation
     return {
         "config": identified.config.tree(whole=True),
-        "model": identified.model.model_dump(mode="json"),
+        "model": identified.model.plain(),
         "fit": {
             "gain_mg_dl_per_mU_min": float(identification.model.gain),
             "gain_margin_mg_dl_per_mU_min": identification.reliability.gain_margin,

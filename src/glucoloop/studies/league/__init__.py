@@ -10,10 +10,10 @@ import functools
 from collections.abc import Iterable
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.grammar import Tree, part_text
+from glucoloop.component.part import Part
 from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.parts.grammar import Tree, part_text
-from glucoloop.parts.part import Part
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import SENSORS, SensorPart
@@ -158,5 +158,6 @@ LEAGUE: Final = SearchStudy(
     request=League,
     option_texts={"default": {"sensors": "dexcom-g6; and white-noise, variance=1.45"}},
     extent=("bound_people",),
+    results="people.parquet",
     files=("league.csv", "league.parquet", "league.html", "figure.pdf", "figure.png", "figure.svg"),
 )

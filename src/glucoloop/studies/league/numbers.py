@@ -17,8 +17,8 @@ import numpy.typing as npt
 import polars as pl
 from scipy import stats
 
-from glucoloop.printable import glucose_text
 from glucoloop.report.columns import Column, Row, decimals, measured, terse_percent, whole
+from glucoloop.text import glucose_text
 
 Array = npt.NDArray[np.float64]
 
@@ -263,13 +263,20 @@ def worst_mean(values: Array) -> Array:
 
 
 def harms(rows: Sequence[Row], reference: str) -> list[Row]:
-    """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70."""
-    worst: dict[str, Row] = {}
+    """The cell in which each controller harms the largest part of the people below 54 mg/dl, or else below 70.
+
+    With ``harmed_cells``, the cells in which it harms anybody, and ``equal_cells``, those with as large a part.
+    """
+    cells: dict[str, list[Row]] = {}
 
     def share(row: Row) -> tuple[float, ...]:
         return tuple((row[f"harmed_below_{bound}"] or 0) / max(row["people"], 1) for bound in (54, 70))
 
     for row in rows:
-        if row["sensor"] != ALL and row["controller"] != reference:
-            worst[row["controller"]] = max(worst.get(row["controller"], row), row, key=share)
-    return [row for row in worst.values() if any(share(row))]
+        if row["sensor"] != ALL and row["controller"] != reference and any(share(row)):
+            cells.setdefault(row["controller"], []).append(row)
+    worst = [(max(of, key=share), of) for of in cells.values()]
+    return [
+        {**row, "harmed_cells": len(of), "equal_cells": sum(share(other) == share(row) for other in of)}
+        for row, of in worst
+    ]

@@ -7,7 +7,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Row, headings, terminal_table
 from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
@@ -16,6 +15,7 @@ from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
+from glucoloop.text import NOT_AVAILABLE, how_many
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,20 +67,30 @@ def sentences(asked: League, found: Findings) -> Iterator[str]:
     yield from found.plain["absent"]
 
 
-def _are(number: int) -> str:
-    return f"{number} {'is' if number == 1 else 'are'}"
+def _harmed(number: int) -> str:
+    return f"{number or 'nobody'} {'are' if number > 1 else 'is'}"
 
 
 def _harms(asked: League, found: Findings) -> Iterator[str]:
     for row in found.plain["harms"]:
-        median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
+        if row["equal_cells"] > 1:
+            which = f"{row['equal_cells']} cells have as much harm, and one of them"
+        else:
+            which = f"the cell with {'the most' if row['harmed_cells'] > 1 else 'any'} harm"
         yield (
-            f"{row['controller']} does most harm on {row['family']} ({cell_name(row)}): of "
-            f"{how_many(row['people'], 'person', 'people')}, {_are(row['harmed_below_54'])} below 54 mg/dl, and "
-            f"{row['harmed_below_70']} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer than under "
-            f"{asked.reference.label}. Below 54 mg/dl that is {median} % for the median of all people, {p95} % at "
-            f"the 95th percentile, and {most} % at most."
+            f"{row['controller']}: {which} is {row['family']} ({cell_name(row)}). Of "
+            f"{how_many(row['people'], 'person', 'people')}, {_harmed(row['harmed_below_54'])} below 54 mg/dl, and "
+            f"{_harmed(row['harmed_below_70'])} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer "
+            f"than under {asked.reference.label}.{_below_54(row) if row['harmed_below_54'] else ''}"
         )
+
+
+def _below_54(row: Row) -> str:
+    median, p95, most = (signed(row[f"more_below_54_{name}_pct"]) for name in ("median", "p95", "most"))
+    return (
+        f" Below 54 mg/dl that is {median} % for the median of all people, {p95} % at the 95th percentile, and "
+        f"{most} % at most."
+    )
 
 
 def _verdicts(found: Findings) -> Iterator[str]:

@@ -14,14 +14,13 @@ import polars as pl
 
 from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.cohorts.trial import Trial
-from glucoloop.parts.setting import Default
+from glucoloop.component.setting import Default
 from glucoloop.patients.settings import NOMINAL
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.situations.run import boluses_into_a_vein
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.league import MOST_BEST, MOST_PEOPLE, League, reach, texts
+from glucoloop.studies.league import LEAGUE, MOST_BEST, MOST_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
@@ -36,6 +35,7 @@ from glucoloop.studies.league.shown import columns_of
 from glucoloop.studies.league.shown import drawn as drawn
 from glucoloop.studies.league.shown import sentences as sentences
 from glucoloop.studies.league.shown import tables as tables
+from glucoloop.text import how_many
 from glucoloop.units import MIN_PER_DAY
 
 _DESIGN_S: Final = 0.5
@@ -189,7 +189,7 @@ def rows(asked: League) -> Rows[ShardResult]:
         return ShardResult(line, number, **{name: cells[name] for name in _SAID}, people=people)
 
     return Rows(
-        file="people.parquet",
+        file=LEAGUE.results,
         what="shards",
         wanted=len(shards_of(asked)),
         most=len(shards),

@@ -6,12 +6,12 @@ import datetime as dt
 import functools
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.part import Part
-from glucoloop.printable import how_many, is_printable
+from glucoloop.component.grammar import Tree
+from glucoloop.component.part import Part
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.studies.study import PlainStudy
+from glucoloop.text import how_many, is_printable
 
 _LAST: Final = "last-"
 _MOST_DAYS: Final = 3660

@@ -10,7 +10,7 @@ import polars as pl
 from glucoloop.metrics.readings.episodes import BOUNDS_MG_DL, glucose_episodes
 from glucoloop.metrics.readings.profile import by_day
 from glucoloop.report.record_goals import Goals
-from glucoloop.report.reported import Reported, ReportedGroup, ReportedRecord
+from glucoloop.report.record_groups import Reported, ReportedGroup, ReportedRecord
 
 
 def file_tables(

@@ -9,11 +9,18 @@ import polars as pl
 
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
-from glucoloop.storage.tables import refusing_damage
+from glucoloop.schema.tables import Column, TableBounds
+from glucoloop.storage.tables import read_parquet, refusing_damage
+from glucoloop.units import MIN_PER_DAY
 
 _OF_RUN: Final = "glucose_1min.parquet"
 _OF_TRIAL: Final = "shards/*/traces.parquet"
 _NAMES: Final = ("case", "controller", "person")
+_COURSE: Final = {
+    "t_min": Column(kind=pl.Float64(), at_least=0.0, at_most=36_525.0 * MIN_PER_DAY, optional=False),
+    "glucose_mg_dl": Column(kind=pl.Float64(), at_least=-10_000.0, at_most=10_000.0, nan=True),
+}
+_BOUNDS: Final = TableBounds(least_rows=1, most_rows=20_000_000, columns=6)
 
 
 class SimulatedCourse(NamedTuple):
@@ -31,7 +38,7 @@ def is_simulated(folder: Path) -> bool:
     """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
     found = bool(_tables_of(folder))
     if not found and (folder / "shards").is_dir():
-        raise Refusal(f"{folder} holds no course of glucose; run the trial with --traces")
+        raise Refusal(f"{folder} holds no course of glucose; run it by `glucoloop trial --traces`")
     return found
 
 
@@ -39,12 +46,30 @@ def _tables_of(folder: Path) -> list[Path]:
     return [folder / _OF_RUN] if (folder / _OF_RUN).is_file() else sorted(folder.glob(_OF_TRIAL))
 
 
+def _table_of(place: Path) -> pl.DataFrame:
+    """Courses of a file; Refusal for a table that no run or trial wrote."""
+    table = read_parquet(place, _BOUNDS)
+    missing = {*_COURSE} - {*table.columns}
+    if missing:
+        raise Refusal(f"{place} is damaged: it has no column {min(missing)}; write it again")
+    wrong = [name for name in _COURSE if not table.schema[name].is_numeric()]
+    if wrong:
+        raise Refusal(f"{place} is damaged: its column {wrong[0]} has no numbers; write it again")
+    names = [name for name in _NAMES if name in table.columns]
+    table = table.select(*names, pl.col(*_COURSE).cast(pl.Float64))
+    for name, column in _COURSE.items():
+        try:
+            column.refuse_other(table[name])
+        except Refusal as error:
+            raise Refusal(f"{place} is damaged: {error}; write it again") from None
+    return table
+
+
 def simulated_courses(folder: Path) -> list[SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
+    tables = [_table_of(place) for place in _tables_of(folder)]
     with refusing_damage(folder):
-        table = pl.concat(pl.read_parquet(place) for place in _tables_of(folder)).with_columns(
-            pl.col("t_min", "glucose_mg_dl").cast(pl.Float64)
-        )
+        table = pl.concat(tables)
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
     of_people = "person" in names and table["person"].n_unique() > 1

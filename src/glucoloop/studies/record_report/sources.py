@@ -9,11 +9,11 @@ from typing import NamedTuple
 import polars as pl
 
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.printable import how_many, printable
 from glucoloop.records import FileRefusal, read_record
 from glucoloop.refusal import Refusal
 from glucoloop.studies.record_report import RecordRequest
 from glucoloop.studies.record_report.simulated import is_simulated, simulated_courses
+from glucoloop.text import how_many, printable
 
 
 class RecordSource(NamedTuple):
@@ -92,7 +92,7 @@ def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
             courses = simulated_courses(first)
         except Refusal:
             if source.group:  # whose refusals tell no path
-                raise FileRefusal([first], "its simulated courses are damaged; write them again") from None
+                raise FileRefusal([first], Refusal("its simulated courses are damaged", "write them again")) from None
             raise
         for course in courses:
             label = (
@@ -115,7 +115,7 @@ def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
     try:
         readings = Readings.of_times(given["time"].to_numpy(), given["glucose_mg_dl"].to_numpy())
     except Refusal as error:
-        raise FileRefusal(source.paths, str(error)) from None
+        raise FileRefusal(source.paths, error) from None
     averaged = given.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
     yield NamedReadings(source.label, source.group, readings, (*record.notes, *more))

@@ -11,17 +11,17 @@ import numpy as np
 from glucoloop.metrics.readings.catalogue import numbers_of
 from glucoloop.metrics.readings.distribution import gri_zone
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.printable import how_many, percent, the_first
 from glucoloop.records import FileRefusal
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
 from glucoloop.report.record_goals import GOALS
+from glucoloop.report.record_groups import ReportedGroup, ReportedRecord, groups_of, warnings
 from glucoloop.report.record_page import MOST_IN_FULL, number_columns, number_rows, record_page
-from glucoloop.report.reported import ReportedGroup, ReportedRecord, groups_of, warnings
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
 from glucoloop.studies.record_report.file_tables import file_tables
 from glucoloop.studies.record_report.sources import NamedReadings, read, sources_of
+from glucoloop.text import how_many, percent, the_first
 from glucoloop.units import MIN_PER_DAY
 
 _MOST_ROWS: Final = 60

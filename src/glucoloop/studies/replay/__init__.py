@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import json
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.patients.settings import PatientPart, patient_entry
 from glucoloop.refusal import Refusal
+from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option
 from glucoloop.situations.run import ControlledSituation
 from glucoloop.studies.study import PARTS_TOLD, PlainStudy
@@ -60,11 +60,15 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         """Plain values of the twin; Refusal where there are none."""
         if self.twin is None:
             raise Refusal("no twin is given; give the folder of `glucoloop twin`, like --twin twin")
+        from glucoloop.storage.files import read_text
+
+        place = Path(self.twin) / SUMMARY
+        if not place.is_file():
+            raise Refusal(f"{self.twin} holds no {SUMMARY}; give the folder of `glucoloop twin`")
         try:
-            found = json.loads((Path(self.twin) / SUMMARY).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            raise Refusal(f"{self.twin} holds no {SUMMARY}; give the folder of `glucoloop twin`") from None
-        return found if isinstance(found, dict) else {}
+            return checked(dict[str, Any], json_value(read_text(place, "a twin")))
+        except Refusal as error:
+            raise Refusal(f"{place} is damaged: {error}; find the twin again with `glucoloop twin`") from None
 
 
 REPLAY: Final = PlainStudy(

@@ -14,16 +14,15 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
+from glucoloop.build.designs import controller_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import Surroundings, surroundings_of
 from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.experiments.assemble import PeopleLoop, with_profile_of_each
-from glucoloop.experiments.designs import controller_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import Surroundings, surroundings_of
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
 from glucoloop.patients.population import VirtualPeople, virtual_people
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
 from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
@@ -37,6 +36,7 @@ from glucoloop.situations.situation import Situation
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
+from glucoloop.text import how_many
 from glucoloop.twins import CarriedResidual, RecordedDays, Simulator, StoredTwin
 from glucoloop.twins.course import WARM_UP_MIN
 from glucoloop.twins.days import SAMPLE_MIN
@@ -98,7 +98,7 @@ def found(asked: ReplayRequest, progress: Callable[[str], None]) -> Findings:
     try:
         twin = StoredTwin.of(kept)
     except Refusal as error:
-        raise Refusal(f"{asked.twin}: {error}") from None
+        raise error.within(str(asked.twin)) from None
     days = days_of(asked)
     if abs(asked.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
@@ -268,8 +268,8 @@ def _columns() -> Iterator[Column]:
     for key, (head, short) in names.items():
         text = "{:.0f}".format if key == "mean_mg_dl" else "{:.1f}".format
         yield Column(name=key, group=head, head="twin", short=short, text=text)
-        yield Column(name=f"{key}_low", group=head, head="5 %", text=text, missing=lambda row: "")
-        yield Column(name=f"{key}_high", group=head, head="95 %", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_low", group=head, head="5th pct.", text=text, missing=lambda row: "")
+        yield Column(name=f"{key}_high", group=head, head="95th pct.", text=text, missing=lambda row: "")
 
 
 _COLUMNS: Final = tuple(_columns())

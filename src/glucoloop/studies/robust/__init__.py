@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.grammar import Tree
+from glucoloop.component.number_text import number_of
+from glucoloop.component.ranges import Tuned, parse_range
+from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.number_text import number_of
-from glucoloop.parts.ranges import Tuned, parse_range
-from glucoloop.parts.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
 from glucoloop.situations.case import Case, cases_of
@@ -243,6 +243,7 @@ ROBUST: Final = SearchStudy(
             True,
         ),
     },
+    results="candidates.parquet",
     files=("best.toml", "candidates.csv", "check.parquet", "front.pdf", "front.png", "front.svg"),
     summary="robust.json",
     extent=("rounds", "prefer", "top"),

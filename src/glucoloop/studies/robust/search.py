@@ -19,29 +19,29 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.build.assemble import of_nominal_person
+from glucoloop.build.designs import design_of
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import surroundings_of
+from glucoloop.build.titration import profile_of, with_profiles
 from glucoloop.cohorts.blocks import block_size
 from glucoloop.cohorts.engine import fold_of, loop_of
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import known_names
 from glucoloop.control import Controller
-from glucoloop.experiments.assemble import of_nominal_person
-from glucoloop.experiments.designs import design_of
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import surroundings_of
-from glucoloop.experiments.titration import profile_of, with_profiles
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.setting import known_names
 from glucoloop.patients import Patient
 from glucoloop.patients.population import of_people, virtual_people
-from glucoloop.printable import how_many
-from glucoloop.profile import Profile, given_profile
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, decimals
 from glucoloop.report.descriptions import engine_facts
-from glucoloop.simulation.varying import varying
+from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.robust import BOTH, Search
+from glucoloop.studies.robust import BOTH, ROBUST, Search
+from glucoloop.text import how_many
+from glucoloop.therapy import Profile, given_profile
 from glucoloop.tuning.samplers import Evaluated
 
 Array = npt.NDArray[Any]
@@ -248,13 +248,19 @@ def _objective(name: str, head: str, short: str, digits: int = 1) -> Column:
 
 OBJECTIVES: Final = {
     "undershoot-median": _objective("undershoot_median_mg_dl", "Undershoot, median (mg/dl)", "Undershoot\nmedian"),
-    "undershoot-p95": _objective("undershoot_p95_mg_dl", "Undershoot, 95 % (mg/dl)", "Undershoot\n95 %"),
-    "peak-median": _objective("peak_median_mg_dl", "Peak, median (mg/dl)", "Peak\nmedian"),
-    "peak-p95": _objective("peak_p95_mg_dl", "Peak, 95 % (mg/dl)", "Peak\n95 %"),
-    "people-undershoot-p95": _objective(
-        "people_undershoot_p95_mg_dl", "Undershoot of people, 95 % (mg/dl)", "People's under-\nshoot, 95 %"
+    "undershoot-p95": _objective(
+        "undershoot_p95_mg_dl", "Undershoot, 95th percentile (mg/dl)", "Undershoot\n95th pct."
     ),
-    "people-peak-p95": _objective("people_peak_p95_mg_dl", "Peak of people, 95 % (mg/dl)", "People's\npeak, 95 %"),
+    "peak-median": _objective("peak_median_mg_dl", "Peak, median (mg/dl)", "Peak\nmedian"),
+    "peak-p95": _objective("peak_p95_mg_dl", "Peak, 95th percentile (mg/dl)", "Peak\n95th pct."),
+    "people-undershoot-p95": _objective(
+        "people_undershoot_p95_mg_dl",
+        "Undershoot of people, 95th percentile (mg/dl)",
+        "People's under-\nshoot, 95th pct.",
+    ),
+    "people-peak-p95": _objective(
+        "people_peak_p95_mg_dl", "Peak of people, 95th percentile (mg/dl)", "People's peak,\n95th pct."
+    ),
     "people-below-60": _objective("people_below_60", "People below 60 mg/dl", "People\n< 60", digits=0),
     "total-variation": _objective(
         "total_variation_mU_min", "Total variation of insulin, median (mU/min)", "Travel\nmU/min", digits=0
@@ -378,7 +384,7 @@ def rows_of(asked: Search) -> Rows[Candidate]:
         return {name: float("nan") if cell is None else cell for name, cell in cells.items()}
 
     return Rows(
-        file="candidates.parquet",
+        file=ROBUST.results,
         what="candidates",
         wanted=asked.rounds * asked.batch,
         most=_MOST_CANDIDATES,

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from glucoloop.component.setting import known_names
 from glucoloop.control.catalogue import SEARCHED
-from glucoloop.parts.setting import known_names
-from glucoloop.printable import NOT_AVAILABLE, how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, GREY
@@ -23,6 +22,7 @@ from glucoloop.situations.toml import toml_text
 from glucoloop.storage.findings import Findings
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
+from glucoloop.text import NOT_AVAILABLE, how_many
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

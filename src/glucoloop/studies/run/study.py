@@ -1,4 +1,4 @@
-"""ClosedLoops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
+"""Closed loops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
             outcomes[case.label] = close_the_loop(asked, case)
         except Refusal as error:
             if isinstance(asked, Comparison):
-                error.args = (f"case {case.label!r}: {error}",)
+                raise error.within(f"case {case.label!r}") from error
             raise
         progress(f"the loop of {case.label}")
     if not isinstance(asked, Comparison):
@@ -170,6 +170,7 @@ def drawn(asked: Run, found: Findings) -> dict[str, bytes]:
         title=title,
         limits=asked.limits,
         faults=asked.fault_texts,
+        start_min=asked.start_min or 0.0,
         facts=facts,
         repeat=again,
     )

@@ -10,7 +10,8 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.printable import glucose_text, how_many
+from glucoloop.report.moments import period_text
+from glucoloop.text import glucose_text, how_many
 
 LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
@@ -19,7 +20,7 @@ _BIAS_MG_DL: Final = 4.0
 _LESS: Final = 0.05
 _ACTS: Final = (
     (Status.READING_REJECTED, "rejected {}", "reading"),
-    (Status.FALLBACK_BASAL, "gave the basal rate for {}", "sample"),
+    (Status.FALLBACK_BASAL, "gave at most the basal rate for {}", "sample"),
     (Status.FALLBACK_REDUCED, "gave a part of it for {}", "sample"),
     (Status.DOSE_LIMITED, "cut {}", "dose"),
     (Status.SUSPENDED, "suspended insulin for {}", "sample"),
@@ -29,10 +30,10 @@ _ACTS: Final = (
 def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
     """Description of the run of a person under a case of a trial, in a few sentences."""
     trace: Any = jax.tree.map(np.asarray, alone(prepared, label, person))
-    return " ".join(_sentences(trace, prepared.trial.sample_time_min))
+    return " ".join(_sentences(trace, prepared.trial.sample_time_min, prepared.trial.start_min or 0.0))
 
 
-def _sentences(trace: Any, sample_time_min: float) -> Iterator[str]:
+def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> Iterator[str]:
     glucose = trace.fine_glucose_mg_dl
     low = np.flatnonzero(glucose < LOW_MG_DL)
     if not low.size:
@@ -40,7 +41,8 @@ def _sentences(trace: Any, sample_time_min: float) -> Iterator[str]:
         return
     first_min, last_min = trace.fine_t_min[low[0]], trace.fine_t_min[low[-1]]
     least = glucose_text(glucose.min())
-    yield f"Below {LOW_MG_DL:g} mg/dl from {first_min:.0f} to {last_min:.0f} min, least {least} mg/dl."
+    when = period_text(round(first_min), round(last_min), float(trace.fine_t_min[-1]), start_min)
+    yield f"Below {LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
     before = (trace.t_min >= first_min - _BEFORE_MIN) & (trace.t_min <= first_min)
     yield from _on_readings(trace, before)
     yield from _on_pump(trace, trace.t_min <= first_min, sample_time_min)

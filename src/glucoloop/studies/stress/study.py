@@ -14,7 +14,6 @@ import polars as pl
 from glucoloop.cohorts.engine import prepare
 from glucoloop.cohorts.trial import Trial
 from glucoloop.faults import FAULTS
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
 from glucoloop.report import Repeat
 from glucoloop.report.columns import (
     Column,
@@ -39,6 +38,7 @@ from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.guarded import WITH_GUARD
 from glucoloop.studies.stress import StressTest
 from glucoloop.studies.stress.reasons import reason_of
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent, the_first
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -251,8 +251,8 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
         caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
         "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
-        "summed over all people. Saturated (dose at the pump's limits), fallback (the guard gave the basal rate), "
-        "suspended (the guard stopped insulin): percentage of the samples.",
+        "summed over all people. Saturated (dose at the pump's limits), fallback (at most the basal rate "
+        "for want of readings), suspended (the guard stopped insulin): percentage of the samples.",
     )
 
 

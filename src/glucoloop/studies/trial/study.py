@@ -14,7 +14,6 @@ from glucoloop.cohorts.summary import TrialSummary, summarise_people
 from glucoloop.cohorts.trial import Trial
 from glucoloop.metrics.control_variability import zone_pct
 from glucoloop.metrics.settings import result_named
-from glucoloop.printable import NOT_AVAILABLE, NOT_VALID, how_many, percent
 from glucoloop.report import CaseReport, MetricDistribution, Repeat, TrialReport, WorstPerson, plot_trial, trial_page
 from glucoloop.report.columns import MetricRow, in_other_unit, lines_table
 from glucoloop.report.descriptions import (
@@ -30,6 +29,7 @@ from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
+from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
 
 Bands = Mapping[str, Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]]
 """Quantiles ``(quantiles, times)`` by controller and quantity."""
@@ -55,7 +55,7 @@ _HEADLINES: Final = {
 }
 """Metrics and their statistics over the people, in the order in which a clinician reads them."""
 _ON_THE_PAGE: Final = {
-    **{"mean": ", mean", "median": ", median", "p5": " of the worst 5 %", "p95": " of the worst 5 %"},
+    **{"mean": ", mean", "median": ", median", "p5": ", 5th percentile", "p95": ", 95th percentile"},
     **dict.fromkeys(("min", "max"), " of the worst person"),
 }
 """Statistics in words, after the name of a metric."""
@@ -103,6 +103,7 @@ def found(asked: Trial, folder: TrialFolder) -> Findings:
         exercise=asked.bouts,
         faults=asked.fault_texts,
         length_min=asked.horizon_min,
+        start_min=asked.start_min or 0.0,
         repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
         cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
     )

@@ -6,8 +6,8 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.setting import About
+from glucoloop.component.grammar import Tree
+from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.ranges import RANGES, ranges_parted, with_ranges

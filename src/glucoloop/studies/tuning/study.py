@@ -14,18 +14,18 @@ import polars as pl
 from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FilePart
 from glucoloop.patients.settings import USUAL_PATIENT
-from glucoloop.printable import how_many
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
 from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
+from glucoloop.report.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
 from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
+from glucoloop.text import how_many
 from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.tuning.search import search, usual_tuning
@@ -90,7 +90,7 @@ def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
     printed = surface.rank_of(usual, "printed" if isinstance(asked.patient, USUAL_PATIENT) else "usual")
     plain = {
         "config": asked.tree(whole=True),
-        "model": None if model is None else model.model_dump(mode="json"),
+        "model": None if model is None else model.plain(),
         "best": None if printed.best is None else {**dataclasses.asdict(printed.best), "sse": printed.best_sse},
         "printed": {**dataclasses.asdict(printed.tuning), "sse": printed.sse, "rank": printed.rank},
         "acceptable": printed.points,
@@ -192,6 +192,8 @@ def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
     subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         yield f"{subject} is not acceptable here."
+    elif printed.points == 1:
+        yield f"{subject} is the only acceptable one."
     elif printed.rank == 1:
         yield f"{subject} is the best of {how_many(printed.points, 'acceptable one')}."
     else:

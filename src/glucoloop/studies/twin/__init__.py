@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.grammar import Tree
+from glucoloop.component.part import Part
 from glucoloop.limits import LARGEST_SEED
-from glucoloop.parts.grammar import Tree
-from glucoloop.parts.part import Part
 from glucoloop.patients.settings import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import PATIENT_PANEL, Option

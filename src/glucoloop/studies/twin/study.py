@@ -35,11 +35,16 @@ def days_of(asked: RecordOfPerson) -> RecordedDays:
     """Days of the record that is asked for; Refusal with its files for one that is not enough."""
     if not asked.files:
         raise Refusal("no record is given; give the path of one, like record.parquet")
-    record = read_record(*asked.files)
+    try:
+        record = read_record(*asked.files)
+    except Refusal as error:  # a question about the file, which has no option here
+        if error.remedies:
+            error = error.with_remedy("answer it in `glucoloop records`, and give the record that this writes")
+        raise error from None
     try:
         return recorded_days(record, most_days=asked.most_days, basal_U_h=asked.basal_U_h)
     except Refusal as error:
-        raise Refusal(f"{', '.join(asked.files)}: {error}") from None
+        raise error.within(", ".join(asked.files)) from None
 
 
 def found(asked: TwinRequest, progress: Callable[[str], None]) -> Findings:

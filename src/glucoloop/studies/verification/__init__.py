@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import shlex
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, Literal
 
+from glucoloop.component.part import Part
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.parts.part import Part
 from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
+from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.studies.study import PlainStudy
 
 USUAL_LOOPS: Final = 100_000
 SLOW_SHARE: Final = 0.05
 """Number of loops of a slow controller for each loop of another one."""
+SAMPLE_MIN: Final = 5.0
+"""Sample time of the campaign, and by default of a nonsense test."""
 NONSENSE_SAMPLES: Final = 96
 """Number of samples of a loop of a nonsense test."""
+Precision = Literal["float64", "float32"]
 _ONE_OF: Final = f"One of {', '.join(CONTROLLERS)}, or one of another package, or module:attribute; repeat it for more."
 _key = functools.partial(Option, panel="Campaign")
 
@@ -47,13 +52,31 @@ class Verification(Part):
     nonsense: Annotated[
         int | None,
         _key(
-            "Instead, give guarded controllers nonsense for this number of samples, lose their memory at random, and "
-            "check doses and caps.",
+            "Instead, give guarded controllers nonsense for this number of samples, false reports of the pump among "
+            "it, lose their memory at random, and check doses and caps.",
             metavar="SAMPLES",
             at_least=1,
             at_most=100_000_000_000,
         ),
     ] = None
+    sample_times_min: Annotated[
+        tuple[float, ...],
+        _key(
+            "Sample time of the guards that are given nonsense; repeat it for more.",
+            flag="--sample-time",
+            default="5",
+            at_least=SHORTEST_SAMPLE_TIME_MIN,
+            at_most=LONGEST_SAMPLE_TIME_MIN,
+        ),
+    ] = ()
+    precisions: Annotated[
+        tuple[Precision, ...],
+        _key(
+            "Precision of the guards that are given nonsense; repeat it for more.",
+            flag="--precision",
+            default="float64",
+        ),
+    ] = ()
 
     def __post_init__(self) -> None:
         if self.person is not None and self.loops is not None:
@@ -62,8 +85,11 @@ class Verification(Part):
             raise Refusal(f"a controller is named twice in {', '.join(self.controllers)}; leave one out")
         if self.nonsense is not None and self.loops is not None:
             raise Refusal("--loops and --nonsense exclude one another; leave one out")
-        if self.nonsense is not None and self.patient != USUAL_PATIENT.name:
-            raise Refusal("--nonsense has no patient at all; leave --patient out")
+        if self.nonsense is None and (self.sample_times_min or self.precisions):
+            raise Refusal("--sample-time and --precision are those of guards that are given nonsense; add --nonsense")
+        for flag, values in (("--sample-time", self.sample_times_min), ("--precision", self.precisions)):
+            if len(set(values)) < len(values):
+                raise Refusal(f"{flag} names the same value twice; leave one out")
         PATIENTS.parse(self.patient)
         for name in self.controllers:
             if controller_entry(name).slow and self.nonsense is not None:
@@ -80,15 +106,21 @@ class Verification(Part):
         if self.person is not None:
             return dict.fromkeys(names, 1)
         if self.nonsense is not None:
-            return dict.fromkeys(names, math.ceil(self.nonsense / (NONSENSE_SAMPLES * len(names))))
+            together = NONSENSE_SAMPLES * len(names) * len(self.guard_timings())
+            return dict.fromkeys(names, math.ceil(self.nonsense / together))
         shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in names}
         pairs = (self.loops or USUAL_LOOPS) / sum(shares.values()) / 2.0
         return {name: max(1, math.ceil(pairs * share - 1e-9)) for name, share in shares.items()}
 
-    def repeat(self, controller: str, person: int) -> str:
-        """Command that repeats the loops of a person, or a loop of a nonsense test."""
+    def guard_timings(self) -> tuple[tuple[float, str], ...]:
+        """Pairs of a sample time [min] and a precision at which guards are given nonsense."""
+        return tuple(itertools.product(self.sample_times_min or (SAMPLE_MIN,), self.precisions or ("float64",)))
+
+    def repeat(self, controller: str, person: int, timing: tuple[float, str] | None = None) -> str:
+        """Command that repeats the loops of a person, or a loop of a nonsense test with its timing."""
         kind = "" if self.patient == USUAL_PATIENT.name else f"--patient {shlex.quote(self.patient)} "
-        kind = kind if self.nonsense is None else "--nonsense 1 "
+        if timing is not None:
+            kind = f"--nonsense 1 {kind}--sample-time {timing[0]:g} --precision {timing[1]} "
         return f"glucoloop verify {kind}--seed {self.seed} --controller {controller} --person {person}"
 
 

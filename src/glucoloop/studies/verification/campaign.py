@@ -24,28 +24,27 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from glucoloop.build.designs import controller_of, with_guard
+from glucoloop.build.faulty import put_around
+from glucoloop.build.random_keys import keys_of_people
+from glucoloop.build.surroundings import Surroundings
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.engine import loop_of
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.setting import Value
 from glucoloop.control import Controller
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.guard import guard_settings_of
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.episodes import Episodes
-from glucoloop.experiments.designs import controller_of, with_guard
-from glucoloop.experiments.faulty import put_around
-from glucoloop.experiments.random_keys import keys_of_people
-from glucoloop.experiments.surroundings import Surroundings
 from glucoloop.faults import DURATION, FAULTS, KEY, PER_DAY, START, FaultPart
 from glucoloop.limits import LARGEST_COUNTER
 from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
-from glucoloop.parts.setting import Value
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
 from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
 from glucoloop.patients.table import REPLACED
-from glucoloop.profile import Profile
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
@@ -54,7 +53,8 @@ from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.population import person_of
 from glucoloop.situations.situation import Situation, configured
-from glucoloop.studies.verification import Verification
+from glucoloop.studies.verification import SAMPLE_MIN, Verification
+from glucoloop.therapy import Profile
 from glucoloop.threefry import uniforms
 from glucoloop.units import MIN_PER_DAY
 
@@ -63,7 +63,6 @@ Numbers = npt.NDArray[np.int64]
 
 MOST_MEALS: Final = 4
 MOST_AT_ONCE: Final = 3
-SAMPLE_MIN: Final = 5.0
 LONGEST_SAMPLES: Final = 48
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
@@ -320,9 +319,11 @@ def trial_of(asked: Verification, controller: str) -> Trial:
     return Trial.partial(given).completed()
 
 
-def catalogue_controller(name: str, patient: str = USUAL_PATIENT.name) -> Controller:
+def catalogue_controller(
+    name: str, patient: str = USUAL_PATIENT.name, sample_time_min: float = SAMPLE_MIN
+) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
-    situation = configured(Situation, patient=patient)
+    situation = configured(Situation, patient=patient, sample_time_min=sample_time_min)
     return controller_of(situation, usual_case(name, situation))
 
 

@@ -1,6 +1,7 @@
 // @ts-check
 /** What is taken from the page: a link, the same as a command, a file or a program, and the picture and its numbers. */
 
+import { csvText } from "../../../pages/csv.mjs";
 import { button, byId, say, select, tell } from "../dom.mjs";
 import { commandForPeople, commandLine, python, toml } from "../repeat.mjs";
 import { scene } from "../scene.mjs";
@@ -59,8 +60,7 @@ function save(ending, content) {
 export function csv(trace) {
   const boluses = trace.bolus_mU.some((bolus) => bolus > 0) ? /** @type {const} */ (["bolus_mU"]) : [];
   const names = /** @type {const} */ (["t_min", "glucose_mg_dl", "reading_mg_dl", "command_mU_min", "insulin_mU_min", ...boluses, "status"]);
-  const lines = trace.t_min.map((_, i) => names.map((name) => trace[name][i]).join(","));
-  return `${[names.join(","), ...lines].join("\n")}\n`;
+  return csvText([[...names], ...trace.t_min.map((_, i) => names.map((name) => trace[name][i]))]);
 }
 
 /** @param {string} picture in SVG @returns {Promise<Blob>} */

@@ -5,15 +5,14 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from glucoloop.native.targets.c.source import HEADER, Source
+from glucoloop.private_folder import private_temporary_folder
 
 Array = npt.NDArray[Any]
 
@@ -33,8 +32,7 @@ class Library:
         if found is None:
             raise FileNotFoundError("there is no C compiler on this machine")
         self._source, self._precision = source, precision
-        with tempfile.TemporaryDirectory(prefix="glucoloop-c-") as name:
-            folder = Path(name)
+        with private_temporary_folder("glucoloop-c-") as folder:
             (folder / HEADER).write_text(source.header)
             (folder / "controller.c").write_text(source.code)
             command = [found, *FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop._kept import kept
+from glucoloop._disk_cache import kept
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.lower import Lowered
 from glucoloop.native.program import SAMPLE

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -31,6 +30,7 @@ from glucoloop.native.lower import Lowered
 from glucoloop.native.targets.llvm.emit import Emitter
 from glucoloop.native.targets.products import STRICT
 from glucoloop.native.targets.wasm.looped import Looped, looped_object
+from glucoloop.private_folder import private_temporary_folder
 from glucoloop.refusal import Refusal
 
 HOST: Final = Path(__file__).with_name("kernels.mjs")
@@ -74,16 +74,16 @@ def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
         if not name.isidentifier() or not name.isascii():
             raise Refusal(f"{name!r} cannot be the name of a function; give letters, digits and _")
     program = _linker()
-    with tempfile.TemporaryDirectory(prefix="glucoloop-wasm-") as place:
+    with private_temporary_folder("glucoloop-wasm-") as place:
         objects = []
         for name, function in functions.items():
-            objects.append(Path(place, f"{name}.o"))
+            objects.append(place / f"{name}.o")
             if isinstance(function, Looped):
-                code = looped_object(name, function, lanes(function.precision), Path(place))
+                code = looped_object(name, function, lanes(function.precision), place)
             else:
                 code = object_code(name, function)
             objects[-1].write_bytes(code)
-        linked = Path(place, "module.wasm")
+        linked = place / "module.wasm"
         options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
         exports = [f"--export={name}{ending}" for name in functions for ending in ("", "_hold")]
         command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]

@@ -1,0 +1,133 @@
+"""Sensors and pumps of a situation and of its cases, shared as far as possible.
+
+Compiling a loop takes seconds, so cases that differ only in one fault each share a loop: the faults of all of them wrap
+its sensor and pump, and each case has numbers by which only its own fault ever begins.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glucoloop.build.faulty import faulty_pump, faulty_sensor
+from glucoloop.faults import FaultPart
+from glucoloop.pumps import LimitedPump, Pump, with_resolution
+from glucoloop.refusal import Refusal
+from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.sensors.protocol import site_of
+from glucoloop.sensors.settings import IdealSettings, SensorPart
+from glucoloop.situations.case import Case
+from glucoloop.situations.situation import Situation
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Sensor and pump around a controller and its patient."""
+
+    sensor: Sensor
+    pump: Pump
+
+    def of_people(self, others: Iterable[Surroundings], people: int) -> Surroundings:
+        """The same for a number of people, with a trailing axis on the values that differ from any of the others."""
+        alike = [jax.tree.leaves((other.sensor, other.pump)) for other in others]
+        leaves, tree = jax.tree.flatten((self.sensor, self.pump))
+        differs = [any(not np.array_equal(leaf, other[i]) for other in alike) for i, leaf in enumerate(leaves)]
+        many = [jnp.full(people, leaf) if varies else leaf for leaf, varies in zip(leaves, differs, strict=True)]
+        sensor, pump = jax.tree.unflatten(tree, many)
+        return Surroundings(sensor=sensor, pump=pump)
+
+
+def sensor_of(situation: Situation) -> Sensor:
+    """Sensor of a situation without its faults: its parts, each around the one before."""
+    return _chain(situation, situation.sensor)
+
+
+def _chain(situation: Situation, parts: Iterable[SensorPart]) -> Sensor:
+    site = situation.site
+    sensor: Sensor = IdealSensor(site=site)
+    for place, part in enumerate(part for part in parts if not isinstance(part, IdealSettings)):
+        if place and not part.takes("inner"):
+            raise Refusal(f"the sensor {part.called} has no other one inside; give it first, as the innermost")
+        sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)
+        if site is not None and site_of(sensor) != site:
+            raise Refusal(f"the sensor {part.called} does not read glucose at the site {site!r}; leave the site out")
+    return sensor
+
+
+def record_sensor(situation: Situation, noise_variance: float) -> Sensor:
+    """Sensor of a record from which a model is identified: that of the situation with other noise, on time."""
+    return _chain(situation, situation.record_sensor(noise_variance))
+
+
+def pump_of(situation: Situation) -> Pump:
+    """Pump of a situation without its faults: the one that is named, and the smallest step of its rate around it."""
+    limits, bolus = situation.limits, situation.bolus
+    pump: Pump = situation.pump.made(
+        inner=LimitedPump(limits=limits, bolus=bolus),
+        limits=limits,
+        bolus=bolus,
+        sample_time_min=situation.sample_time_min,
+    )
+    resolution = situation.pump.resolution_mU_min
+    return pump if resolution is None else with_resolution(resolution, pump, limits=limits)
+
+
+def surroundings_of(situation: Situation, faults: Iterable[FaultPart] = ()) -> Surroundings:
+    """Sensor and pump of a situation, wrapped in the faults of a case."""
+    limits, every = situation.limits, (*situation.faults, *faults)
+    pump = pump_of(situation)
+    return Surroundings(
+        sensor=faulty_sensor(sensor_of(situation), every, situation.sample_time_min, situation.warm_up_min),
+        pump=faulty_pump(pump, every, situation.sample_time_min, limits, situation.warm_up_min),
+    )
+
+
+def shared_surroundings(situation: Situation, cases: Iterable[Case]) -> list[Mapping[str, Surroundings]]:
+    """Groups of cases that can share a loop, by label; the parts in a group have the same structure."""
+    alike: dict[str, list[Case]] = {}
+    for case in cases:
+        shareable = len(case.faults) <= 1 and all(fault.comes_and_goes for fault in case.faults)
+        same = repr(dataclasses.replace(case, label="shared" if shareable else case.label, faults=()))
+        alike.setdefault(same, []).append(case)
+    return [_together(situation, cases) for cases in alike.values()]
+
+
+def _together(situation: Situation, cases: list[Case]) -> dict[str, Surroundings]:
+    each = {case.label: surroundings_of(situation, case.faults) for case in cases}
+    if len(cases) == 1:
+        return each
+    bare = surroundings_of(situation)
+    sensors = _with_faults_of_all(bare.sensor, {label: part.sensor for label, part in each.items()})
+    pumps = _with_faults_of_all(bare.pump, {label: part.pump for label, part in each.items()})
+    return {label: Surroundings(sensor=sensors[label], pump=pumps[label]) for label in each}
+
+
+def _with_faults_of_all(bare: Any, each: Mapping[str, Any]) -> dict[str, Any]:
+    """Part of each case wrapped in the faults of all cases, of which only its own ever begins."""
+    nothing, kind_of = _kind(bare), {label: _kind(part) for label, part in each.items()}
+    kinds = {kind_of[label]: part for label, part in each.items() if kind_of[label] != nothing}
+    by_label = {}
+    for label, part in each.items():
+        whole = bare
+        for kind, example in kinds.items():
+            whole = dataclasses.replace(part if kind == kind_of[label] else _idle(example), inner=whole)
+        by_label[label] = whole
+    return by_label
+
+
+def _kind(part: Any) -> tuple[type, Any]:
+    """Type and structure of a part, which cannot differ within a loop; JAX ignores the class where numbers agree."""
+    return type(part), jax.tree.structure(part)
+
+
+def _idle(fault: Any) -> Any:
+    """A fault that never begins."""
+    episodes = dataclasses.replace(fault.episodes, earliest=math.inf, latest=math.inf, probability=0.0)
+    return dataclasses.replace(fault, episodes=episodes)

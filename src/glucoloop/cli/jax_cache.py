@@ -1,0 +1,58 @@
+"""Persistent cache of compiled programs, and of models of nominal patients, for the command line."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import os
+import warnings
+from pathlib import Path
+from typing import Final
+
+from glucoloop.arithmetic import configure_jax
+from glucoloop.cli.screen import note
+from glucoloop.refusal import Refusal
+
+VARIABLE: Final = "GLUCOLOOP_CACHE_DIR"
+
+
+def keep_compiled() -> None:
+    """Switch JAX's persistent cache and `glucoloop._disk_cache` on, unless the environment says ``off`` for the folder.
+
+    It silently stays off where its folder cannot be written to, and with a note where another user can write to it.
+    """
+    import platformdirs
+
+    from glucoloop._disk_cache import keep_results
+
+    configure_jax({"jax_traceback_filtering": "off"})  # a bug keeps its whole traceback
+    value = os.environ.get(VARIABLE, "").strip()
+    folder = Path(value or Path(platformdirs.user_cache_dir("glucoloop", appauthor=False)) / "compiled")
+    if value.lower() == "off" or not _usable(folder):
+        return
+    configure_jax(
+        {
+            "jax_compilation_cache_dir": str(folder),
+            "jax_persistent_cache_min_compile_time_secs": 0,
+            "jax_persistent_cache_min_entry_size_bytes": -1,
+        }
+    )
+    keep_results()
+    warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+
+
+@functools.cache
+def _usable(folder: Path) -> bool:
+    """Whether a folder of programs can be used; its contents are checked once per process."""
+    from glucoloop.storage.programs import check_programs, private_folder, seal_programs
+
+    try:
+        private_folder(folder)
+        check_programs(folder)
+    except OSError:
+        return False
+    except Refusal as error:
+        note([f"Compiled programs are not kept: {error}."])
+        return False
+    atexit.register(seal_programs, folder)
+    return True

@@ -1,0 +1,282 @@
+"""Commands of declared studies: request, progress, folder, resumption, output and exit code, made once for all."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from glucoloop.cli.command import Command
+from glucoloop.cli.errors import interrupted
+from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
+from glucoloop.cli.progress import counted
+from glucoloop.cli.request import Output, Request, completed, request_of
+from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
+from glucoloop.cli.trial_progress import Computing
+from glucoloop.display_units import in_shown_units, showing
+from glucoloop.refusal import Refusal
+from glucoloop.situations.request import read_root
+from glucoloop.studies.study import PlainStudy, SearchStudy, Study, TrialStudy
+from glucoloop.text import how_many
+
+if TYPE_CHECKING:
+    from glucoloop.storage.findings import Findings
+    from glucoloop.storage.resumable import ResumableFolder, Work
+    from glucoloop.storage.trials.folder import TrialFolder
+
+F = TypeVar("F", bound="ResumableFolder")
+
+TABLES = "tables.tex"
+"""File of every study with its tables as LaTeX."""
+_SELDOM = ("sample_time_min", "allow_unusual", "meal_size_spread_pct", "meal_time_spread_min")
+"""Settings that the help of a study only names, unless the study says otherwise."""
+
+
+def command_of_study(study: Study) -> Command:
+    """The command of a study."""
+    return Command(study.name, study.help, study_options(study), functools.partial(_run, study), more=study.name)
+
+
+def study_options(study: Study) -> tuple[CommandOption, ...]:
+    """Options of a study: the settings of what it asks for, in its words, and where its results go."""
+    options = options_of(study.request)
+    if isinstance(study, TrialStudy):
+        options += (WORKERS, DASK) if study.on_clusters else (WORKERS,)
+    help_of_output = {}
+    if not isinstance(study, PlainStudy):
+        out = f"Folder of {study.what}; an unfinished one is resumed."
+        help_of_output = {"out": out, "overwrite": "Begin again in the folder."}
+    nested = any(option.key == "patient" for option in options)  # others have no setting that is not an option
+    output = tuple(option for option in OUTPUT if nested or option is not SET)
+    options += ((JSON,) if isinstance(study, PlainStudy) and not study.keeps_files else output) + (UNITS,)
+    rare = {**dict.fromkeys(_SELDOM, True), **study.option_texts.get("rare", {})}
+    texts = {**study.option_texts, "help": {**help_of_output, **study.option_texts.get("help", {})}, "rare": rare}
+    return tuple(reworded(options, **texts))
+
+
+def _run(study: Study, typed: Given) -> None:
+    """Check the request, carry it out or go on with it, and print the results."""
+    request = request_of(typed, study_options(study))
+    read_root(study.request, request.tree)
+    with showing(typed.get(UNITS.key, "mg/dl")):
+        _carry_out(study, request, typed)
+
+
+def _carry_out(study: Study, request: Request, typed: Given) -> None:
+    if isinstance(study, TrialStudy):
+        _run_trial(study, request, Computing.of(typed))
+    elif isinstance(study, SearchStudy):
+        _run_search(study, request)
+    elif isinstance(study, PlainStudy):
+        _run_plain(study, request)
+    else:
+        raise TypeError(f"{type(study).__name__} is no kind of study")
+
+
+@dataclass(frozen=True)
+class _StudyRun:
+    """A study whose request is complete."""
+
+    study: Study
+    output: Output
+    module: Any
+    asked: Any
+
+    @classmethod
+    def of(cls, study: Study, request: Request) -> _StudyRun:
+        """Complete the request, and import the module that does the work."""
+        asked = completed(request, study.request)
+        module: Any = importlib.import_module(study.module)
+        run = cls(study, request.output, module, asked)
+        note(map(in_shown_units, run.sentences("notes", asked)))
+        return run
+
+    def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
+        """Work that a folder keeps."""
+        from glucoloop.storage.resumable import Work
+
+        return Work(
+            command=self.study.name,
+            what=what,
+            keys=self.asked.tree(whole=True),
+            given=self.asked.tree(),
+            final=_final(self.study),
+            may_change=frozenset(may_change),
+        )
+
+    def carry_out(self, opened: AbstractContextManager[F], compute: Callable[[F], Findings]) -> Findings:
+        """Begin, or go on with, the work of a folder and finish it; after Ctrl-C, print how much is kept."""
+        from glucoloop.storage.findings import Findings
+
+        folder: F | None = None
+        try:
+            with opened as folder:
+                note(folder.notes)
+                if folder.finished:
+                    note([f"{folder.path} was finished before; nothing is computed again."])
+                    return Findings.read(folder.path / self.study.summary)
+                if folder.done:
+                    note([f"{folder.progress} of {folder.path} are there already; going on."])
+                found = compute(folder)
+                folder.finish(self.files_of(found))
+                return found
+        except KeyboardInterrupt:
+            if folder is None:
+                raise
+            interrupted(f"interrupted; {folder.progress} are kept, the same command goes on")
+
+    def files_of(self, found: Findings) -> dict[str, bytes]:
+        """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
+        from glucoloop.report.latex import latex_tables
+
+        name = self.study.name
+        with stage("Drawing"):
+            tables = latex_tables(self.module.tables(self.asked, found), name, f"glucoloop {name}")
+            drawn: Mapping[str, bytes] = self.module.drawn(self.asked, found)
+            return {**found.files(self.study.summary), TABLES: tables.encode(), **drawn}
+
+    def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
+        """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
+        with found.refusing_damage():
+            notes = tuple(map(in_shown_units, found.plain.get("notes", ())))
+            tables = tuple(self.module.tables(self.asked, found))
+            conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.asked, found)))
+            how_to_go_on = tuple(self.sentences("how_to_go_on", found, files))
+        if self.output.json:
+            print_json(found.plain, files, found.plain.get("notes", ()))
+            return
+        with found.refusing_damage():
+            for table in tables:
+                show(table)
+        place = where_written(self.output.out, files) if written is None else written
+        for line in (*conclusions, *notes, *([place] if place else []), *how_to_go_on):
+            print_text(line)
+
+    def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
+        """Sentences by a function that the module may lack."""
+        found: Iterable[str] = getattr(self.module, function)(*arguments) if hasattr(self.module, function) else ()
+        return found
+
+
+def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
+    from glucoloop.storage.trials.folder import SHARDS, TrialFolder, trial_folder
+
+    out = _needed_folder(study, request.output)
+    _refuse_unusable(study, out, TrialFolder, SHARDS, overwrite=request.output.overwrite)
+    run = _StudyRun.of(study, request)
+    module = run.module
+
+    work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
+    if request.output.overwrite:
+        from glucoloop.cohorts.engine import prepare
+
+        with stage("Designing controllers"):
+            prepare(trial)  # what cannot be designed must not cost earlier work
+
+    def compute(folder: TrialFolder) -> Findings:
+        before = folder.people_done()
+        where.compute(folder)
+        note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
+        with stage("Summing up"):
+            found: Findings = module.found(run.asked, folder)
+            return found
+
+    found = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
+    files = _paths(out, *work.final, work.configuration)
+    run.print_results(found, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
+
+
+def _run_search(study: SearchStudy, request: Request) -> None:
+    output = request.output
+    out = _needed_folder(study, output) if study.needs_folder else output.place
+    from glucoloop.storage.rows import RowsFolder, rows_folder
+
+    if out is not None:
+        _refuse_unusable(study, out, RowsFolder, study.results, overwrite=output.overwrite)
+    run = _StudyRun.of(study, request)
+    module = run.module
+    row_kind = module.rows(run.asked)
+
+    def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
+        with stage("Preparing"):
+            prepared = module.search(run.asked)
+        total, before = map(row_kind.amount, (row_kind.wanted, len(rows)))
+        with counted(total, before, row_kind.unit or row_kind.what, rate_over_s=row_kind.rate_over_s) as more:
+            for number, row in enumerate(prepared.missing(rows[:]), start=len(rows)):
+                add(row)
+                more(row_kind.work(number))
+        with stage("Summing up"):
+            found: Findings = prepared.found(rows)
+            return found
+
+    if out is None:
+        rows: list[Any] = []
+        run.print_results(search(rows, rows.append), {})
+        return
+    work = run.work("search", study.extent)
+    opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
+    found = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
+    run.print_results(found, _paths(out, *work.final, row_kind.file, work.configuration))
+
+
+def _run_plain(study: PlainStudy, request: Request) -> None:
+    files: dict[str, str] = {}
+    with (
+        request.output.folder(f"{study.name}.toml", study.summary)
+        if study.keeps_files
+        else contextlib.nullcontext() as folder
+    ):
+        run = _StudyRun.of(study, request)
+        asked = run.asked
+        module = run.module
+        shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
+        with shown as progress:
+            found = module.found(asked, progress)
+        if folder is not None:
+            from glucoloop.situations.toml import toml_text
+
+            configuration = f"{study.name}.toml"
+            text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
+            for name, data in {configuration: text.encode(), **run.files_of(found)}.items():
+                folder.write(name, data)
+            files = folder.paths()
+    run.print_results(found, files, None if study.keeps_files else "")
+    if found.plain.get("interrupted"):
+        amount, unit = module.amount(asked), study.unit
+        interrupted(
+            f"interrupted; of {amount} {unit} {found.plain[unit]} were checked to the end; their results follow"
+        )
+    if not (found.plain.get("holds", True) and found.plain.get("complete", True)):
+        sys.exit(1)
+
+
+def _needed_folder(study: Study, output: Output) -> Path:
+    """The output folder of a study that is always kept in one."""
+    if output.out is None:
+        raise Refusal(f"--out is missing; {study.what} is kept in a folder, name one like --out {study.name}")
+    return output.out
+
+
+def _final(study: Study) -> tuple[str, ...]:
+    """Files that are written when everything is done."""
+    return (*study.files, TABLES, study.summary)
+
+
+def _refuse_unusable(study: Study, out: Path, kind: type[ResumableFolder], results: str, *, overwrite: bool) -> None:
+    """Refuse, before anything is imported or computed, a folder that the study can never use."""
+    from glucoloop.storage.resumable import refuse_unusable
+
+    names = (f"{study.name}.toml", results, *_final(study))
+    what = "trial" if isinstance(study, TrialStudy) else "search"
+    refuse_unusable(out, what, kind.record, names, overwrite=overwrite)
+
+
+def _paths(out: Path, *files: str) -> dict[str, str]:
+    return {name: str(out / name) for name in files}

@@ -1,0 +1,9 @@
+"""Parts: everything that a user names, as a name with settings, in one grammar for command line, files and Python.
+
+Here is what a part is; the parts themselves are declared beside what they make, and `catalogue.HOMES` says where.
+"""
+
+from glucoloop.component.ranges import Tuned
+from glucoloop.component.setting import About, Default, usual
+
+__all__ = ["About", "Default", "Tuned", "usual"]

@@ -1,0 +1,112 @@
+"""Every part of a kind by its name: those of this package, and those of others by entry point or ``module:Class``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, Generic, TypeVar
+
+from glucoloop.component.code import added, entry_points, loaded
+from glucoloop.component.grammar import NAME, Tree, as_table, part_tree, place, plain
+from glucoloop.component.part import Part, read
+from glucoloop.component.setting import known_names
+from glucoloop.refusal import Refusal
+
+P = TypeVar("P", bound=Part)
+
+HOMES: Final = {
+    "patient": "glucoloop.patients.settings:PATIENTS",
+    "meal model": "glucoloop.meals.settings:MEAL_MODELS",
+    "rescue": "glucoloop.meals.settings:RESCUES",
+    "habit": "glucoloop.meals.habits:HABITS",
+    "scenario": "glucoloop.situations.scenarios:SCENARIOS",
+    "sensor": "glucoloop.sensors.settings:SENSORS",
+    "pump": "glucoloop.pumps.settings:PUMPS",
+    "fault": "glucoloop.faults:FAULTS",
+    "controller": "glucoloop.control.catalogue:CONTROLLERS",
+    "estimator": "glucoloop.estimation.unknown_meal.settings:ESTIMATORS",
+    "guard": "glucoloop.control.guard_settings:GUARDS",
+    "rhythm": "glucoloop.physiology.settings:RHYTHMS",
+    "metric": "glucoloop.metrics.settings:METRICS",
+    "sampler": "glucoloop.tuning.settings:SAMPLERS",
+    "model": "glucoloop.models.settings:MODELS",
+    "reader": "glucoloop.records.readers:READERS",
+}
+"""Catalogue of each kind, as ``module:attribute``."""
+
+
+class Catalogue(dict[str, type[P]], Generic[P]):
+    """Parts of one kind by name; `find` adds those of other packages.
+
+    Parameters
+    ----------
+    base : type
+        Class of which each part is a subclass; its ``kind`` names the kind, and its entry points are in the group
+        ``glucoloop.<kind>s``, with an underscore for a space.
+    parts : iterable of type
+        Parts of this package, the usual one first.
+    example : str
+        Text of a part, for messages.
+    unnamed : bool
+        Whether a text or a table without a name is one of the usual part.
+    """
+
+    def __init__(self, base: type[P], parts: Iterable[type[P]], *, example: str, unnamed: bool = False) -> None:
+        super().__init__({part.name: part for part in parts})
+        self._base, self.example, self.unnamed = base, example, unnamed
+        self._group = f"{base.kind.replace(' ', '_')}s"
+        base.catalogue = self  # type: ignore[attr-defined]
+
+    @property
+    def usual(self) -> str:
+        """Name of the part that is usual."""
+        return next(iter(self))
+
+    def names(self) -> list[str]:
+        """Names of all parts, those of other packages included, which are not imported."""
+        return [*self, *sorted(entry_points(self._group))]
+
+    def find(self, name: str) -> type[P]:
+        """A part by name: of this package, of another one, or ``module:Class``."""
+        if name in self:
+            return self[name]
+        kind, part = self._base.kind, added(self._group, name)
+        if part is None:
+            raise Refusal(f"unknown {kind} {name!r}; {known_names(name, self.names())}")
+        if not (isinstance(part, type) and issubclass(part, self._base)):
+            raise Refusal(f"{name} is no {kind}: make it a class of {self._base.__name__}")
+        if not part.name:
+            part.name = name
+        return part
+
+    def choose(self, text: str) -> P:
+        """A part from its text, with its defaults for the settings that it does not give."""
+        return self.parse(text).completed()
+
+    def parse(self, text: str, where: str = "") -> P:
+        """A part from its text; what it does not give is left to be completed."""
+        return self.read(self.tree(text, where))
+
+    def tree(self, text: str, where: str = "") -> Tree:
+        """Tree of a part from its text."""
+        return part_tree(text, where, self.example)
+
+    def read(self, tree: Any, *, allow_unusual: bool = True) -> P:
+        """A part from its tree, or from its text as a leaf of one; `allow_unusual` as for `part.read`."""
+        tree = as_table(tree, self.tree)
+        where = place(tree)
+        try:
+            if not isinstance(tree, Mapping):
+                raise Refusal(f"{plain(tree)!r} is no {self._base.kind}; give a text like {self.example!r}, or a table")
+            name = plain(tree.get(NAME, self.usual if self.unnamed else None))
+            if not isinstance(name, str) or not name:
+                given = f"no {self._base.kind} is named" if name is None else f"{name!r} names no {self._base.kind}"
+                raise Refusal(f"{given}; begin with its name, like {self.example!r}")
+            part = self.find(name)
+        except Refusal as error:
+            raise error.within(where) from None
+        return read(part, tree, allow_unusual=allow_unusual)
+
+
+def catalogues() -> dict[str, Catalogue[Any]]:
+    """Every catalogue by the kind of its parts."""
+    return {kind: loaded(home) for kind, home in HOMES.items()}

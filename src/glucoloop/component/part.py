@@ -1,0 +1,330 @@
+"""A part: a frozen class whose annotated fields are its settings, and which knows what was given to it.
+
+A part is declared once, beside its science::
+
+    class Lag(SensorPart, name="lag"):
+        \"\"\"Glucose behind a first-order lag, as under the skin.\"\"\"
+
+        lag_min: Annotated[float, About("Time constant of the lag.", above=0.0, at_most=120.0)] = 10.0
+
+The grammar of the command line, files, help, checks and documentation follow from the declaration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
+
+from glucoloop.component.code import loaded
+from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
+from glucoloop.component.setting import ALL_SETTINGS, Default, Setting, WithUnit, declared_setting, known_names, usual
+from glucoloop.refusal import Refusal
+from glucoloop.unit_guess import Quantity
+
+_SCALARS: Final = (int, float, str, bool)
+P = TypeVar("P", bound="Part")
+_RESERVED: Final = (NAME, "label", "given", "where", "called", "kind", "usual", "sources", NONE)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(usual,))
+class Part:
+    """Something that a user names, with settings. Making one checks them.
+
+    A class is a part under the name that it is given: ``class Lag(SensorPart, name="lag")``. A class without a name
+    is a common declaration of settings.
+
+    Raises
+    ------
+    Refusal
+        For a value out of its bounds, or at odds with another; ``ArgumentTypeError`` for one of another type.
+    """
+
+    kind: ClassVar[str] = "part"
+    name: ClassVar[str] = ""
+    summary: ClassVar[str] = ""
+    sources: ClassVar[tuple[str, ...]] = ()
+    """Publications that the part is made after: keys of `component.references`, or whole references as texts."""
+    may_have: ClassVar[tuple[str, ...]] = ()
+    """Reserved names that settings of this class may have all the same."""
+    any_number: ClassVar[Quantity | None] = None
+    """Plausible range of numbers whose settings declare none."""
+    refused: ClassVar[tuple[str, ...]] = ()
+    """Settings of a class that this one extends which cannot be given here."""
+    given: ClassVar[Mapping[str, Any]] = {}
+    """The settings that were given, of each part; the class has none."""
+    where: ClassVar[str] = ""
+    """Option or file in which each part stood; empty for one that was made in Python."""
+    called: ClassVar[str] = ""
+    """Name by which each part was asked for, ``module:Class`` for one that no package has entered."""
+
+    if typing.TYPE_CHECKING:
+
+        def __init_subclass__(cls, *, name: str = "") -> None: ...
+
+    else:
+
+        def __init_subclass__(cls, name: str = "", **more: Any) -> None:
+            super().__init_subclass__(**more)
+            if name:
+                cls.name = name
+            _inherit_annotations(cls)
+            cls.summary = (vars(cls).get("__doc__") or "").partition("\n")[0].rstrip(".")
+            dataclasses.dataclass(frozen=True)(cls)
+            for field in dataclasses.fields(cls):
+                if field.name in _RESERVED and field.name not in cls.may_have:
+                    raise TypeError(
+                        f"a setting of {cls.__name__} is called {field.name!r}, as of every part; rename it"
+                    )
+            cls.__init__ = _checking(cls, cls.__init__)
+
+    def __post_init__(self) -> None:
+        """Refuse settings that are at odds with one another."""
+
+    @classmethod
+    def settings(cls) -> Mapping[str, Setting]:
+        """Settings of the part by name, as its fields declare them; each has a description and a default."""
+        found: dict[str, Setting] | None = vars(cls).get("_settings")
+        if found is None:
+            found = {}
+            hints = typing.get_type_hints(cls, include_extras=True)
+            for field in dataclasses.fields(typing.cast(Any, cls)):
+                if field.default is dataclasses.MISSING:
+                    raise TypeError(f"the setting {field.name} of {cls.__name__} has no default; give it one")
+                default = Default(field.default, field.metadata.get("noisy"))
+                found[field.name] = declared_setting(field.name, hints[field.name], default)
+            type.__setattr__(cls, "_settings", found)
+        return found
+
+    @classmethod
+    def facts(cls) -> dict[str, Any]:
+        """Further plain values for a list of parts, beside the settings."""
+        return {}
+
+    @classmethod
+    def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
+        """Usual settings for a route of insulin, where they differ from the defaults."""
+        return {}
+
+    @classmethod
+    def setting(cls, name: str) -> Setting:
+        """A setting by name, also without the unit at its end; Refusal if there is no such setting."""
+        found = cls.settings().get(name)
+        if found is None:
+            alike = [setting for setting in cls.settings().values() if setting.name_without_unit == name]
+            if len(alike) == 1:
+                return alike[0]
+            whose = f"the {cls.kind} {cls.name}" if cls.name else _with_article(cls.kind)
+            known = [known for known in cls.settings() if known not in cls.refused]
+            raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=ALL_SETTINGS)}")
+        return found
+
+    @classmethod
+    def partial(cls, given: Mapping[str, Any], where: str = "", asked: str = "") -> Self:
+        """The part with some settings given and the others to be completed; settings are not compared before.
+
+        An unknown setting, and a value of another type or out of its bounds, are refused. `where` is the option or file
+        in which the part stood, and `asked` the name by which it was asked for, if that is not its own.
+        """
+        made = object.__new__(cls)
+        values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
+        for name, setting in cls.settings().items():
+            object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
+        return made._noted(values, where, asked)
+
+    def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
+        for key, value in (("given", given), ("where", where), ("called", name or self.name)):
+            object.__setattr__(self, key, value)
+        return self
+
+    def completed(self, usual: Mapping[str, Any] | None = None, *, noisy: bool = False) -> Self:
+        """The part with a value for every setting: for those that were not given, the usual one or the default.
+
+        Usual ones are values, or a `Default` that depends on noise. Settings that are at odds with one another are
+        refused.
+        """
+        values = dict(self.given)
+        for name, setting in self.settings().items():
+            value = (usual or {}).get(name, setting.default)
+            values.setdefault(name, value.value(noisy=noisy) if isinstance(value, Default) else value)
+        try:
+            whole = type(self)(**values)
+        except Refusal as error:
+            raise error.within(self.where) from None
+        return whole._noted(self.given, self.where, self.called)
+
+    def values(self) -> dict[str, Any]:
+        """Every setting with its value."""
+        return {name: getattr(self, name) for name in self.settings()}
+
+    def tree(self, *, whole: bool = False) -> Tree:
+        """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
+        found: Tree = {NAME: self.called} if self.called else {}
+        for name, value in (self.values() if whole else self.given).items():
+            if name not in self.refused:
+                left_out = value is None and not whole and self.setting(name).is_part
+                found[name] = NONE if left_out else _plain(value, whole)
+        return found
+
+    @property
+    def text(self) -> str:
+        """Text from which the same part is read, with every setting."""
+        return part_text(self.tree(whole=True))
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def _inherit_annotations(part: type[Part]) -> None:
+    """A default that a class gives without a description is one of the setting that it inherits."""
+    inherited = next((base for base in part.__mro__[1:] if dataclasses.is_dataclass(base)), None)
+    known = () if inherited is None else dataclasses.fields(typing.cast(Any, inherited))
+    changed = [field.name for field in known if field.name in vars(part)]
+    if changed:
+        hints, new = (typing.get_type_hints(cls, include_extras=True) for cls in (inherited, part))
+        undescribed = [name for name in changed if not hasattr(new.get(name), "__metadata__")]
+        part.__annotations__ = {**inspect.get_annotations(part), **{name: hints[name] for name in undescribed}}
+
+
+def _with_article(noun: str) -> str:
+    return f"{'an' if noun[:1] in 'aeio' else 'a'} {noun}"
+
+
+def _plain(value: Any, whole: bool) -> Any:
+    if isinstance(value, Part | WithUnit):
+        return value.tree(whole=whole) if isinstance(value, Part) else value.text
+    return [_plain(item, whole) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _bare(value: Any) -> Any:
+    """A value without the text in which a number of it was given."""
+    if isinstance(value, tuple):
+        return tuple(map(_bare, value))
+    return float(value) if isinstance(value, WithUnit) else value
+
+
+def _checking(part: type[Part], plain_init: Callable[..., None]) -> Callable[..., None]:
+    """Constructor that takes numbers of NumPy and JAX as well, and refuses what is out of bounds."""
+
+    @functools.wraps(plain_init)
+    def init(self: Part, *args: Any, **kwargs: Any) -> None:
+        if type(self) is not part:  # a class that extends this one checks all of its settings itself
+            plain_init(self, *args, **kwargs)
+            return
+        names = list(part.settings())
+        given = {**dict(zip(names, args, strict=False)), **kwargs}
+        if len(args) > len(names) or len(given) < len(args) + len(kwargs) or not given.keys() <= set(names):
+            plain_init(self, *args, **kwargs)  # Python says itself what is too much
+        values = {name: _bare(_taken(part, name, value)) for name, value in given.items()}
+        plain_init(self, **values)
+        self._noted(values, "", "")
+
+    return init
+
+
+def _taken(part: type[Part], name: str, value: Any) -> Any:
+    """A value within its bounds, in the type of its setting."""
+    setting = part.settings()[name]
+    if setting.kind not in _SCALARS or setting.many:
+        return setting.check(value)
+    value = setting.read(value) if _has_unit(setting, value) else value
+    of_python = type(value) in (*_SCALARS, WithUnit) or value is None
+    if not (of_python and (setting.choices or setting.has_type(value) or (value is None and setting.optional))):
+        from glucoloop.arguments import converted, is_traced  # which imports JAX
+
+        value = converted(name, value, setting.kind, part.__name__)
+        if is_traced(value):
+            return value
+    return setting.check(value)
+
+
+def read(part: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = True, where: str | None = None) -> P:
+    """A part from a tree of given values, of which some may be texts; parts in it are read by their catalogues.
+
+    Values that are possible and implausible are taken only with `allow_unusual`. `where` is the option or file in which
+    the part stands, by default that of its first value.
+    """
+    values: dict[str, Any] = {}
+    places: dict[str, str] = {}
+    for key, leaf in tree.items():
+        if key == NAME:
+            continue
+        at = place(leaf)
+        if key in part.refused:
+            what = at if at.startswith("--") else f"{at}: {key}" if at else key
+            raise Refusal(f"{what} is no part of {_with_article(part.kind)}; leave it out")
+        try:
+            setting = part.setting(key)
+        except Refusal as error:
+            raise error.within(at) from None
+        key = setting.name
+        if places.setdefault(key, at) == at and key in values:
+            raise Refusal(f"{at}: {key} is given twice, once without its unit; leave one out")
+        if setting.is_part:
+            values[key] = _parts(setting, leaf, allow_unusual)
+            continue
+        value, called = _value(setting, leaf), ": ".join(filter(None, (at, part.name if NAME in tree else "")))
+        first = leaf[0] if isinstance(leaf, list) and leaf else leaf
+        if isinstance(first, GivenValue) and first.by_option:
+            setting, called = setting.renamed(at), ""
+        values[key] = setting.check(value, called)
+        if not allow_unusual:
+            setting.refuse_unusual(values[key], ": ".join(filter(None, (called, setting.name))), part.any_number)
+    return part.partial(values, place(tree) if where is None else where, plain(tree.get(NAME, "")))
+
+
+def _value(setting: Setting, leaf: Any) -> Any:
+    """The value of a leaf, read from its text where it has no type yet."""
+    if isinstance(leaf, list):
+        return tuple(_value(setting, item) for item in leaf)
+    value = plain(leaf)
+    if not isinstance(value, str):
+        return value
+    typed = isinstance(leaf, GivenValue) and leaf.text
+    return setting.read(value) if typed or _has_unit(setting, value) else value
+
+
+def _has_unit(setting: Setting, value: Any) -> bool:
+    """Whether a value is a text with a unit, such as ``"10h"``, which files and Python may hold too."""
+    return setting.kind is float and isinstance(value, str) and not value.rstrip()[-1:].isdecimal()
+
+
+def _parts(setting: Setting, leaf: Any, allow_unusual: bool) -> Any:
+    catalogue = setting.kind.catalogue
+    if setting.optional and plain(leaf) in (None, NONE):
+        return None
+    if setting.many:
+        items = leaf if isinstance(leaf, list) else [leaf]
+        return tuple(catalogue.read(item, allow_unusual=allow_unusual) for item in items)
+    if isinstance(leaf, list):
+        raise Refusal(f"{place(leaf)}: {setting.name} is a list; give one, a table with a {NAME}")
+    return catalogue.read(leaf, allow_unusual=allow_unusual)
+
+
+class MadePart(Part):
+    """A part of which a function makes something.
+
+    It is called with all settings by name, and with what else is known if it has a parameter of that name. A class that
+    overrides `made` needs no such function.
+    """
+
+    make: ClassVar[str] = ""
+    """The function, as ``module:function``; a class will do."""
+
+    def made(self, **known: Any) -> Any:
+        """Object that the part stands for; making it imports JAX."""
+        return self.made_of(self.values(), known)
+
+    @classmethod
+    def takes(cls, name: str) -> bool:
+        """Whether the function has a parameter of a name, or `made` of a class that overrides it."""
+        return name in inspect.signature(loaded(cls.make) if cls.make else cls.made).parameters
+
+    def made_of(self, settings: Mapping[str, Any], known: Mapping[str, Any]) -> Any:
+        """Object that the function makes of these settings, and of what it takes of the rest."""
+        maker = loaded(self.make)
+        taken = inspect.signature(maker).parameters
+        return maker(**settings, **{name: value for name, value in known.items() if name in taken})

@@ -1,0 +1,68 @@
+"""All functions of the page, lowered one by one, so that all controllers share one plant.
+
+A sample is `simulation.loop.sample` taken apart: the sensor with noise and faults (`devices`), the controller
+(`controllers`), the pump, and the patient (`body`). Dead time is a line of readings, which the page keeps. What a
+person can change on the page is an input of a function, and not part of it: the numbers of the patients, the limits of
+pump and guard, the noise, the faults, the meals, and the controllers with all that their designs compute.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import jax
+import numpy as np
+
+from glucoloop.lab.controllers import (
+    LOOPED,
+    Adjustable,
+    adjustable,
+    controller_parts,
+    controllers_of,
+    guard_program_of,
+    program_of,
+)
+from glucoloop.lab.device_functions import pump_parts, sensor_parts
+from glucoloop.lab.loop_functions import guard_parts, looped_parts
+from glucoloop.lab.lowered_function import CompiledPart
+from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_parts, plant_part
+from glucoloop.lab.people import draw_part, person_part
+from glucoloop.refusal import Refusal
+
+GUARDED: Final = "_guarded"
+
+
+def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
+    """All functions of the page, by the name under which the module exports them."""
+    found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
+    for family in families:
+        name = re.sub(r"\W", "_", family)
+        found[f"{name}_plant"] = plant_part(family)
+        found |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
+        if not by_equations(family):
+            found[f"{name}_person"] = person_part(family)
+    shapes: dict[str, tuple[object, ...]] = {}
+    of_families = ((family, name) for family in families for name in controllers_of(family))
+    for (family, name), guard in itertools.product(of_families, (False, True)):
+        if name in LOOPED:
+            program = guard_program_of(family) if guard else program_of(name, family)
+            if f"{program}_step" not in found:
+                made = guard_parts(family) if guard else looped_parts(family)
+                found |= {f"{program}_{what}": compiled for what, compiled in made.items()}
+            continue
+        program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
+        shape = _shape(adjusted)
+        if program not in shapes:
+            found |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
+        if shapes.setdefault(program, shape) != shape:
+            raise Refusal(f"{name} of {family} is not of the form of the program {program}")
+    return found
+
+
+def _shape(controller: Adjustable) -> tuple[object, ...]:
+    """Structure and shapes of a controller, which its program depends on."""
+    leaves, structure = jax.tree.flatten(controller.example)
+    return structure, *map(np.shape, leaves)

@@ -1,9 +1,0 @@
-"""Parts: everything that a user names, as a name with settings, in one grammar for command line, files and Python.
-
-Here is what a part is; the parts themselves are declared beside what they make, and `catalogue.HOMES` says where.
-"""
-
-from glucoloop.parts.ranges import Tuned
-from glucoloop.parts.setting import About, Default, usual
-
-__all__ = ["About", "Default", "Tuned", "usual"]

@@ -1,0 +1,75 @@
+"""Sensitivity to insulin over the day and from day to day, as Visentin et al. (2015) find it.
+
+In each of three periods, from 04:00, 11:00 and 17:00, a person's sensitivity is high, which is the person's own, or
+low, 0.4 times that. Which of seven patterns people have, they find from measurements at three meals of the day. From
+day to day the factor of each period is multiplied by a normal number of mean 1 and standard deviation 0.2, which is
+drawn within three standard deviations here. The period after midnight is still that of the evening before.
+
+In the simulator of the paper the factor acts on the constants kp3 and Vmx, by which insulin acts on the liver and on
+tissue. Which constants they are in another model is what its patient declares as ``insulin_sensitivity``.
+
+References
+----------
+R. Visentin, C. Dalla Man, Y. C. Kudva, A. Basu, C. Cobelli, "Circadian variability of insulin sensitivity:
+physiological input for in silico artificial pancreas", Diabetes Technol. Ther. 17(1), 2015, 1-7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr, ndtri
+
+from glucoloop.physiology.protocol import Changes, Floats
+from glucoloop.threefry import uniforms
+from glucoloop.units import MIN_PER_DAY
+
+PERIODS_MIN: Final = (240.0, 660.0, 1020.0)
+"""Time of day at which each period begins."""
+PROBABILITIES: Final = {"hhh": 0.10, "hhl": 0.05, "hlh": 0.05, "hll": 0.10, "lhh": 0.20, "lhl": 0.20, "llh": 0.30}
+FACTORS: Final = {"h": 1.0, "l": 0.4}
+_WITHIN_SD: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Visentin2015:
+    """The rhythm of a pattern, or of the one that each person draws; implements `Rhythm`.
+
+    Parameters
+    ----------
+    pattern : str
+        One of `PROBABILITIES`, or ``"drawn"``.
+    day_spread_pct : float
+        Standard deviation of the daily factor, in percent; 0 for days that are alike.
+    """
+
+    pattern: str = "drawn"
+    day_spread_pct: float = 20.0
+
+    def changes(self, clock_min: Floats, seed: int, person: npt.NDArray[np.int64]) -> Changes:
+        """Factors on sensitivity ``(n, people)``."""
+        # the periods since that of the evening before the first midnight
+        day, minute = np.divmod(np.asarray(clock_min, float), MIN_PER_DAY)
+        number = 3 * day.astype(int) + np.searchsorted(PERIODS_MIN, minute, side="right")
+        highs = np.array([[FACTORS[letter] for letter in pattern] for pattern in PROBABILITIES])
+        levels = highs[patterns_of(self.pattern, seed, person)]
+        periods, which = np.unique(number, return_inverse=True)
+        factors = levels[:, (periods - 1) % 3].T
+        if self.day_spread_pct > 0.0:
+            below = ndtr(-_WITHIN_SD)
+            for row, period in enumerate(periods):
+                uniform = uniforms(seed, "sensitivity of a period", person, int(period))
+                deviation = ndtri(below + (1.0 - 2.0 * below) * uniform)
+                factors[row] *= 1.0 + self.day_spread_pct / 100.0 * deviation
+        return Changes(sensitivity=factors[which])
+
+
+def patterns_of(pattern: str, seed: int, person: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
+    """Place of each person's pattern ``(people,)`` among `PROBABILITIES`."""
+    if pattern != "drawn":
+        return np.full(person.size, list(PROBABILITIES).index(pattern))
+    least = np.cumsum(list(PROBABILITIES.values()))[:-1]
+    return np.searchsorted(least, uniforms(seed, "pattern of sensitivity", person), side="right")

@@ -1,0 +1,77 @@
+"""Parker, Doyle and Peppas (1999): what is asked for of its reproduction."""
+
+from __future__ import annotations
+
+import functools
+from typing import Annotated, ClassVar, Final, Literal
+
+from glucoloop.component.part import Part
+from glucoloop.limits import LARGEST_SEED
+from glucoloop.situations.option import Option
+from glucoloop.studies.study import PlainStudy
+
+POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
+SEEDS: Final = 60
+QUICK_SEEDS: Final = 3
+MOST_SEEDS: Final = 1000
+_part = functools.partial(Option, panel="Parts of the paper")
+_extent = functools.partial(Option, panel="How much")
+
+
+class Reproduction(Part):
+    """Parts of the paper that are reproduced, and the number of runs."""
+
+    kind: ClassVar = "reproduction"
+
+    paper: Annotated[Literal["parker1999"], Option("The study: parker1999.", flag="PAPER", metavar="PAPER")] = (
+        "parker1999"
+    )
+    operating_point: Annotated[
+        tuple[str, ...],
+        _part("One of its operating points; repeat it for more.", default="all"),
+    ] = POINTS
+    table: Annotated[
+        tuple[str, ...], _part("Only this table, I or II; repeat it for both.", metavar="N", default="all")
+    ] = ()
+    figure: Annotated[
+        tuple[str, ...], _part("Only this figure, 2 to 6; repeat it for more.", metavar="N", default="all")
+    ] = ()
+    seeds: Annotated[
+        int | None,
+        _extent(
+            "Runs of each noisy experiment.", default=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MOST_SEEDS
+        ),
+    ] = None
+    seed: Annotated[
+        int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - MOST_SEEDS)
+    ] = 1
+    quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Operating points, each once."""
+        return tuple(dict.fromkeys(self.operating_point))
+
+    @property
+    def runs(self) -> int:
+        """Number of runs of each noisy experiment."""
+        return self.seeds or (QUICK_SEEDS if self.quick else SEEDS)
+
+
+REPRODUCE: Final = PlainStudy(
+    name="reproduce",
+    what="a reproduction",
+    help=(
+        "Reproduce a published study and compare each number with the printed one.\n\n"
+        "parker1999: Parker, Doyle and Peppas, IEEE Trans. Biomed. Eng. 46(2), 1999. Every table, figure and claim is "
+        "reproduced at each of three operating points that the paper can be read to mean; numbers that do not "
+        "reproduce are listed with the reason where one is known.\n\n"
+        "  glucoloop reproduce parker1999 --out parker1999\n\n"
+        "  glucoloop reproduce parker1999 --quick --out glimpse\n\n"
+        "  glucoloop reproduce parker1999 --table II --figure 4 --out part"
+    ),
+    module="glucoloop.reproduction.parker1999.study",
+    request=Reproduction,
+    option_texts={"required": {"paper": False}},
+    summary="report.json",
+)

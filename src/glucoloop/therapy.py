@@ -1,0 +1,143 @@
+"""Therapy of a person: the profile that whoever doses insulin knows, and the action of rapid-acting insulin.
+
+It stands below patients and controllers, so that a population can hold a profile and a controller can ask for it
+without knowing a patient.
+
+References
+----------
+J. Walsh, R. Roberts, T. Bailey, "Guidelines for optimal bolus calculator settings in adults", J. Diabetes Sci. Technol.
+5(1), 2011, 129-135 (the rules of 500 and 1800 and their variants).
+The exponential curve of action is that of D. Maksimovic (2017), which oref0 (`lib/iob/calculate.js`) and LoopKit
+(`ExponentialInsulinModel`) use. It is given by the time at which the action is largest and that at which it ends.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from glucoloop._pytree import pytree
+from glucoloop.units import MIN_PER_DAY, MU_PER_U
+
+CARB_RULE: Final = 500.0
+"""Carbohydrate [g] that 1 U covers, times the total daily dose [U]; 450 to 500 are in use."""
+CORRECTION_RULE: Final = 1800.0
+"""Fall of glucose [mg/dl] by 1 U, times the total daily dose [U]; 1700 to 1960 are in use."""
+BASAL_SHARE: Final = 0.5
+"""Part of the total daily dose that is the basal rate."""
+_LEAST_DAILY_BASAL_U: Final = 0.5
+"""Least daily basal dose that the rules take, so that a person without a basal rate has finite numbers."""
+
+
+@pytree
+class Profile:
+    """Profile of one person, or of people ``(people,)``; None is known of nobody, and NaN is not known of the person.
+
+    The basal rate and the setpoint are always known: where no table gives them, they are those at which the person
+    rests.
+    """
+
+    basal_mU_min: Any
+    setpoint_mg_dl: Any
+    carb_ratio_g_U: Any = None
+    """Carbohydrate that 1 U covers."""
+    correction_mg_dl_U: Any = None
+    """Fall of glucose by 1 U."""
+    weight_kg: Any = None
+    total_daily_dose_U: Any = None
+
+    def daily_dose_U(self) -> jax.Array:
+        """Total daily dose; where it is not known, twice the daily basal dose."""
+        basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
+        by_basal = jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
+        return _known(self.total_daily_dose_U, by_basal)
+
+    def carb_ratio(self) -> jax.Array:
+        """Carbohydrate that 1 U covers [g/U]; where it is not known, by the rule of 500."""
+        return _known(self.carb_ratio_g_U, CARB_RULE / self.daily_dose_U())
+
+    def correction_factor(self) -> jax.Array:
+        """Fall of glucose by 1 U [mg/dl/U]; where it is not known, by the rule of 1800."""
+        return _known(self.correction_mg_dl_U, CORRECTION_RULE / self.daily_dose_U())
+
+    def like(self, other: Profile) -> Profile:
+        """The same profile of one person with just the fields that another one has; NaN where they are not known."""
+        own = {name: getattr(self, name) for name in other.by_name()}
+        return Profile(**{name: jnp.nan if value is None else value for name, value in own.items()})
+
+    def by_name(self) -> dict[str, Any]:
+        """The fields that are known of anybody, by name."""
+        return {
+            field.name: value for field in dataclasses.fields(self) if (value := getattr(self, field.name)) is not None
+        }
+
+
+def _known(value: Any, otherwise: jax.Array) -> jax.Array:
+    """A value where it is known, and another one elsewhere."""
+    return otherwise if value is None else jnp.where(jnp.isnan(value), otherwise, value)
+
+
+def given_profile(controller: Any, profile: Profile) -> Any:
+    """A controller for a person, or for people, with a profile.
+
+    A controller that doses by the profile has a method ``with_profile``, and one that only holds the basal rate
+    ``with_basal``; others take the rate from the pump when they start, and are returned unchanged.
+    """
+    if hasattr(controller, "with_profile"):
+        return controller.with_profile(profile)
+    if hasattr(controller, "with_basal"):
+        return controller.with_basal(jnp.asarray(profile.basal_mU_min))
+    return controller
+
+
+class RapidInsulin(NamedTuple):
+    """Times of a kind of insulin, in minutes."""
+
+    action_min: float
+    """Time from the beginning of the action to its end."""
+    peak_min: float
+    """Time from the beginning of the action to its peak, less than half of that to the end."""
+    delay_min: float
+    """Time from the dose to the beginning of the action."""
+
+
+INSULINS: Final = {
+    "rapid-adult": RapidInsulin(360.0, 75.0, 10.0),
+    "rapid-child": RapidInsulin(360.0, 65.0, 10.0),
+    "fiasp": RapidInsulin(360.0, 55.0, 10.0),
+    "lyumjev": RapidInsulin(360.0, 55.0, 10.0),
+}
+"""Insulins under the skin by name, of LoopKit's `ExponentialInsulinModelPreset`."""
+
+
+def action_per_min(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -> jax.Array:
+    """Part of a dose that acts in a minute, at a time after its action began; its area is 1.
+
+    ::
+
+        a(t) = S / tau^2 t (1 - t / t_d) exp(-t / tau),   tau = t_p (1 - t_p / t_d) / (1 - 2 t_p / t_d)
+        S = 1 / (1 - 2 tau / t_d + (1 + 2 tau / t_d) exp(-t_d / tau))
+    """
+    tau, _, S = _shape(action_min, peak_min)
+    t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
+    return S / tau**2 * t * (1.0 - t / action_min) * jnp.exp(-t / tau)
+
+
+def insulin_left(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -> jax.Array:
+    """Part of a dose that has not acted yet, at a time after its action began: 1 before it, and 0 after its end."""
+    tau, a, S = _shape(action_min, peak_min)
+    t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
+    course = (t**2 / (tau * action_min * (1.0 - a)) - t / tau - 1.0) * jnp.exp(-t / tau) + 1.0
+    return 1.0 - S * (1.0 - a) * course
+
+
+def _shape(action_min: ArrayLike, peak_min: ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Time constant, twice that over the time of action, and scale of the curve."""
+    action, peak = jnp.asarray(action_min, float), jnp.asarray(peak_min, float)
+    tau = peak * (1.0 - peak / action) / (1.0 - 2.0 * peak / action)
+    a = 2.0 * tau / action
+    return tau, a, 1.0 / (1.0 - a + (1.0 + a) * jnp.exp(-action / tau))

@@ -1,0 +1,40 @@
+"""A sensor without another one inside is the innermost of a chain; an ideal part before it only names the site."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import pytest
+
+from glucoloop.build.surroundings import sensor_of
+from glucoloop.sensors import Reading
+from glucoloop.sensors.settings import IdealSettings, LagSettings, SensorPart, WhiteNoiseSettings
+from glucoloop.situations.situation import Situation
+
+
+@dataclass(frozen=True)
+class Alone:
+    site: str | None
+
+    def init(self, glucose_mg_dl, key):
+        return ()
+
+    def read(self, state, glucose_mg_dl, key):
+        return state, Reading(glucose_mg_dl=glucose_mg_dl, valid=jnp.isfinite(glucose_mg_dl))
+
+
+class AlonePart(SensorPart, name="alone"):
+    """A sensor that has no other inside."""
+
+    def made(self, *, site=None, **known):
+        return Alone(site)
+
+
+def test_it_is_put_at_the_site_that_an_ideal_part_names():
+    chain = IdealSettings(site="interstitial"), AlonePart(), LagSettings(lag_min=8.0)
+    sensor = sensor_of(Situation(sensor=chain))
+    assert sensor.inner == Alone("interstitial")
+
+
+def test_it_is_refused_around_another():
+    with pytest.raises(ValueError, match="the sensor alone has no other one inside; give it first"):
+        sensor_of(Situation(sensor=(WhiteNoiseSettings(), AlonePart())))

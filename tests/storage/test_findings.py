@@ -1,0 +1,66 @@
+"""Findings that were read back are those of the study, or are refused in a sentence."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from rich.table import Table
+
+from glucoloop import Refusal
+from glucoloop.cli.study_command import _StudyRun
+from glucoloop.storage.findings import Findings
+
+
+def tables(asked, found):
+    table = Table("Name", "Value")
+    for row in found.rows:
+        table.add_row(row["name"], f"{row['value']:.1f}")
+    yield table
+
+
+RUN = _StudyRun(
+    study=SimpleNamespace(name="test"),
+    output=SimpleNamespace(json=False, out=None),
+    module=SimpleNamespace(tables=tables, sentences=lambda asked, found: [f"{len(found.rows)} rows."]),
+    asked=None,
+)
+WHOLE = {"version": "0", "rows": [{"name": "a", "value": 1.5}], "notes": ["A note."]}
+
+
+def read(tmp_path, plain):
+    place = tmp_path / "test.json"
+    place.write_text(plain if isinstance(plain, str) else json.dumps(plain))
+    return Findings.read(place)
+
+
+def test_whole_findings_are_shown_again(tmp_path, capsys):
+    RUN.print_results(read(tmp_path, WHOLE), {}, "")
+    assert "1.5" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"rows": None},
+        {"rows": [1]},
+        {"rows": [{}]},
+        {"rows": [{"name": "a", "value": "x"}]},
+        {"rows": [{"name": 1, "value": "1.5"}]},
+        {"notes": 1},
+        {"notes": [1]},
+    ],
+)
+def test_findings_of_another_form_are_refused(tmp_path, capsys, changed):
+    with pytest.raises(Refusal, match=r"test\.json does not hold what this study finds; move it away"):
+        RUN.print_results(read(tmp_path, {**WHOLE, **changed}), {}, "")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[" * 5000, '{"rows": NaN}', '{"rows": 1, "rows": 2}', '{"a": "\\ud800"}'])
+def test_a_file_of_no_findings_is_refused(tmp_path, text):
+    with pytest.raises(Refusal, match=r"test\.json is damaged"):
+        read(tmp_path, text)
+
+
+def test_a_bug_stays_a_bug(capsys):
+    with pytest.raises(KeyError):
+        RUN.print_results(Findings({"rows": [{}]}), {}, "")
