@@ -19,6 +19,7 @@ from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.protocol import Decision
 from glucoloop.gym import ENVIRONMENT
+from glucoloop.gym.environment import GlucoseEnv, GlucoseVectorEnv
 from glucoloop.gym.people import DosedPeople, _Nothing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
@@ -66,8 +67,9 @@ class Planned:
 @UNITS
 @pytest.mark.long
 def test_gymnasium_finds_nothing_to_object_to():
-    check_env(made().unwrapped)
-    check_env(made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True).unwrapped)
+    check_env(made().unwrapped, skip_render_check=True)  # of a window, which not every machine can open
+    other = made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True)
+    check_env(other.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.long
@@ -299,6 +301,29 @@ def test_a_copy_is_made_from_the_same_arguments_and_is_before_its_first_episode(
         for each in (env, again):
             each.close()
             each.close()
+
+
+@pytest.mark.long
+def test_a_picture_shows_the_episode_so_far(monkeypatch):
+    env = made(render_mode="rgb_array").unwrapped
+    with pytest.raises(Refusal, match="call reset first"):
+        env.render()
+    env.reset(seed=1)
+    first = env.render()
+    for _ in range(12):
+        env.step(np.array([1.0, 0.0]))
+    later = env.render()
+    assert first.shape == later.shape == (400, 640, 3)
+    assert first.dtype == np.uint8
+    assert not np.array_equal(first, later)
+    with pytest.raises(Refusal, match="unknown render_mode 'ansi'"):
+        GlucoseEnv(render_mode="ansi", **DAY)
+    with pytest.raises(Refusal, match="a picture is of one person"):
+        GlucoseVectorEnv(2, render_mode="rgb_array", **DAY)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    shown = GlucoseEnv(render_mode="human", **DAY)
+    with pytest.raises(Refusal, match="cannot open; use render_mode 'rgb_array'"):
+        shown.reset()
 
 
 FORKED = """

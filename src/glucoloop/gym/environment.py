@@ -8,10 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._extras import needed_for
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    BOLUSES,
+    OF_CONTROLLERS,
+    READINGS,
+    TIME_OF_DAY,
+    warn_without_effect,
+)
 from glucoloop.gym.people import DosedPeople
+from glucoloop.gym.picture import EpisodePicture
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_AHEAD_MIN
 from glucoloop.refusal import Refusal
+from glucoloop.situations.unused import without_effect
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
 
 with needed_for("an environment"):
@@ -55,6 +66,10 @@ class _Situation:
         self.people = DosedPeople(settings, number, threads)
         self._is_seeded = "seed" in settings
         trial = self.people.trial
+        agent = {ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, *([] if truth else [READINGS])}
+        agent |= {BOLUSES} if self.people.gives_bolus else set()
+        agent |= trial.guard.uses() if trial.guard is not None else set()
+        warn_without_effect(without_effect(trial, uses=trial.uses() - OF_CONTROLLERS | agent), stacklevel=3)
         low, high = ([u_h_from_mu_min(float(rate))] for rate in (trial.limits.min_mU_min, trial.limits.max_mU_min))
         most_U = high[0] * trial.sample_time_min / MIN_PER_H
         self.action_names: tuple[str, ...] = ("basal_U_h",)
@@ -166,7 +181,9 @@ class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArr
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 # as Gymnasium declares it
 
-    def __init__(self, num_envs: int = 1, *, render_mode: None = None, **settings: Any) -> None:
+    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **settings: Any) -> None:
+        if render_mode is not None:
+            raise Refusal("a picture is of one person; leave render_mode out, or make one environment for it")
         self.render_mode = render_mode
         self._arguments = {"num_envs": num_envs, "render_mode": render_mode, **settings}
         self._of = _Situation(num_envs, **settings)
@@ -235,14 +252,25 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
         ``days=2``. With ``people`` the persons of that many numbers come again and again, from ``first_person`` on; by
         default every episode has another.
 
+    Warns
+    -----
+    NoEffectWarning
+        For a setting that was given and changes nothing, like ``profile_by`` without a guard.
+
     Raises
     ------
     Refusal
         For settings that are not possible, or that concern controllers.
     """
 
-    def __init__(self, *, render_mode: None = None, **settings: Any) -> None:
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 # as Gymnasium declares it
+
+    def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise Refusal(f"unknown render_mode {render_mode!r}; the known ones are: human, rgb_array")
         self.render_mode = render_mode
+        self._picture = None if render_mode is None else EpisodePicture(render_mode)
+        self._episode: list[dict[str, Any]] = []
         self._arguments = {"render_mode": render_mode, **settings}
         self._of = _Situation(1, **settings)
         self.action_space, self.observation_space = self._of.action_box, self._of.observation_box
@@ -263,7 +291,8 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
         super().reset(seed=seed, options=options)
         self._of.reset(seed, self.np_random)
         self._goes_on = True
-        return self._of.observation()[0], self._info()
+        self._episode = []
+        return self._of.observation()[0], self._happened()
 
     def step(self, action: npt.ArrayLike) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Dose the person until the next sample."""
@@ -271,7 +300,32 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
             raise Refusal("the episode has not begun or has ended; call reset first")
         reward, terminated, truncated = (values[0] for values in self._of.step(np.asarray(action)[None]))
         self._goes_on = not (terminated or truncated)
-        return self._of.observation()[0], float(reward), bool(terminated), bool(truncated), self._info()
+        return self._of.observation()[0], float(reward), bool(terminated), bool(truncated), self._happened()
+
+    def render(self) -> Any:
+        """Picture of the episode so far ``(height, width, 3)``, or None where it stands in a window or is not wanted.
+
+        With the ``render_mode`` "human" the window follows each step by itself.
+        """
+        if self._picture is None:
+            gymnasium.logger.warn("render() draws nothing without a render_mode; give 'rgb_array' or 'human'")
+            return None
+        if not self._episode:
+            raise Refusal("nobody is there yet; call reset first")
+        return self._picture.draw(self._episode)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._picture is not None:
+            self._picture.close()
+
+    def _happened(self) -> dict[str, Any]:
+        info = self._info()
+        if self._picture is not None:
+            self._episode.append(info)
+            if self.render_mode == "human":
+                self._picture.draw(self._episode)
+        return info
 
     def _info(self) -> dict[str, Any]:
         return {name: values[0].item() for name, values in self._of.info().items()}
