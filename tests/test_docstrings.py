@@ -164,3 +164,18 @@ def f(rate, seed):
     """
 '''
     assert [fault.split("'")[1] for fault in faults_of(source)] == ["Of the pump.", "How much is given."]
+
+
+def test_no_docstring_begins_with_the_name_of_a_class_in_place_of_words():
+    trees = {
+        path: ast.parse(path.read_text(encoding="utf-8")) for path in Path(glucoloop.__file__).parent.rglob("*.py")
+    }
+    nodes = [(path, node) for path, tree in trees.items() for node in ast.walk(tree)]
+    names = {node.name for _, node in nodes if isinstance(node, ast.ClassDef) and re.search("[a-z][A-Z]", node.name)}
+    texts = [
+        (f"{path}:{node.lineno}", node.value.value)
+        for path, node in nodes
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    ]
+    found = [place for place, text in texts if (start := re.match(r"(\w+) [a-z]", text)) and start[1] in names]
+    assert not found

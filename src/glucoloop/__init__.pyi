@@ -42,6 +42,7 @@ from . import unit_guess as unit_guess
 from . import units as units
 from .bounds import optimal_doses as optimal_doses
 from .cohorts.people_run import simulate_people as simulate_people
+from .component.effects import NoEffectWarning as NoEffectWarning
 from .control import GuardSettings as GuardSettings
 from .control import MealTuning as MealTuning
 from .control import MPCTuning as MPCTuning

@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 
 from glucoloop._pytree import pytree
 from glucoloop.control import design_imc
-from glucoloop.faults import Battery, Episodes, MissedPulses, Missing, Occlusion, Spikes, always, never, once, recurring
+from glucoloop.faults import (
+    Battery,
+    Episodes,
+    Misreported,
+    MissedPulses,
+    Missing,
+    Occlusion,
+    Spikes,
+    always,
+    never,
+    once,
+    recurring,
+)
 from glucoloop.meals import Meal, Scenario
 from glucoloop.pumps import Delivery, LimitedPump, with_resolution
 from glucoloop.sensors import white_noise

@@ -1,6 +1,9 @@
 """Environments for Gymnasium: its own checks, and the closed loop as truth."""
 
+import copy
 import functools
+import pickle
+import subprocess
 import sys
 
 import gymnasium
@@ -16,6 +19,7 @@ from glucoloop.cohorts.engine import brought, loop_of, people_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.protocol import Decision
 from glucoloop.gym import ENVIRONMENT
+from glucoloop.gym.environment import GlucoseEnv, GlucoseVectorEnv
 from glucoloop.gym.people import DosedPeople, _Nothing
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
@@ -63,8 +67,9 @@ class Planned:
 @UNITS
 @pytest.mark.long
 def test_gymnasium_finds_nothing_to_object_to():
-    check_env(made().unwrapped)
-    check_env(made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True).unwrapped)
+    check_env(made().unwrapped, skip_render_check=True)  # of a window, which not every machine can open
+    other = made(patient="parker-1999", sensor=["ideal"], meals=["20g@30min"], truth=True)
+    check_env(other.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.long
@@ -204,7 +209,7 @@ def test_observations_tell_what_happened():
         "time_of_day_min",
     )
     assert env.action_names == ("basal_U_h", "bolus_U")
-    seen, _ = env.reset()
+    seen, _ = env.reset(seed=0)
     told, eaten, times = [seen[0, 3]], [], [seen[0, 4]]
     for _ in range(47):
         seen, _, _, _, info = env.step([[1.2, 0.0]])
@@ -226,7 +231,7 @@ def test_a_guard_stands_between_agent_and_pump():
     doses = {}
     for guard in (False, True, "usual, max_hour=2"):
         env = vector(1, guard=guard, sensor=["ideal"], meals=[])
-        env.reset()
+        env.reset(seed=0)
         doses[guard] = sum(env.step([[0.5, 20.0]])[4]["insulin_U"][0] for _ in range(6))
     assert doses[False] > 100.0
     assert doses["usual, max_hour=2"] < doses[True] < 10.0
@@ -234,7 +239,7 @@ def test_a_guard_stands_between_agent_and_pump():
 
 def test_a_dose_that_is_no_number_is_the_least_of_the_pump_and_none_exceeds_its_limits():
     env = vector(3, sensor=["ideal"])
-    env.reset()
+    env.reset(seed=0)
     for _ in range(6):  # since a pump may change its rate by so much at once
         _, _, _, _, info = env.step([[np.nan, np.nan], [1e9, 1e9], [-5.0, -1.0]])
     highest = env.single_action_space.high
@@ -263,7 +268,7 @@ def test_what_is_done_out_of_turn_is_refused():
     env = made().unwrapped
     with pytest.raises(Refusal, match="call reset first"):
         env.step([1.0, 0.0])
-    env.reset()
+    env.reset(seed=0)
     with pytest.raises(Refusal, match=r"an action of the shape \(1, 3\) is not possible; give \(1, 2\)"):
         env.step([1.0, 0.0, 0.0])
     for _ in range(48):
@@ -273,6 +278,72 @@ def test_what_is_done_out_of_turn_is_refused():
         env.step([1.0, 0.0])
     with pytest.raises(Refusal, match="nobody is there yet"):
         vector(2).step(np.ones((2, 2)))
+
+
+@pytest.mark.long
+def test_environments_without_a_seed_are_different_people_and_with_one_the_same():
+    first, other, given = made(), made(), [made(seed=4) for _ in range(2)]
+    rates = [env.reset()[1]["insulin_U"] for env in (first, other, *given)]
+    assert rates[0] != rates[1]
+    assert rates[2] == rates[3] == given[0].reset(seed=4)[1]["insulin_U"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+def test_a_copy_is_made_from_the_same_arguments_and_is_before_its_first_episode(copied):
+    for env in (made(), vector(2)):
+        seen, _ = env.reset(seed=3)
+        again = copied(env)
+        assert again.spec == env.spec
+        with pytest.raises(Refusal, match="call reset first"):
+            again.unwrapped.step(np.array(env.action_space.low))
+        np.testing.assert_array_equal(again.reset(seed=3)[0], seen)
+        for each in (env, again):
+            each.close()
+            each.close()
+
+
+@pytest.mark.long
+def test_a_picture_shows_the_episode_so_far(monkeypatch):
+    env = made(render_mode="rgb_array").unwrapped
+    with pytest.raises(Refusal, match="call reset first"):
+        env.render()
+    env.reset(seed=1)
+    first = env.render()
+    for _ in range(12):
+        env.step(np.array([1.0, 0.0]))
+    later = env.render()
+    assert first.shape == later.shape == (400, 640, 3)
+    assert first.dtype == np.uint8
+    assert not np.array_equal(first, later)
+    with pytest.raises(Refusal, match="unknown render_mode 'ansi'"):
+        GlucoseEnv(render_mode="ansi", **DAY)
+    with pytest.raises(Refusal, match="a picture is of one person"):
+        GlucoseVectorEnv(2, render_mode="rgb_array", **DAY)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    shown = GlucoseEnv(render_mode="human", **DAY)
+    with pytest.raises(Refusal, match="cannot open; use render_mode 'rgb_array'"):
+        shown.reset()
+
+
+FORKED = """
+import gymnasium, glucoloop.gym
+settings = {"patient": "hovorka-2004", "meals": ["45g@30min"], "duration_min": 240.0}
+if __name__ == "__main__":
+    env = gymnasium.make_vec("glucoloop/Glucose-v0", num_envs=2, vectorization_mode="async", **of_mode, **settings)
+    assert env.reset(seed=3)[0].shape == (2, 5)
+    env.close()
+"""
+
+
+@pytest.mark.long
+def test_processes_that_start_afresh_have_environments_and_forks_refuse_them(tmp_path):
+    path = tmp_path / "program.py"
+    for context in ("forkserver", "fork"):
+        path.write_text(f"of_mode = {{'vector_kwargs': {{'context': '{context}'}}}}\n{FORKED}")
+        done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=240)
+        assert (done.returncode == 0) == (context == "forkserver")
+    assert "this process was forked from one in which JAX had run" in done.stderr
 
 
 def test_without_gymnasium_the_extra_is_named(monkeypatch):

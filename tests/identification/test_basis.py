@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import glucoloop as gl
 from glucoloop.identification import (
@@ -73,3 +74,58 @@ def test_the_papers_patient_keeps_the_papers_functions(noise):
         record = gl.excite(person, insulin, sensor)
         basis = chosen_basis(record, bases_given(record, "least-squares", None, None, "usual", None))
         assert (basis.memory, basis.pole, basis.functions, basis.under_the_skin) == (36, 0.84, 2, False)
+
+
+def skin_record(hours, insulin, noise, seed, half_min=210.0):
+    """Record of two depots of 50 min and a lag of glucose, with a gain of -5 and half of it after a time."""
+
+    def of(tau_min):
+        t_min, taus = np.arange(0.0, 20000.0, 5.0), np.array([50.0, 50.01, tau_min])
+        return 1.0 - sum(
+            np.exp(-t_min / tau) * np.prod([tau / (tau - other) for other in taus if other != tau]) for tau in taus
+        )
+
+    step = of(
+        brentq(lambda tau_min: np.interp(0.5, of(tau_min), np.arange(0.0, 20000.0, 5.0)) - half_min, 30.0, 2000.0)
+    )
+    samples = 12 * hours
+    glucose = 120.0 + np.append(0.0, np.convolve(insulin, -5.0 * np.diff(step))[:samples])
+    glucose += noise * np.random.default_rng(seed).standard_normal(samples + 1)
+    return Record(insulin_mU_min=jnp.asarray(25.0 + insulin), glucose_mg_dl=jnp.asarray(glucose), sample_time_min=5.0)
+
+
+def covers_or_is_refused(found):
+    return abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin or bool(found.doubts())
+
+
+@pytest.mark.parametrize("keywords", [{}, {"under_the_skin": True}, {"memory": 72}])
+def test_pulses_whose_responses_outlast_the_memory_are_refused(keywords):
+    for pace in (72, 288):
+        record = skin_record(48, np.asarray(design_csrs(pace, 20.0, 576)), 1.2, pace)
+        (doubt,) = identify_record(record, **keywords).doubts()
+        assert "cannot be distinguished from 0. A longer record, a longer memory or insulin that changes more" in doubt
+
+
+def test_functions_that_end_before_the_response_are_refused():
+    refused = 0
+    for seed in range(5):
+        insulin = np.asarray(random_binary_sequence(288, 5.0, seed, hold_samples=6))
+        record = skin_record(24, insulin, 1.2, seed, half_min=350.0)
+        found = identify_record(record, "least-squares", basal_insulin_mU_min=25.0)
+        assert covers_or_is_refused(found)
+        refused += bool(found.doubts())
+    assert refused >= 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("hours", "half_min", "amplitude", "noise"),
+    [(48, 210.0, 5.0, 1.2), (48, 120.0, 5.0, 5.0), (96, 210.0, 5.0, 1.2), (24, 350.0, 5.0, 1.2)],
+)
+def test_the_interval_covers_the_true_gain_or_the_model_is_refused(hours, half_min, amplitude, noise):
+    sound = 0
+    for seed in range(100):
+        insulin = np.random.default_rng(1000 + seed).uniform(-amplitude, amplitude, 12 * hours)
+        record = skin_record(hours, insulin, noise, seed, half_min)
+        sound += covers_or_is_refused(identify_record(record, "least-squares", basal_insulin_mU_min=25.0))
+    assert sound >= 90

@@ -186,8 +186,9 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
         "#controller=fuzzy",
         "",
     ]
-    answers = in_node([*links[:2], "#", "#", *corpus[::19]])
-    links += [answer["hash"].replace("1.2.3", __version__) for answer in answers[4:]]
+    by_hand = "#controller=imc&meals=60g@60min"
+    answers = in_node([*links[:2], "#", "#", *corpus[::19], by_hand])
+    links += [*(answer["hash"].replace("1.2.3", __version__) for answer in answers[4:-1]), by_hand]
     assert len(links) >= 15
     shown = in_browser(Path(__file__).with_name("open.mjs"), *(f"file://{place}{link}" for link in links))
     for link, there, answer in zip(links, shown, answers, strict=True):
@@ -209,3 +210,4 @@ def test_links_give_the_numbers_of_node_and_say_what_they_are(in_node, corpus, t
         "This is the usual situation.",
         "Change anything; the picture follows at once.",
     ]
+    assert shown[-1]["said"] == "This is the situation of the link."

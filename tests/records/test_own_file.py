@@ -127,6 +127,7 @@ def test_a_file_that_is_cut_off(length):
     read_or_refused(WHOLE[:length])
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(1, 255)), min_size=1, max_size=4))
 @settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_with_other_bytes(capfd, changes):

@@ -88,6 +88,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.long
 @given(st.sampled_from([*GOOD, "anything"]), JSON)
 def test_any_value_is_read_as_it_is_or_refused(key, value):
     try:

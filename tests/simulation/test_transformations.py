@@ -1,5 +1,7 @@
 """JAX's transformations through the loop: gradients against finite differences, jit and vmap against plain calls."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -93,10 +95,77 @@ def test_a_controller_may_hold_functions(patient_81):
     assert float(peak(0.5, jnp.arctan)) != float(peak(0.5))  # another function is another program
 
 
+class Bergman(gl.patients.OdePatient):
+    """The minimal model with a constant infusion."""
+
+    nominal: ClassVar = {"p_1": 0.02, "p_2": 0.025, "p_3": 1.3e-5, "n": 0.09, "basal_glucose": 150.0}
+    near_rest = (90.0, 0.015, 25.0)
+    near_basal_mU_min = 27.0
+
+    def derivative(self, t_min, x, inputs):
+        c, (glucose, effect, insulin) = self.parameters, x
+        return jnp.stack(
+            [
+                c["p_1"] * (c["basal_glucose"] - glucose) - effect * glucose + inputs.meal_mg_min / 120.0,
+                -c["p_2"] * effect + c["p_3"] * insulin,
+                inputs.insulin_mU_min / 12.0 - c["n"] * insulin,
+            ]
+        )
+
+    def glucose_mg_dl(self, x):
+        return x[0]
+
+
+INTEGRATORS = {"default": None, "adaptive": gl.Adaptive(), "explicit": gl.Explicit(steps_per_min=4)}
+
+
+def last_glucose(gain, effect, integrator, meal_model="lehmann-deutsch"):
+    """Glucose after a meal, of a person whose constants change what holds the person at rest."""
+    person = Bergman.resting_at(90.0, p_3=1.3e-5 * effect)
+    controller = gl.design_pid(gl.PIDTuning(gain, 150.0, 2.0), gl.dose_limits(max_mU_min=200.0))
+    scenario = gl.Scenario([gl.Meal(50.0, 5.0)], 90.0, meal_model=meal_model)
+    return gl.simulate(person, controller, scenario=scenario, integrator=integrator).glucose_mg_dl[-1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("meal_model", ["lehmann-deutsch", "dalla-man"])
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_a_patient_of_ones_own_is_differentiated_in_either_mode(name, meal_model):
+    def value(gain, effect):
+        return last_glucose(gain, effect, INTEGRATORS[name], meal_model)
+
+    at, h = (0.5, 1.2), 1e-4
+    by_gain = (value(0.5 + h, 1.2) - value(0.5 - h, 1.2)) / (2.0 * h)
+    by_effect = (value(0.5, 1.2 + h) - value(0.5, 1.2 - h)) / (2.0 * h)
+    both = (float(by_gain), float(by_effect))
+    assert min(np.abs(both)) > 0.01
+    for gradient in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(gradient(value, argnums=(0, 1))(*at), both, rtol=1e-4)
+    np.testing.assert_allclose(jax.jvp(value, at, (1.0, 1.0))[1], sum(both), rtol=1e-4)
+    mapped = jax.vmap(jax.grad(value, argnums=1), in_axes=(None, 0))(0.5, jnp.array([1.2, 1.2]))
+    np.testing.assert_allclose(mapped, [both[1], both[1]], rtol=1e-4)
+
+
+def test_the_rate_of_a_person_at_rest_has_the_derivatives_of_its_closed_form():
+    def rate(effect):
+        return Bergman.resting_at(90.0, p_3=effect).basal_insulin_mU_min
+
+    # rate = 12 n p_2 p_1 (G_b - G) / (G p_3)
+    exact = 12.0 * 0.09 * 0.025 * 0.02 * 60.0 / 90.0
+    p_3 = 1.3e-5
+    np.testing.assert_allclose(rate(p_3), exact / p_3, rtol=1e-9)
+    for gradient in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(gradient(rate)(p_3), -exact / p_3**2, rtol=1e-9)
+        np.testing.assert_allclose(gradient(gradient(rate))(p_3), 2.0 * exact / p_3**3, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda p: gl.simulate(p, gl.design_open_loop()), "the patient is traced by JAX, but the matrices"),
+        (
+            lambda p: gl.simulate(p, gl.design_open_loop()),
+            r"the patient is traced by JAX, but the matrices.*integrator=Adaptive\(\)",
+        ),
         (lambda p: gl.identify(p), "identify cannot be differentiated.*; patient is traced"),
         (lambda p: gl.linear_model(p), "linear_model cannot be differentiated.*; patient is traced"),
     ],

@@ -77,6 +77,7 @@ PLAIN = st.recursive(
 PATHS = [*KEPT, *(f"posterior.{name}" for name in KEPT["posterior"])]
 
 
+@pytest.mark.long
 @given(st.sampled_from(PATHS), PLAIN)
 @settings(max_examples=150, deadline=None)
 def test_any_value_is_read_or_refused(path, value):

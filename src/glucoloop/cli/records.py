@@ -68,6 +68,7 @@ _ANSWERS: Final = (
     CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
 )
 _NETWORK: Final = "Network"
+_MOST_DIGITS: Final = 9
 _NIGHTSCOUT: Final = "nightscout"
 _SITE: Final = (
     CommandOption(
@@ -112,7 +113,7 @@ def _fetched(given: Given) -> DeviceRecord:
         if option.key in given and option.key != "time_zone":
             raise Refusal(f"{option.flag} is for files, and not for a site; leave it out")
     days = given.get("days", "14")
-    if not days.isdecimal():
+    if not days.isdecimal() or len(days) > _MOST_DIGITS:
         raise Refusal(f"--days is {days!r}; give a whole number of days")
     from glucoloop.records.nightscout_site import TOKEN_VARIABLE, read_nightscout
 

@@ -63,7 +63,7 @@ def note(texts: Iterable[str]) -> None:
 
 
 class _Printable:
-    """What rich can print, with escapes in the place of control characters of its texts."""
+    """Renderable of rich, with escapes in the place of control characters of its texts."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner

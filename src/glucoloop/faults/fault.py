@@ -8,6 +8,7 @@ from dataclasses import KW_ONLY
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop._pytree import pytree
+from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.pytree_component import HOST, PytreeComponent, derived, wired
 from glucoloop.component.setting import About, Setting
 from glucoloop.faults.schedule import Episode, Episodes, always, once, recurring
@@ -69,6 +70,10 @@ class FaultPart(PytreeComponent):
 
     def __post_init__(self) -> None:
         checked_sample_time(self.sample_time_min)
+
+    def needs(self) -> tuple[Need, ...]:
+        """A fault of the sensor has an effect where something uses its readings."""
+        return (READINGS,) if self.part == "sensor" else ()
 
     @classmethod
     def effect_settings(cls) -> dict[str, Setting]:

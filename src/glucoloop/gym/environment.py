@@ -8,10 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._extras import needed_for
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    BOLUSES,
+    OF_CONTROLLERS,
+    READINGS,
+    TIME_OF_DAY,
+    warn_without_effect,
+)
 from glucoloop.gym.people import DosedPeople
+from glucoloop.gym.picture import EpisodePicture
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
-from glucoloop.limits import LONGEST_AHEAD_MIN
+from glucoloop.limits import LARGEST_COUNTER, LONGEST_AHEAD_MIN
 from glucoloop.refusal import Refusal
+from glucoloop.situations.unused import without_effect
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
 
 with needed_for("an environment"):
@@ -53,7 +64,12 @@ class _Situation:
         self._reward, self._truth = reward_of(reward), truth
         self._bounds = lowest_mg_dl, highest_mg_dl
         self.people = DosedPeople(settings, number, threads)
+        self._is_seeded = "seed" in settings
         trial = self.people.trial
+        agent = {ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, *([] if truth else [READINGS])}
+        agent |= {BOLUSES} if self.people.gives_bolus else set()
+        agent |= trial.guard.uses() if trial.guard is not None else set()
+        warn_without_effect(without_effect(trial, uses=trial.uses() - OF_CONTROLLERS | agent), stacklevel=3)
         low, high = ([u_h_from_mu_min(float(rate))] for rate in (trial.limits.min_mU_min, trial.limits.max_mU_min))
         most_U = high[0] * trial.sample_time_min / MIN_PER_H
         self.action_names: tuple[str, ...] = ("basal_U_h",)
@@ -82,6 +98,13 @@ class _Situation:
         self.observation_box = Box(np.zeros_like(highest), highest)
         self._latest = np.full(number, np.nan)
         self._read_at, self._asked_U = np.zeros(number), np.zeros(number)
+
+    def reset(self, seed: int | None, random: np.random.Generator) -> None:
+        """Let the next people begin; two environments that nobody gave a seed are different people."""
+        if seed is None and not self._is_seeded:
+            seed = int(random.integers(LARGEST_COUNTER + 1))
+        self._is_seeded = True
+        self.people.reset(seed)
 
     def observation(self) -> Floats:
         """(people, entries) observation at the coming sample, with the latest reading that was valid."""
@@ -131,7 +154,24 @@ class _Situation:
         return reward, terminated, (people.sample >= people.samples) & ~terminated
 
 
-class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
+class _MadeAgain:
+    """A copy, by `copy` or `pickle`, is made from the same arguments, and is before its first episode.
+
+    Compiled loops cannot be copied. Gymnasium's own `EzPickle` means the same by a copy.
+    """
+
+    spec: Any
+    _arguments: dict[str, Any]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"arguments": self._arguments, "spec": self.spec}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        type(self).__init__(self, **state["arguments"])
+        self.spec = state["spec"]
+
+
+class GlucoseVectorEnv(_MadeAgain, VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
     """Many people side by side, in native code where the patient allows it.
 
     Arguments are those of `GlucoseEnv`, and the number of people. A place whose episode has ended gets the next person
@@ -141,8 +181,11 @@ class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 # as Gymnasium declares it
 
-    def __init__(self, num_envs: int = 1, *, render_mode: None = None, **settings: Any) -> None:
+    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **settings: Any) -> None:
+        if render_mode is not None:
+            raise Refusal("a picture is of one person; leave render_mode out, or make one environment for it")
         self.render_mode = render_mode
+        self._arguments = {"num_envs": num_envs, "render_mode": render_mode, **settings}
         self._of = _Situation(num_envs, **settings)
         self.num_envs = num_envs
         self.single_action_space, self.single_observation_space = self._of.action_box, self._of.observation_box
@@ -158,11 +201,14 @@ class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
         return self._of.people
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, Observed]:
-        """Let the next person begin in every place; with a seed the first ones of that seed."""
+        """Let the next person begin in every place; with a seed the first ones of that seed.
+
+        Without any seed, here or in the situation, the first reset draws one.
+        """
         if seed is not None and not isinstance(seed, int | np.integer):
             raise Refusal(f"seeds {seed!r} are not possible; give one whole number, of which all people are drawn")
         super().reset(seed=None if seed is None else int(seed), options=options)
-        self._of.people.reset(seed)
+        self._of.reset(seed, self.np_random)
         self._ended = np.zeros(self.num_envs, bool)
         return self._of.observation(), self._of.info()
 
@@ -179,7 +225,7 @@ class GlucoseVectorEnv(VectorEnv[Floats, npt.NDArray[Any], npt.NDArray[Any]]):
         return self._of.observation(), reward, terminated, truncated, self._of.info()
 
 
-class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
+class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
     """One person whose insulin an agent doses, in the situation of a trial.
 
     Actions are the basal rate [U/h] and, where insulin is given under the skin, a bolus [U] that is given at the
@@ -206,14 +252,26 @@ class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
         ``days=2``. With ``people`` the persons of that many numbers come again and again, from ``first_person`` on; by
         default every episode has another.
 
+    Warns
+    -----
+    NoEffectWarning
+        For a setting that was given and changes nothing, like ``profile_by`` without a guard.
+
     Raises
     ------
     Refusal
         For settings that are not possible, or that concern controllers.
     """
 
-    def __init__(self, *, render_mode: None = None, **settings: Any) -> None:
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 # as Gymnasium declares it
+
+    def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise Refusal(f"unknown render_mode {render_mode!r}; the known ones are: human, rgb_array")
         self.render_mode = render_mode
+        self._picture = None if render_mode is None else EpisodePicture(render_mode)
+        self._episode: list[dict[str, Any]] = []
+        self._arguments = {"render_mode": render_mode, **settings}
         self._of = _Situation(1, **settings)
         self.action_space, self.observation_space = self._of.action_box, self._of.observation_box
         self.action_names, self.observation_names = self._of.action_names, self._of.observation_names
@@ -226,11 +284,15 @@ class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
         return self._of.people
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
-        """Let the next person begin; with a seed the first one of that seed."""
+        """Let the next person begin; with a seed the first one of that seed.
+
+        Without any seed, here or in the situation, the first reset draws one.
+        """
         super().reset(seed=seed, options=options)
-        self._of.people.reset(seed)
+        self._of.reset(seed, self.np_random)
         self._goes_on = True
-        return self._of.observation()[0], self._info()
+        self._episode = []
+        return self._of.observation()[0], self._happened()
 
     def step(self, action: npt.ArrayLike) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Dose the person until the next sample."""
@@ -238,7 +300,32 @@ class GlucoseEnv(gymnasium.Env[Floats, npt.NDArray[Any]]):
             raise Refusal("the episode has not begun or has ended; call reset first")
         reward, terminated, truncated = (values[0] for values in self._of.step(np.asarray(action)[None]))
         self._goes_on = not (terminated or truncated)
-        return self._of.observation()[0], float(reward), bool(terminated), bool(truncated), self._info()
+        return self._of.observation()[0], float(reward), bool(terminated), bool(truncated), self._happened()
+
+    def render(self) -> Any:
+        """Picture of the episode so far ``(height, width, 3)``, or None where it stands in a window or is not wanted.
+
+        With the ``render_mode`` "human" the window follows each step by itself.
+        """
+        if self._picture is None:
+            gymnasium.logger.warn("render() draws nothing without a render_mode; give 'rgb_array' or 'human'")
+            return None
+        if not self._episode:
+            raise Refusal("nobody is there yet; call reset first")
+        return self._picture.draw(self._episode)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._picture is not None:
+            self._picture.close()
+
+    def _happened(self) -> dict[str, Any]:
+        info = self._info()
+        if self._picture is not None:
+            self._episode.append(info)
+            if self.render_mode == "human":
+                self._picture.draw(self._episode)
+        return info
 
     def _info(self) -> dict[str, Any]:
         return {name: values[0].item() for name, values in self._of.info().items()}

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jax._src import xla_bridge
 
 from glucoloop._pytree import pytree
 from glucoloop.build.assemble import AtRest
@@ -31,6 +32,29 @@ from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.vector_stepper import Begun, SteppedPeople
 from glucoloop.situations.situation import configured
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
+
+_FORKED_FROM_JAX: list[int] = []
+"""The process, if it is the copy by a fork of one in which JAX had run, whose threads are not there."""
+
+
+def _note_fork() -> None:
+    if xla_bridge.backends_are_initialized():
+        _FORKED_FROM_JAX[:] = [os.getpid()]
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows, where no process forks
+    os.register_at_fork(after_in_child=_note_fork)
+
+
+def refuse_fork() -> None:
+    """Refuse to compute in a process that was forked after JAX had run: it would wait for JAX's threads for ever."""
+    if _FORKED_FROM_JAX:
+        raise Refusal(
+            "this process was forked from one in which JAX had run, and would wait for its threads for ever; start "
+            'processes afresh, as gymnasium.make_vec(..., vector_kwargs={"context": "forkserver"}) does, or leave '
+            "vectorization_mode out, for many people in one process"
+        )
+
 
 Array = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
@@ -87,6 +111,7 @@ class DosedPeople:
     """
 
     def __init__(self, settings: Mapping[str, Any], number: int, threads: int | None = None) -> None:
+        refuse_fork()
         for name, reason in NOT_OF_THE_AGENT.items():
             if name in settings:
                 raise Refusal(f"{name} is no setting of an environment: {reason}; leave it out")
@@ -168,6 +193,7 @@ class DosedPeople:
 
     def reset(self, seed: int | None = None) -> None:
         """Let the next persons begin in all places; with a seed the first ones of that seed."""
+        refuse_fork()
         if seed is not None:
             trial = configured(Trial, {**self._settings, "seed": int(seed)})
             if trial.one_person is not None and trial.seed != self.trial.seed:

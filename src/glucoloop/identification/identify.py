@@ -22,7 +22,6 @@ from glucoloop.identification.record import Record
 from glucoloop.identification.reliability import (
     Reliability,
     doubts,
-    held_out_errors,
     margin_of_slower_functions,
     reliability,
 )
@@ -214,17 +213,20 @@ def identify_record(
     model = StepResponseModel.from_impulse_response(smoothed, record.sample_time_min, realisation=network)
 
     columns, left = np.concatenate([sought, meals, constant], axis=1), np.asarray(readings)
-    quality = reliability(columns, left, np.append(of_gain, np.zeros(meals.shape[1] + free_baseline)))
-    if not by_pulses:
-        slower = margin_of_slower_functions(
-            np.asarray(insulin),
-            left,
-            np.asarray(other_inputs),
-            (float(model.gain), held_out_errors(columns, left)[0]),
-            record.sample_time_min,
-            starts_at_rest=starts_at_rest,
-        )
-        quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
+    of_gain = np.append(of_gain, np.zeros(meals.shape[1] + free_baseline))
+    quality = reliability(columns, left, of_gain)
+    slower = margin_of_slower_functions(
+        np.asarray(insulin),
+        left,
+        columns,
+        of_gain,
+        float(model.gain),
+        functions=sought.shape[1],
+        pole=pole,
+        sample_time_min=record.sample_time_min,
+        starts_at_rest=starts_at_rest,
+    )
+    quality = dataclasses.replace(quality, gain_margin=max(quality.gain_margin, slower))
 
     left_by_estimate, _ = _left(readings - past @ estimate, other_inputs)
     left_by_model, of_other_inputs = _left(readings - model.predict(insulin)[first:], other_inputs)

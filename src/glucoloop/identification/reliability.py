@@ -6,8 +6,9 @@ the variance explained. Blocks, not single readings, are left out because what a
 over hours (meals that nobody wrote down, exercise, drift), so that the usual standard errors are far too small.
 
 The jackknife tells how a fit varies, not what its functions cannot say: those that end too early give a gain that is
-too small, and always the same. So the response is fitted with slower functions, too. Where these predict what was left
-out as well, the record does not say where the response ends, and the margin reaches the end of theirs.
+too small, and always the same. So the response is fitted with slower functions, too, in place of those and beside
+them. Where these predict what was left out as well, or something is left for them to say, the margin reaches the end of
+theirs: the record does not say where the response ends, or says that it ends later.
 
 H. R. Künsch, "The jackknife and the bootstrap for general stationary observations", Ann. Statist. 17(3), 1217-1241,
 1989. A gain margin of 2: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, Sec. 2.4.3.
@@ -15,6 +16,7 @@ H. R. Künsch, "The jackknife and the bootstrap for general stationary observati
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -29,9 +31,11 @@ Floats = npt.NDArray[np.float64]
 
 BLOCKS: Final = 10
 CONFIDENCE: Final = 0.95
-_SLOW_TAU_MIN: Final = (500.0, 1000.0)
-"""Time constants of the slower functions: twice and four times that of the slowest that a record chooses."""
+_LONGEST_TAU_MIN: Final = 1000.0
+"""Longest time constant of the slower functions, four times that of the slowest that a record chooses."""
 _SLOW_FUNCTIONS: Final = 2
+_MOST_SLOW_FUNCTIONS: Final = 8
+"""Slower functions are as many as those of the fit, so that they say as much of how the response begins."""
 _NEGLIGIBLE: Final = 1e-9
 """Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
 """
@@ -71,7 +75,10 @@ def doubts(
         found.append(f"{sentence}, so more insulin would raise glucose; in a person it lowers glucose.")
     elif reliability is not None and not reliability.gain_margin < -gain:
         margin = f"{reliability.gain_margin:.3g} ({100 * CONFIDENCE:g} % confidence)"
-        found.append(f"{sentence}, give or take {margin}, so it cannot be distinguished from 0.")
+        found.append(
+            f"{sentence}, give or take {margin}, so it cannot be distinguished from 0. "
+            "A longer record, a longer memory or insulin that changes more would make it smaller than the gain."
+        )
     if not glucose_mg_dl + 0.1 * basal_insulin_mU_min * gain > 0.0:
         found.append(
             f"{sentence}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
@@ -87,12 +94,10 @@ def doubts(
 
 def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliability:
     """Fit a regression again without each of ten blocks of readings; the gain is `gain_of` times coefficients."""
-    errors, gains, spreads = held_out_errors(columns, readings, gain_of)
-    freedom = gains.size - 1
-    error = np.sqrt(freedom / gains.size * np.sum((gains - gains.mean()) ** 2))
+    errors, gains, spreads = held_out_errors(columns, readings)
     misfit, variation = float(errors.sum()), float(spreads.sum())
     return Reliability(
-        gain_margin=float(stdtrit(freedom, (1.0 + CONFIDENCE) / 2.0) * error),
+        gain_margin=_student(gains.size) * _estimate(columns, readings, gain_of)[1],
         explained_percent=100.0 * (1.0 - misfit / variation) if variation else 0.0,
     )
 
@@ -100,33 +105,70 @@ def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliabili
 def margin_of_slower_functions(
     insulin_deviation: Floats,
     readings: Floats,
-    other_inputs: Floats,
-    fit: tuple[float, Floats],
-    sample_time_min: float,
+    columns: Floats,
+    of_gain: Floats,
+    gain: float,
     *,
+    functions: int,
+    pole: float,
+    sample_time_min: float,
     starts_at_rest: bool,
 ) -> float:
-    """Margin of a gain that reaches what slower functions say, where they predict left-out readings as well; else 0.
+    """Margin of a gain that reaches what slower functions say, where the record lets them stand; else 0.
 
-    Insulin ``(N,)`` is of the whole record, and `readings` ``(n,)`` are its last ones; `other_inputs` ``(n, K)`` are
-    fitted together with the response. `fit` has the gain in question and its errors by `held_out_errors`.
+    Insulin ``(N,)`` is of the whole record, and `readings` ``(n,)`` are its last ones. The first `functions` of the
+    `columns` ``(n, K)`` of the fit are responses to insulin, of functions with a pole; `of_gain` ``(K,)`` is the share
+    of each coefficient in the gain.
+
+    Slower functions stand where they predict left-out readings as well as those of the fit, within one standard error;
+    and beside those of the fit, where their coefficient differs from 0.
     """
-    gain, errors = fit
+    errors = held_out_errors(columns, readings)[0]
+    number = functions if _SLOW_FUNCTIONS <= functions <= _MOST_SLOW_FUNCTIONS else _SLOW_FUNCTIONS
     k = np.arange(readings.size)[:, None] / readings.size
     margin = 0.0
-    for tau_min in _SLOW_TAU_MIN:
-        pole = float(np.exp(-sample_time_min / tau_min))
-        responses = filtered_input(insulin_deviation, pole, _SLOW_FUNCTIONS)[-readings.size :]
+    for tau_min in _slower_min(-sample_time_min / math.log(pole)):
+        slow = math.exp(-sample_time_min / tau_min)
+        responses = filtered_input(insulin_deviation, slow, number)[-readings.size :]
         # what is left of insulin before the record
-        left = pole ** (readings.size * k) * np.concatenate([np.ones_like(k), k], axis=1)
-        columns = np.concatenate([responses, other_inputs, *([] if starts_at_rest else [left])], axis=1)
-        of_gain = np.zeros(columns.shape[1])
-        of_gain[:_SLOW_FUNCTIONS] = laguerre_sum(pole)
-        more = held_out_errors(columns, readings)[0] - errors
-        if more.mean() <= more.std(ddof=1) / np.sqrt(more.size):
-            slower = of_gain @ np.linalg.lstsq(columns, readings, rcond=_NEGLIGIBLE)[0]
-            margin = max(margin, abs(slower - gain) + reliability(columns, readings, of_gain).gain_margin)
+        left = slow ** (readings.size * k) * k ** np.arange(0 if starts_at_rest else number)
+        in_place = np.concatenate([responses, left, columns[:, functions:]], axis=1)
+        of_in_place = np.concatenate(
+            [np.full(number, laguerre_sum(slow)), np.zeros(left.shape[1]), of_gain[functions:]]
+        )
+        beside = np.concatenate([responses[:, :1], left, columns], axis=1)
+        of_beside = np.concatenate([[laguerre_sum(slow)], np.zeros(left.shape[1]), of_gain])
+        worse = held_out_errors(in_place, readings)[0] - errors
+        coefficient, error = _estimate(beside, readings, np.eye(of_beside.size)[0])
+        for others, of_others, stands in (
+            (in_place, of_in_place, worse.mean() <= worse.std(ddof=1) / math.sqrt(worse.size)),
+            (beside, of_beside, abs(coefficient) > _student(worse.size) * error),
+        ):
+            if stands:
+                slower, error = _estimate(others, readings, of_others)
+                margin = max(margin, abs(slower - gain) + _student(worse.size) * error)
     return margin
+
+
+def _slower_min(tau_min: float) -> list[float]:
+    """Time constants of two, four, .. times one, up to the longest that a record is asked about."""
+    doublings = max(2, math.floor(math.log2(_LONGEST_TAU_MIN / tau_min)))
+    return [tau_min * 2.0**k for k in range(1, doublings + 1)]
+
+
+def _student(blocks: int) -> float:
+    return float(stdtrit(blocks - 1, (1.0 + CONFIDENCE) / 2.0))
+
+
+def _estimate(columns: Floats, readings: Floats, of: Floats) -> tuple[float, float]:
+    """A sum `of` coefficients, and its standard error by the jackknife."""
+    without = held_out_errors(columns, readings, of)[1]
+    error = np.sqrt((without.size - 1) / without.size * np.sum((without - without.mean()) ** 2))
+    return float(of @ _coefficients(columns, readings)), float(error)
+
+
+def _coefficients(columns: Floats, readings: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(columns, readings, rcond=_NEGLIGIBLE)[0], np.float64)
 
 
 def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = None) -> tuple[Floats, Floats, Floats]:
@@ -140,7 +182,7 @@ def held_out_errors(columns: Floats, readings: Floats, gain_of: Floats | None = 
     for number, block in enumerate(blocks):
         remaining = np.ones(readings.size, bool)
         remaining[block] = False
-        coefficients = np.linalg.lstsq(columns[remaining], readings[remaining], rcond=_NEGLIGIBLE)[0]
+        coefficients = _coefficients(columns[remaining], readings[remaining])
         gains[number] = 0.0 if gain_of is None else gain_of @ coefficients
         errors[number] = np.sum((readings[block] - columns[block] @ coefficients) ** 2)
         spreads[number] = np.sum((readings[block] - readings[remaining].mean()) ** 2)

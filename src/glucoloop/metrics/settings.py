@@ -276,7 +276,7 @@ METRICS: Final = Catalogue(
             ),
             _samples(
                 "fallback",
-                "at which the guard gave the basal rate, or a part of it, because readings were missing",
+                "at which the guard gave at most the basal rate, because readings were missing",
                 "Fallback to the basal rate",
                 seldom=True,
             ),

@@ -219,7 +219,7 @@ def profiled_model(
     linear : LinearModel
         The same linearised at rest, whose disturbance is appearance in mg/min.
     gut : GutCompartments
-        GutCompartments with which the model's carbohydrate ratio is titrated.
+        Gut with which the model's carbohydrate ratio is titrated.
     weight_kg : float, optional
         The nominal person's weight.
 

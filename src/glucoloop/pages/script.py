@@ -64,7 +64,7 @@ def _as_function(code: str, path: Path) -> str:
 
 
 def policy_source(script: str) -> str:
-    """What lets a content security policy run a script of the page, and no other: its hash."""
+    """Source by which a content security policy runs a script of the page, and no other: its hash."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 

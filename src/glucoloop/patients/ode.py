@@ -193,13 +193,21 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
     positive = (near > 0.0) & (jnp.arange(near.shape[0]) < near.shape[0] - free).reshape(-1, *[1] * (near.ndim - 1))
     units = jnp.eye(near.shape[0])
 
-    def jacobian(y: jax.Array) -> jax.Array:
-        def along(unit: jax.Array) -> jax.Array:
-            tangent = jnp.broadcast_to(unit.reshape(-1, *[1] * (y.ndim - 1)), y.shape)
-            change: jax.Array = jax.jvp(residual, (y,), (tangent,))[1]
-            return change
+    def columns(linear: Callable[[jax.Array], jax.Array]) -> jax.Array:
+        """Matrix of a linear function of what has the shape of `near`."""
 
-        return jax.vmap(along, out_axes=1)(units)
+        def column(unit: jax.Array) -> jax.Array:
+            return linear(jnp.broadcast_to(unit.reshape(-1, *[1] * (near.ndim - 1)), near.shape))
+
+        return jax.vmap(column, out_axes=1)(units)
+
+    def jacobian(y: jax.Array) -> jax.Array:
+        return columns(lambda tangent: jax.jvp(residual, (y,), (tangent,))[1])
+
+    def solve_linear(linear: Callable[[jax.Array], jax.Array], b: jax.Array) -> jax.Array:
+        A = columns(linear)
+        inverse = columns(lambda unit: _solved(A, unit))
+        return jnp.sum(inverse * b, axis=1)
 
     def one(carry: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
         y, before, number = carry
@@ -214,7 +222,12 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
         _, moved, number = carry
         return jnp.any(moved > _STILL) & (number < _MOST_STEPS)
 
-    y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
+    def solve(_: Any, near: jax.Array) -> tuple[jax.Array, jax.Array]:
+        y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
+        return y, moved
+
+    # Derivatives, in either mode, are those of the zero and not of the steps towards it.
+    y, moved = jax.lax.custom_root(residual, near, solve, solve_linear, has_aux=True)
     return jnp.where(moved <= _FOUND, y, jnp.nan)
 
 

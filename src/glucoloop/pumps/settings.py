@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import BOLUSES
 from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About, known_names
 from glucoloop.refusal import Refusal
@@ -24,7 +25,7 @@ MinimumRate = Annotated[float, About("Least rate that is delivered.", at_least=0
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
-_bolus: Final = functools.partial(About, at_most=1000.0)
+_bolus: Final = functools.partial(About, at_most=1000.0, needs=(BOLUSES,))
 
 
 class PumpPart(MadePart):

@@ -22,6 +22,7 @@ from glucoloop.refusal import Refusal
 
 _HEADER: Final = ("Index", "Date", "Time", "Sensor Glucose (")
 _RULE: Final = "-------"
+_MOST_SECTIONS: Final = 100
 _COLUMNS: Final = {
     "date": "Date",
     "clock": "Time",
@@ -114,6 +115,8 @@ def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:
     device, lines = "Medtronic", list[str]()
     for line in [*text.split("\n"), _RULE]:
         if line.lstrip('"').startswith(_RULE):
+            if len(found) == _MOST_SECTIONS:
+                raise Refusal(f"it has more than {_MOST_SECTIONS} sections of devices; divide it")
             if lines:
                 found.append((device, table_of("\n".join(lines), delimiter)))
             device, lines = kind_of(line, "Medtronic"), []

@@ -9,13 +9,25 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
 import polars as pl
 
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import read_regular
 
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t")
+MOST_ROWS: Final = 5_000_000
+"""Largest number of rows or entries of a file: a reading a minute for nine years."""
+_MOST_GROUPS, _MOST_VALUES = 10_000_000, 50_000_000
+_MOST_COLUMNS: Final = 1000
+_MOST_CELLS: Final = 100_000_000
+_SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_ESCAPE: Final = re.compile(
+    r"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|(u[dD][89a-fA-F][0-9a-fA-F]{2})|.)", re.DOTALL
+)
+"""Escape in JSON; half of a pair, which is no letter and cannot be encoded, is its group."""
 _EMPTY: Final = "it is empty; give the file as it was exported"
 _BLANK_LINES: Final = re.compile(r"\n(?:[ \t]*\n)+")
 _EXTRA: Final = ("more 1", "more 2")
@@ -39,12 +51,7 @@ class FileText:
     @functools.cached_property
     def json(self) -> Any:
         """Value of the text as JSON, or None if it is none."""
-        if self.text[:_HEAD].lstrip()[:1] not in ("[", "{"):
-            return None
-        try:
-            return json.loads(self.text, parse_constant=lambda _: None)
-        except (ValueError, RecursionError):
-            return None
+        return json_of(self.text) if self.text[:_HEAD].lstrip()[:1] in ("[", "{") else None
 
     def header(self, *names: str, whole: bool = False) -> tuple[int, str] | None:
         """Number of the first line with fields that begin with these names, and its delimiter; None if there is none.
@@ -79,7 +86,40 @@ class FileText:
         """Items of a list in JSON; Refusal if the text is none."""
         if not isinstance(self.json, list):
             raise Refusal("it is no whole list in JSON; export it again")
+        _bounded(len(self.json), MOST_ROWS, "entries")
         return self.json
+
+
+def _bounded(count: int, most: int, what: str, remedy: str = "divide it") -> None:
+    if count > most:
+        raise Refusal(f"it has {count} {what}, and at most {most} can be read; {remedy}")
+
+
+def xml_of(text: str) -> ElementTree.Element:
+    """Root of a text in XML; Refusal for one that is damaged, has too many elements, or defines kinds of its own."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise Refusal("it defines its own kinds of XML, which no file of a device does; give the file as it came")
+    _bounded(text.count("<"), _MOST_GROUPS, "elements of XML")
+    try:
+        return ElementTree.fromstring(text.encode(), ElementTree.XMLParser(encoding="utf-8"))
+    except ElementTree.ParseError as error:
+        line = error.position[0]
+        raise Refusal(f"its XML breaks off or is damaged at line {line}; give the whole file") from None
+
+
+def json_of(text: str) -> Any:
+    """Value of a text in JSON, each text in it one that can be encoded; None if it is no JSON.
+
+    Refusal for more values than memory is meant for: an empty object of three letters takes over 60 bytes.
+    """
+    _bounded(text.count("{") + text.count("["), _MOST_GROUPS, "objects and lists")
+    _bounded(text.count(","), _MOST_VALUES, "values")
+    if _SURROGATE.search(text):
+        text = _ESCAPE.sub(lambda escape: r"\ufffd" if escape[1] else escape[0], text)
+    try:
+        return json.loads(text, parse_constant=lambda _: None)
+    except (ValueError, RecursionError):  # also a number of thousands of digits
+        return None
 
 
 def content_of(data: bytes) -> FileText:
@@ -106,13 +146,8 @@ def _without_nul(text: str, notes: tuple[str, ...]) -> FileText:
 
 def read_bytes(path: Path) -> bytes:
     """Bytes of a file that the user named; Refusal with the mend where it cannot be read."""
-    if "\0" in str(path):
-        raise Refusal("its name holds a NUL character, which no file has; leave it out")
     try:
-        if path.is_dir():
-            raise Refusal("it is a folder; name a file in it")
-        with path.open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
+        data = read_regular(path, LARGEST_BYTES)
     except OSError as error:
         raise Refusal(f"it cannot be read: {error.strerror}; give the path of a readable file") from None
     if len(data) > LARGEST_BYTES:
@@ -148,6 +183,10 @@ class CellTable:
 def table_of(text: str, delimiter: str) -> CellTable:
     """Table of a text whose first line names the columns; Refusal if it is none."""
     header, _, body = text.partition("\n")
+    columns, count = header.count(delimiter) + 1, body.count("\n") + 1
+    _bounded(columns, _MOST_COLUMNS, "columns", "leave some out, or divide it")
+    _bounded(count, MOST_ROWS, "lines", "leave some out, or divide it")
+    _bounded(columns * count, _MOST_CELLS, "cells", "leave some out, or divide it")
     body = _BLANK_LINES.sub("\n", body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()

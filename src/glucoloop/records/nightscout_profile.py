@@ -7,7 +7,7 @@ percentage and moves it by whole hours.
 
 from __future__ import annotations
 
-import json
+import itertools
 import math
 import zoneinfo
 from bisect import bisect_right
@@ -16,12 +16,14 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple
 
 from glucoloop.records.extract import finite
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import FileText, json_of
+from glucoloop.refusal import Refusal
 
 SWITCH: Final = "Profile Switch"
 _MIN_PER_DAY: Final = 1440
 _MS_PER_H: Final = 3_600_000.0
 _NEVER: Final = (datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC))
+_MOST_CHANGES: Final = 1_000_000
 _MOST_MIN: Final = 1e7
 """Longest duration of a switch that is counted as one, some 19 years."""
 
@@ -112,9 +114,13 @@ def usual_rates(
         return None
 
     ends = {moment for span in every for moment in (span.start, span.end) if first < moment <= last}
-    moments = sorted(
-        {first, *ends, *(at for span in every for at in span.steps(max(first, span.start), min(last, span.end)))}
-    )
+    steps = itertools.chain.from_iterable(span.steps(max(first, span.start), min(last, span.end)) for span in every)
+    moments = sorted({first, *ends, *itertools.islice(steps, _MOST_CHANGES + 1)})
+    if len(moments) > _MOST_CHANGES:
+        raise Refusal(
+            f"by the profiles of Nightscout the basal rate would change more than {_MOST_CHANGES} times between "
+            f"{first:%Y-%m-%d} and {last:%Y-%m-%d}; leave out the rows of a wrong year, or divide the file"
+        )
     found: list[tuple[datetime, float]] = []
     for at in moments:
         active = span_at(at)
@@ -144,10 +150,7 @@ def _switched(
 
 def _held(text: object) -> object:
     """Schedules that a switch holds as a text in JSON; None if it holds none."""
-    try:
-        return json.loads(text, parse_constant=lambda _: None) if isinstance(text, str) else None
-    except (ValueError, RecursionError):
-        return None
+    return json_of(text) if isinstance(text, str) else None
 
 
 def _schedule(value: object, time_zone: str | None) -> _Schedule | None:

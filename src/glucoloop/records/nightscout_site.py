@@ -6,21 +6,19 @@ the filters and the token is sent, and only to the site itself: a redirection is
 
 from __future__ import annotations
 
-import http.client
 import json
-import urllib.error
 import urllib.parse
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 from glucoloop.records import nightscout
 from glucoloop.records.answers import Answers
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import FileText, json_of
 from glucoloop.records.nightscout_profile import profiles_of, zone_of
 from glucoloop.records.record import DeviceRecord
 from glucoloop.records.tidy import Account, record_of, settled
+from glucoloop.records.web_request import Allowance, StatusError, address_of, get
 from glucoloop.refusal import Refusal
 
 TOKEN_VARIABLE: Final = "GLUCOLOOP_NIGHTSCOUT_TOKEN"
@@ -28,8 +26,6 @@ TOKEN_VARIABLE: Final = "GLUCOLOOP_NIGHTSCOUT_TOKEN"
 PAGE: Final = 10_000
 """Number of entries asked for at once."""
 MOST_DAYS: Final = 3660
-_LARGEST_PAGE_BYTES: Final = 200_000_000
-_TIMEOUT_S: Final = 30.0
 _MOST_PAGES: Final = 10_000
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
@@ -41,6 +37,7 @@ def read_nightscout(
     until: datetime | None = None,
     token: str | None = None,
     time_zone: str | None = None,
+    allowance: Allowance | None = None,
 ) -> DeviceRecord:
     """Read the record of a person from a Nightscout site; nothing there is changed.
 
@@ -56,6 +53,8 @@ def read_nightscout(
         Access token of the site with the role ``readable``, where it asks for one.
     time_zone : str, optional
         Time zone of the person; that of the site's profile by default.
+    allowance : Allowance, optional
+        Time and bytes that the requests may take: by default 120 s and 200 MB each, and half an hour and 2 GB in all.
 
     Returns
     -------
@@ -69,7 +68,7 @@ def read_nightscout(
     """
     if not 1 <= days <= MOST_DAYS:
         raise Refusal(f"days is {days}; give 1 to {MOST_DAYS}")
-    site = _Site(url, token)
+    site = _Site(url, token, allowance or Allowance())
     end = until or datetime.now(UTC)
     span = (end - timedelta(days=days), end)
     entries = list(site.all_of("entries", "date", lambda at: str(round(1000.0 * at.timestamp())), span))
@@ -88,50 +87,30 @@ def read_nightscout(
     return record_of(frames, account)
 
 
-class _NoRedirection(urllib.request.HTTPRedirectHandler):
-    """A token must not follow where a site points to."""
-
-    def redirect_request(self, *_: Any) -> None:
-        return None
-
-
 class _Site:
     """A site, asked page by page."""
 
-    def __init__(self, url: str, token: str | None) -> None:
-        parts = urllib.parse.urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise Refusal("what is given is no address of a site; give one like https://my-site.example")
-        if parts.query or parts.username or parts.password or parts.fragment:
-            raise Refusal(
-                "the address of the site holds more than the address, maybe a token; leave that out, and put the token "
-                f"into the environment variable {TOKEN_VARIABLE}"
-            )
-        if token and parts.scheme != "https" and parts.hostname not in _LOOPBACK:
-            raise Refusal(f"{parts.hostname} would get the token unencrypted; give an address with https")
-        self.name = parts.hostname
-        self._root, self._token = urllib.parse.urlunsplit(parts).rstrip("/"), token
-        self._opener = urllib.request.build_opener(_NoRedirection)
+    def __init__(self, url: str, token: str | None, allowance: Allowance) -> None:
+        self._address = address_of(
+            url, f"leave that out, and put the token into the environment variable {TOKEN_VARIABLE}"
+        )
+        self.name, self._token, self._allowance = self._address.host, token, allowance
+        if token and self._address.scheme != "https" and self.name not in _LOOPBACK:
+            raise Refusal(f"{self.name} would get the token unencrypted; give an address with https")
 
-    def page(self, what: str, asked: Mapping[str, str]) -> list[Any]:
+    def page(self, what: str, query: Mapping[str, str]) -> list[Any]:
         """One page of entries, treatments or profiles."""
-        with_token = {**asked, "token": self._token} if self._token else asked
-        address = f"{self._root}/api/v1/{what}.json?{urllib.parse.urlencode(with_token)}"
-        request = urllib.request.Request(address, headers={"Accept": "application/json"}, method="GET")
+        with_token = {**query, "token": self._token} if self._token else query
+        address = self._address.text(f"/api/v1/{what}.json?{urllib.parse.urlencode(with_token)}")
         try:
-            with self._opener.open(request, timeout=_TIMEOUT_S) as answer:
-                data = answer.read(_LARGEST_PAGE_BYTES + 1)
-        except urllib.error.HTTPError as error:
-            self._refuse(error)
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            why = getattr(error, "reason", error)
-            raise Refusal(f"{self.name} gives no answer ({why}); check the address and the network") from None
-        if len(data) > _LARGEST_PAGE_BYTES:
-            raise Refusal(f"{self.name} answers with more than {_LARGEST_PAGE_BYTES} bytes at once; ask for fewer days")
-        try:
-            items = json.loads(data.decode("utf-8"), parse_constant=lambda _: None)
-        except (ValueError, RecursionError):
+            data = get(address, self._allowance, {"Accept": "application/json"})
+            items = json_of(data.decode("utf-8"))
+        except StatusError as error:
+            raise Refusal(f"{self.name} {self._on_status(error.status)}") from None
+        except UnicodeDecodeError:
             items = None
+        except Refusal as error:
+            raise Refusal(f"{self.name} {error}") from None
         if not isinstance(items, list):
             raise Refusal(
                 f"{self.name} answers {what}.json with something else than a list in JSON; give the address of a "
@@ -150,24 +129,19 @@ class _Site:
             new = [item for item in items if _identity(item) not in known]
             yield from new
             known.update(map(_identity, new))
-            moments = [str(item[key]) for item in new if item.get(key)]
+            moments = [str(item[key]) for item in new if isinstance(item.get(key), int | float | str) and item[key]]
             if not moments:
                 return
             last = min(moments, key=lambda moment: (len(moment), moment) if key == "date" else (0, moment))
         raise Refusal(f"{self.name} answers with ever more {what}; ask for fewer days")
 
-    def _refuse(self, error: urllib.error.HTTPError) -> NoReturn:
-        error.close()
-        if error.code in (401, 403):
+    def _on_status(self, status: int) -> str:
+        if status in (401, 403):
             given = "does not accept the token" if self._token else "asks for a token"
-            raise Refusal(
-                f"{self.name} {given}; put one with the role readable into the environment variable {TOKEN_VARIABLE}"
-            ) from None
-        if 300 <= error.code < 400:
-            raise Refusal(f"{self.name} points to another address; give that one") from None
-        raise Refusal(
-            f"{self.name} refuses with status {error.code}; give the address of a Nightscout site, or try later"
-        ) from None
+            return f"{given}; put one with the role readable into the environment variable {TOKEN_VARIABLE}"
+        if 300 <= status < 400:
+            return "points to another address; give that one"
+        return f"refuses with status {status}; give the address of a Nightscout site, or try later"
 
 
 def _identity(item: Mapping[str, Any]) -> str:
@@ -183,6 +157,6 @@ def _zone_of(profiles: list[dict[str, Any]]) -> str | None:
     if not profiles:
         return None
     store = profiles[0]["store"]
-    chosen = store.get(profiles[0].get("defaultProfile")) or next(iter(store.values()), None)
+    chosen = store.get(str(profiles[0].get("defaultProfile"))) or next(iter(store.values()), None)
     zone = zone_of(chosen.get("timezone")) if isinstance(chosen, dict) else None
     return None if zone is None else zone.key

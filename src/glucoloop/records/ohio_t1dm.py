@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from datetime import datetime
 from typing import Any, Final
-from xml.etree import ElementTree
 
 import polars as pl
 
@@ -16,9 +15,8 @@ from glucoloop.component.number_text import number_of
 from glucoloop.records.answers import DAY_FIRST, Answers
 from glucoloop.records.basal import BasalEvent, basal_rates
 from glucoloop.records.extract import Extract, cells, extract_frame, with_basal
-from glucoloop.records.file_text import FileText
+from glucoloop.records.file_text import FileText, xml_of
 from glucoloop.records.times import times_of
-from glucoloop.refusal import Refusal
 from glucoloop.units import S_PER_MIN
 
 _KINDS: Final = {
@@ -42,13 +40,7 @@ def recognised(content: FileText) -> bool:
 
 def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of all lists of events."""
-    if "<!DOCTYPE" in content.text or "<!ENTITY" in content.text:
-        raise Refusal("it defines its own kinds of XML, which no file of OhioT1DM does; give the file as it came")
-    try:
-        root = ElementTree.fromstring(content.text.encode(), ElementTree.XMLParser(encoding="utf-8"))
-    except ElementTree.ParseError as error:
-        line = error.position[0]
-        raise Refusal(f"its XML breaks off or is damaged at line {line}; give the whole file") from None
+    root = xml_of(content.text)
     events: list[tuple[str, dict[str, str]]] = [
         (child.tag, event.attrib) for child in root for event in child if event.tag == "event"
     ]

@@ -135,7 +135,7 @@ def _physical(end: Any) -> Any:
 
 
 def _of_polars(read: Callable[[], T]) -> T:
-    """What polars reads; Refusal for a file that it cannot read, of which it then prints nothing."""
+    """Result of a reading by polars; Refusal for a file that it cannot read, of which it then prints nothing."""
     try:
         with _without_words_of_a_panic():
             return read()

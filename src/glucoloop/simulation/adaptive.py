@@ -10,7 +10,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,10 @@ from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
 
 diffrax: Any = lazy_loader.load("diffrax")
 """Imported when an adaptive step is first taken: it takes a sixth of all imports, and few runs need it."""
+
+
+_MOST_STEPS: Final = 4096
+"""Largest number of steps from one sample to the next through which derivatives are taken."""
 
 
 @pytree
@@ -61,24 +65,10 @@ class AdaptivePlant:
         self, x: jax.Array, insulin_mU_min: jax.Array, start: jax.Array, after_min: jax.Array, held: Held
     ) -> jax.Array:
         """States at times after a start, under inputs that are held from there to the last of them."""
-        patient, end = held.of(self.patient), start + after_min[-1]
-
-        def rates(t: Any, x: jax.Array, _: Any) -> jax.Array:
-            meal = appearance_mg_min(t, self.absorption)
-            return patient.derivative(self.clock_min + t, x, held.inputs(insulin_mU_min, meal))
-
-        states: jax.Array = _solved(rates, x, start, after_min, self._steps(start, end))
+        states: jax.Array = _solved(
+            _body_rates, self, x, start, after_min, self.absorption.jumps.t_min, (insulin_mU_min, held)
+        )
         return states
-
-    def _steps(self, start: jax.Array, end: jax.Array) -> Any:
-        """Adaptive steps between two times, none of them across a jump of a meal."""
-        adaptive = _adaptive(self.tolerance)
-        jumps = self.absorption.jumps.t_min
-        if jumps.size == 0:
-            return adaptive
-        # outside the sample a jump is of no concern: sorted, each lies at its place or at the end
-        inside = jnp.sort(jnp.where((jumps > start) & (jumps < end), jumps, end))
-        return diffrax.ClipStepSizeController(adaptive, jump_ts=inside)
 
 
 @pytree
@@ -106,35 +96,32 @@ class AdaptiveGutPlant:
         """State after one sample, and glucose on the fine grid inside it."""
         assert isinstance(exogenous, Fed)
 
-        def body(t: jax.Array, x: jax.Array, gut: jax.Array, held: Held) -> jax.Array:
-            inputs = held.inputs(insulin_mU_min, self.model.appearance_mg_min(gut))
-            return held.of(self.patient).derivative(self.clock_min + t, x, inputs)
-
-        (x, _), states = self._points(x, exogenous, body, exogenous.held)
+        (x, _), states = self._points(_body_and_gut_rates, x, exogenous, insulin_mU_min, exogenous.held)
         return x, jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def digested(self, outside: Fed) -> jax.Array:
         """State of the gut after one sample."""
         gut: jax.Array
-        (_, gut), _ = self._points(jnp.zeros((0, *outside.gut.shape[1:])), outside, lambda t, x, gut, held: x)
+        (_, gut), _ = self._points(_gut_rates, jnp.zeros((0, *outside.gut.shape[1:])), outside, jnp.zeros(()))
         return gut
 
-    def _points(self, x: jax.Array, outside: Fed, body: Callable[..., jax.Array], held: Held = NOTHING_HELD) -> Any:
+    def _points(
+        self,
+        rates: Callable[..., Any],
+        x: jax.Array,
+        outside: Fed,
+        insulin_mU_min: jax.Array,
+        held: Held = NOTHING_HELD,
+    ) -> Any:
         """Body and gut after one sample, and the body at the points inside it."""
         point_min = self.inside_min[0]
 
         def point(carry: Any, entry: Any) -> Any:
             (x, gut, start), (eaten_mg, begins, held) = carry, entry
             gut = self.model.at_point(gut, eaten_mg, begins > 0.0)
-
-            def rates(t: Any, both: Any, _: Any) -> Any:
-                x, gut = both
-                return body(t, x, gut, held), self.model.derivative(gut, eaten_mg / point_min)
-
-            x, gut = jax.tree.map(
-                lambda states: states[-1],
-                _solved(rates, (x, gut), start, point_min[None], _adaptive(self.tolerance)),
-            )
+            inputs = (insulin_mU_min, held, eaten_mg / point_min)
+            states = _solved(rates, self, (x, gut), start, point_min[None], jnp.zeros(0), inputs)
+            x, gut = jax.tree.map(lambda state: state[-1], states)
             return (x, gut, start + point_min), x
 
         (x, gut, _), states = jax.lax.scan(
@@ -143,13 +130,65 @@ class AdaptiveGutPlant:
         return (x, gut), states
 
 
-def _adaptive(tolerance: float) -> Any:
-    return diffrax.PIDController(rtol=tolerance, atol=tolerance)
+def _body_rates(t: jax.Array, x: jax.Array, known: tuple[AdaptivePlant, Any]) -> jax.Array:
+    plant, (insulin_mU_min, held) = known
+    inputs = held.inputs(insulin_mU_min, appearance_mg_min(t, plant.absorption))
+    rates: jax.Array = held.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
+    return rates
 
 
-def _solved(rates: Any, x: Any, start: Any, after_min: jax.Array, steps: Any) -> Any:
-    """States at moments after a start, the last of which is the end."""
+def _gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
+    plant, (_, _, eaten_mg_min) = known
+    return both[0], plant.model.derivative(both[1], eaten_mg_min)
+
+
+def _body_and_gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
+    plant, (insulin_mU_min, held, _) = known
+    x, gut = both
+    inputs = held.inputs(insulin_mU_min, plant.model.appearance_mg_min(gut))
+    return held.of(plant.patient).derivative(plant.clock_min + t, x, inputs), _gut_rates(t, both, known)[1]
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _solved(
+    rates: Callable[..., Any],
+    plant: Any,
+    x: Any,
+    start: jax.Array,
+    after_min: jax.Array,
+    jumps_min: jax.Array,
+    inputs: Any,
+) -> Any:
+    """States at moments after a start, the last of which is the end, under ``rates(t, x, (plant, inputs))``.
+
+    The solution takes as many steps as it needs, none across a jump, in a loop that JAX cannot differentiate. Its
+    derivatives, in either mode, are those of at most `_MOST_STEPS` such steps.
+    """
+    return _states(rates, plant, x, start, after_min, jumps_min, inputs, max_steps=None)
+
+
+@_solved.defjvp
+def _solved_jvp(rates: Callable[..., Any], primals: Any, tangents: Any) -> Any:
+    of_known = functools.partial(_states, rates, max_steps=_MOST_STEPS, adjoint=diffrax.DirectAdjoint())
+    return jax.jvp(of_known, primals, tangents)
+
+
+def _states(
+    rates: Callable[..., Any],
+    plant: Any,
+    x: Any,
+    start: jax.Array,
+    after_min: jax.Array,
+    jumps_min: jax.Array,
+    inputs: Any,
+    **loop: Any,
+) -> Any:
     end = start + after_min[-1]
+    steps = diffrax.PIDController(rtol=plant.tolerance, atol=plant.tolerance)
+    if jumps_min.size:
+        # outside the sample a jump is of no concern: sorted, each lies at its place or at the end
+        inside = jnp.sort(jnp.where((jumps_min > start) & (jumps_min < end), jumps_min, end))
+        steps = diffrax.ClipStepSizeController(steps, jump_ts=inside)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rates),
         diffrax.Dopri8(),
@@ -157,9 +196,10 @@ def _solved(rates: Any, x: Any, start: Any, after_min: jax.Array, steps: Any) ->
         end,
         after_min[-1] / 50.0,
         x,
+        (plant, inputs),
         saveat=diffrax.SaveAt(ts=start + after_min),
         stepsize_controller=steps,
-        max_steps=None,
+        **loop,
     )
     assert solution.ys is not None
     return solution.ys

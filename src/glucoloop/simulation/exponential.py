@@ -360,7 +360,8 @@ class Exponential:
         if is_traced(patient):
             raise ArgumentTypeError(
                 "the patient is traced by JAX, but the matrices that carry the patient are exponentials that SciPy "
-                "computes; make the patient outside of the transformation, and use simulate_people for many"
+                "computes; give integrator=Adaptive(), which is differentiated in either mode, or make the patient "
+                "outside of the transformation, and use simulate_people for many"
             )
         refuse_two_patients(patient)
         substeps = self.steps_of(grid)

@@ -12,6 +12,7 @@ import tomli_w
 import glucoloop
 from glucoloop.component.code import names_code
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import read_regular
 
 VERSION_KEY = "glucoloop"
 """Key of the version of glucoloop that wrote the file."""
@@ -72,18 +73,20 @@ def read_file(path: str) -> ConfigurationFile:
 
 def text_of_file(path: str, what: str) -> str:
     """Text of a file of a kind, and no more than makes it too large; what cannot be read is refused."""
-    if "\0" in path:
-        raise Refusal(f"the path {path!r} holds a NUL character, which no file has in its name; leave it out")
     try:
-        with Path(path).open(encoding="utf-8-sig", newline="" if what == "CSV" else None) as file:
-            # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
-            return file.read(LARGEST_CHARACTERS + 1)
+        # No more than the largest size of a configuration, so that a larger file is refused and never read whole.
+        data = read_regular(Path(path), 4 * LARGEST_CHARACTERS)
+        cut = len(data) > 4 * LARGEST_CHARACTERS
+        text = data.decode("utf-8-sig", errors="ignore" if cut else "strict")[: LARGEST_CHARACTERS + 1]
+    except Refusal as error:
+        raise Refusal(f"{path} is not {what}: {error}") from None
     except OSError as error:
         raise Refusal(
             f"{path} cannot be read: {error.strerror or error}; give the path of a file in {what} that can be read"
         ) from None
     except UnicodeDecodeError:
         raise Refusal(f"{path} is not {what}: it is not text in UTF-8") from None
+    return text if what == "CSV" else text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def deeper_than(value: object, levels: int) -> bool:

@@ -17,12 +17,12 @@ import hashlib
 import io
 import os
 import shutil
-import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from glucoloop.refusal import Refusal
+from glucoloop.user_file import FILE, FOLDER, kind_of
 
 try:
     import fcntl
@@ -59,16 +59,6 @@ _DIGITS: Final = 20
 """Most digits of the number of a process."""
 _AT_CWD: Final = -100
 _EXCHANGE: Final = 2
-_FILE, _FOLDER = "a file", "a folder"
-_KINDS: Final = {
-    stat.S_IFREG: _FILE,
-    stat.S_IFDIR: _FOLDER,
-    stat.S_IFLNK: "a symbolic link",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
 
 
 def mend(error: OSError, *others: str) -> str:
@@ -82,17 +72,17 @@ def kind(path: Path) -> str:
         mode = os.lstat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    return _KINDS.get(stat.S_IFMT(mode), "something that is no file")
+    return kind_of(mode)
 
 
 def is_file(path: Path) -> bool:
     """Whether there is a regular file; ValueError if something else stands there."""
-    return _is(path, _FILE)
+    return _is(path, FILE)
 
 
 def is_folder(path: Path) -> bool:
     """Whether there is a real folder; ValueError if something else stands there."""
-    return _is(path, _FOLDER)
+    return _is(path, FOLDER)
 
 
 def names(folder: Path) -> list[str]:
@@ -203,7 +193,7 @@ def remove(path: Path) -> None:
     found = kind(path)
     if not found:
         return
-    if found != _FOLDER:
+    if found != FOLDER:
         os.unlink(path)
         return
     if not is_part(path.name):
@@ -334,7 +324,7 @@ def _refused(path: Path, found: str, wanted: str) -> Refusal:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[io.BufferedReader]:
-    _is(path, _FILE)
+    _is(path, FILE)
     descriptor = os.open(path, os.O_RDONLY | _SAFE)
     try:
         with open(descriptor, "rb", closefd=False) as file:

@@ -12,6 +12,7 @@ import glucoloop
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.storage import disk
+from glucoloop.user_file import read_regular
 
 F = TypeVar("F")
 
@@ -19,21 +20,14 @@ LARGEST_TEXT_BYTES: Final = 200_000_000
 
 
 def read_text(path: Path, what: str) -> str:
-    """Text of a file that the user named, which may also be a link or a pipe.
+    """Text of a file that the user named, which may also be a link to it.
 
     A ValueError tells that it cannot be read as `what`, ``"a model"``: it is empty, far too large, or not text.
     """
-    if "\0" in str(path):
-        raise Refusal(f"the path {str(path)!r} holds a NUL character, which no file has in its name; leave it out")
     try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise Refusal(f"{path} is a folder, not {what}; name a file in it")
-        if size > LARGEST_TEXT_BYTES:
-            raise Refusal(f"{path} is too large for {what}: {size} bytes, at most {LARGEST_TEXT_BYTES} will do")
-        with path.open("rb") as file:
-            # A device or a pipe tells no size beforehand.
-            data = file.read(LARGEST_TEXT_BYTES + 1)
+        data = read_regular(path, LARGEST_TEXT_BYTES)
+    except Refusal as error:
+        raise Refusal(f"{path} cannot be read as {what}: {error}") from None
     except OSError as error:
         mend = disk.mend(error, f"give the path of {what}")
         raise Refusal(f"{path} cannot be read as {what}: {error.strerror}; {mend}") from None

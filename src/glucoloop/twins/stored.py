@@ -44,7 +44,7 @@ class _Posterior:
 
 @dataclass(frozen=True)
 class _Kept:
-    """What is used of the plain values of a twin."""
+    """Plain values of a twin that are used again."""
 
     patient: str
     posterior: _Posterior

@@ -52,8 +52,11 @@ def _table_of(place: Path) -> pl.DataFrame:
     missing = {*_COURSE} - {*table.columns}
     if missing:
         raise Refusal(f"{place} is damaged: it has no column {min(missing)}; write it again")
+    wrong = [name for name in _COURSE if not table.schema[name].is_numeric()]
+    if wrong:
+        raise Refusal(f"{place} is damaged: its column {wrong[0]} has no numbers; write it again")
     names = [name for name in _NAMES if name in table.columns]
-    table = table.select(*names, pl.col(*_COURSE).cast(pl.Float64, strict=False))
+    table = table.select(*names, pl.col(*_COURSE).cast(pl.Float64))
     for name, column in _COURSE.items():
         try:
             column.refuse_other(table[name])

@@ -1,4 +1,4 @@
-"""ClosedLoops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
+"""Closed loops of controllers in one situation carried out: their numbers, tables, pictures and sentences."""
 
 from __future__ import annotations
 

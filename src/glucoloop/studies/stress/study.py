@@ -251,8 +251,8 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
         caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
         "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
-        "summed over all people. Saturated (dose at the pump's limits), fallback (the guard gave the basal rate), "
-        "suspended (the guard stopped insulin): percentage of the samples.",
+        "summed over all people. Saturated (dose at the pump's limits), fallback (at most the basal rate "
+        "for want of readings), suspended (the guard stopped insulin): percentage of the samples.",
     )
 
 
