@@ -47,6 +47,7 @@ from . import units as units
 from . import user_file as user_file
 from .bounds import optimal_doses as optimal_doses
 from .cohorts.people_run import simulate_people as simulate_people
+from .component.effects import NoEffectWarning as NoEffectWarning
 from .control import GuardSettings as GuardSettings
 from .control import MealTuning as MealTuning
 from .control import MPCTuning as MPCTuning

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About, Setting
 from glucoloop.refusal import Refusal
@@ -63,6 +64,10 @@ class FaultPart(MadePart):
     """Functions that draw values ``(people,)`` of settings for random people; the others have their defaults."""
     shared: ClassVar[Mapping[str, Callable[[Whole], Any]]] = {}
     """Functions that draw values of settings that all people of a compiled loop share."""
+
+    def needs(self) -> tuple[Need, ...]:
+        """A fault of the sensor has an effect where something uses its readings."""
+        return (READINGS,) if self.part == "sensor" else ()
 
     @classmethod
     def effect_settings(cls) -> dict[str, Setting]:

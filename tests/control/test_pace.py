@@ -24,6 +24,9 @@ from glucoloop.simulation.closed_loop import usual_limits
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
+# The scenario is one for controllers of all kinds, of whom some hear of no meal.
+pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")
+
 TUNING = PIDTuning(0.3, 150.0, 20.0)
 SCENARIO = Scenario([Meal(40.0, 32.0)], 240.0, announced=True)
 NUMBERS = st.floats(0.0, 500.0)

@@ -16,6 +16,9 @@ from glucoloop.sensors import dead_time, white_noise
 from glucoloop.simulation import Stepper, simulate
 from glucoloop.snapshot import fingerprint, pack, unpack
 
+# The scenario is one for controllers of all kinds, of whom some hear of no meal.
+pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")
+
 PID = design_pid(PIDTuning(0.5, 150.0))
 SENSOR = dead_time(1, white_noise(1.45))
 PUMP = with_resolution(0.5)

@@ -23,6 +23,9 @@ from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
 
+# The scenario is one for controllers of all kinds, of whom some hear of no meal.
+pytestmark = pytest.mark.filterwarnings("ignore:announced has no effect")
+
 PID = design_pid(PIDTuning(0.5, 150.0))
 MEALS = (Meal(30.0, -80.0), Meal(50.0, 35.0, announced_g=40.0, announced_min=55.0))
 NOISY = gl.white_noise(4.0)

@@ -22,7 +22,8 @@ from glucoloop.meals import Eaten, MealModel, RescueCarbs, Scenario
 from glucoloop.native.targets.products import FUSED
 from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
-from glucoloop.simulation import Trace, simulate
+from glucoloop.simulation import Trace
+from glucoloop.simulation.closed_loop import closed_loop
 from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import HeldOfPeople
@@ -73,7 +74,7 @@ def close_loop(
     By default the person is the nominal patient, sensor, pump and key are those of the situation.
     """
     surroundings = surroundings_of(situation) if surroundings is None else surroundings
-    return simulate(
+    return closed_loop(
         situation.nominal if patient is None else patient,
         controller,
         surroundings.sensor,

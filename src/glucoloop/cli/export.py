@@ -8,7 +8,7 @@ from typing import Final
 
 from glucoloop.cli.command import Command
 from glucoloop.cli.option import ALLOW_CODE, OUTPUT, CommandOption, Given, options_of
-from glucoloop.cli.request import completed, request_of
+from glucoloop.cli.request import completed, notes_without_effect, request_of
 from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
@@ -47,14 +47,15 @@ def _export(typed: Given) -> None:
     with output.folder("run.toml", "controller.c") as folder:
         assert folder is not None
         asked = completed(request, Export)
-        note(boluses_into_a_vein(asked))
+        without_effect = notes_without_effect(asked)
+        note((*boluses_into_a_vein(asked), *without_effect))
         from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):
-            made, rungs = write(asked, folder)
+            made, rungs = write(asked, folder, without_effect)
         files = folder.paths()
     if output.json:
-        print_json(report(made, rungs), files)
+        print_json(report(made, rungs, without_effect), files)
     else:
         exported = made.exported
         print_text(f"Design {exported.source.design[:16]}, {exported.source.form} form, {exported.precision}.")

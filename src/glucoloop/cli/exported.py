@@ -49,7 +49,7 @@ class Made:
         return record(self.exported, self.controller, self.asked, init, step, samples=samples, seed=seed)
 
 
-def write(asked: Export, folder: OutputFolder) -> tuple[Made, list[Rung]]:
+def write(asked: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[Made, list[Rung]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
     made, chip = Made(asked), chip_of(asked.target)
     exported = made.exported
@@ -63,7 +63,7 @@ def write(asked: Export, folder: OutputFolder) -> tuple[Made, list[Rung]]:
     folder.write("README.md", readme(exported, name, asked.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
     folder.write("SAFETY.md", safety_report(exported, name, checks, guarded=guarded))
-    folder.write("manifest.json", json_text(with_version(report(made, rungs))) + "\n")
+    folder.write("manifest.json", json_text(with_version(report(made, rungs, notes))) + "\n")
     used, given = asked.tree(whole=True), asked.tree()
     used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
@@ -74,7 +74,7 @@ def write(asked: Export, folder: OutputFolder) -> tuple[Made, list[Rung]]:
     return made, rungs
 
 
-def report(made: Made, rungs: Sequence[Rung]) -> dict[str, Any]:
+def report(made: Made, rungs: Sequence[Rung], notes: Sequence[str]) -> dict[str, Any]:
     """Plain values for JSON."""
     exported, source = made.exported, made.exported.source
     return {
@@ -86,6 +86,7 @@ def report(made: Made, rungs: Sequence[Rung]) -> dict[str, Any]:
         "state_bytes": source.record_bytes - 20,
         "workspace_numbers": dict(source.workspace),
         "checks": [rung.as_dict() for rung in rungs],
+        "notes": list(notes),
     }
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from glucoloop.cli.errors import written_whole
-from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given
+from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, options_of
 from glucoloop.cli.screen import note, stage
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.component.part import Part
@@ -247,6 +247,14 @@ def completed(request: Request, root: type[P]) -> P:
             with contextlib.suppress(Refusal):  # a file that does not stand alone
                 _note_changes(request, asked_for(root, request.of_file).tree(whole=True))
     return asked
+
+
+def notes_without_effect(asked: Part) -> tuple[str, ...]:
+    """Notes on what was given of a complete request and changes nothing, by the names of options."""
+    from glucoloop.situations.unused import without_effect
+
+    flags = {option.key: option.flag for option in options_of(type(asked))}
+    return without_effect(asked, lambda setting: flags.get(setting.name, setting.name))
 
 
 def _note_changes(request: Request, now: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import importlib
 import sys
@@ -17,7 +18,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.errors import interrupted
 from glucoloop.cli.option import DASK, JSON, OUTPUT, SET, UNITS, WORKERS, CommandOption, Given, options_of, reworded
 from glucoloop.cli.progress import counted
-from glucoloop.cli.request import Output, Request, completed, request_of
+from glucoloop.cli.request import Output, Request, completed, notes_without_effect, request_of
 from glucoloop.cli.screen import note, print_json, print_text, show, stage, where_written
 from glucoloop.cli.trial_progress import Computing
 from glucoloop.display_units import in_shown_units, showing
@@ -88,15 +89,24 @@ class _StudyRun:
     output: Output
     module: Any
     asked: Any
+    without_effect: tuple[str, ...]
+    """Notes on what was given and changes nothing."""
 
     @classmethod
     def of(cls, study: Study, request: Request) -> _StudyRun:
         """Complete the request, and import the module that does the work."""
         asked = completed(request, study.request)
         module: Any = importlib.import_module(study.module)
-        run = cls(study, request.output, module, asked)
-        note(map(in_shown_units, run.sentences("notes", asked)))
+        run = cls(study, request.output, module, asked, notes_without_effect(asked))
+        note(map(in_shown_units, (*run.sentences("notes", asked), *run.without_effect)))
         return run
+
+    def with_notes(self, found: Findings) -> Findings:
+        """Findings whose notes begin with those on what changes nothing, for JSON and the files."""
+        if not self.without_effect:
+            return found
+        notes = [*self.without_effect, *found.plain.get("notes", ())]
+        return dataclasses.replace(found, plain={**found.plain, "notes": notes})
 
     def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
         """Work that a folder keeps."""
@@ -124,7 +134,7 @@ class _StudyRun:
                     return Findings.read(folder.path / self.study.summary)
                 if folder.done:
                     note([f"{folder.progress} of {folder.path} are there already; going on."])
-                found = compute(folder)
+                found = self.with_notes(compute(folder))
                 folder.finish(self.files_of(found))
                 return found
         except KeyboardInterrupt:
@@ -145,12 +155,13 @@ class _StudyRun:
     def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
         with found.refusing_damage():
-            notes = tuple(map(in_shown_units, found.plain.get("notes", ())))
+            untold = tuple(text for text in found.plain.get("notes", ()) if text not in self.without_effect)
+            notes = tuple(map(in_shown_units, untold))
             tables = tuple(self.module.tables(self.asked, found))
             conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.asked, found)))
             how_to_go_on = tuple(self.sentences("how_to_go_on", found, files))
         if self.output.json:
-            print_json(found.plain, files, found.plain.get("notes", ()))
+            print_json(found.plain, files, untold)
             return
         with found.refusing_damage():
             for table in tables:
@@ -218,7 +229,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
 
     if out is None:
         rows: list[Any] = []
-        run.print_results(search(rows, rows.append), {})
+        run.print_results(run.with_notes(search(rows, rows.append)), {})
         return
     work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
@@ -238,7 +249,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         module = run.module
         shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
-            found = module.found(asked, progress)
+            found = run.with_notes(module.found(asked, progress))
         if folder is not None:
             from glucoloop.situations.toml import toml_text
 

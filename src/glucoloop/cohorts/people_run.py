@@ -15,6 +15,7 @@ from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings
 from glucoloop.cohorts.blocks import block_size, in_blocks
+from glucoloop.component.effects import warn_without_effect
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario, eaten
 from glucoloop.meals.scenario import announced_g, announced_min
@@ -26,7 +27,7 @@ from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
-from glucoloop.simulation.closed_loop import sample_grid, usual_limits
+from glucoloop.simulation.closed_loop import sample_grid, scenario_without_effect, usual_limits
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import HeldOfPeople
 from glucoloop.situations.situation import Situation
@@ -101,6 +102,8 @@ def simulate_people(
         For a scenario that starts or aims elsewhere than where the people rest, a horizon that is not a whole number
         of samples, or an engine that is unknown or not possible.
     """
+    if scenario is not None:
+        warn_without_effect(scenario_without_effect(scenario, controller), stacklevel=4)
     scenario = Scenario() if scenario is None else scenario
     grid = sample_grid(scenario.horizon_min, controller.sample_time_min, scenario.start_min, scenario.warm_up_min)
     setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])

@@ -11,6 +11,7 @@ import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.component.effects import INDIVIDUAL
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import Default
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
@@ -114,7 +115,9 @@ class Trial(FedSituation):
     design: Annotated[
         Literal["nominal", "individual"],
         Option(
-            "Whether controllers are designed once for the nominal patient, or for each person.", panel=CONTROLLER_PANEL
+            "Whether controllers are designed once for the nominal patient, or for each person.",
+            panel=CONTROLLER_PANEL,
+            needs=(INDIVIDUAL,),
         ),
     ] = "nominal"
     traces: Annotated[

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final, Self, TypeVar, dataclass_transform
 
 from glucoloop.component.code import loaded
+from glucoloop.component.effects import Need
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, part_text, place, plain
 from glucoloop.component.setting import ALL_SETTINGS, Default, Setting, WithUnit, declared_setting, known_names, usual
 from glucoloop.refusal import Refusal
@@ -155,6 +156,14 @@ class Part:
         except Refusal as error:
             raise error.within(self.where) from None
         return whole._noted(self.given, self.where, self.called)
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the part meets, for settings of the request or of its own."""
+        return frozenset()
+
+    def needs(self) -> tuple[Need, ...]:
+        """Needs of the part itself to have an effect."""
+        return ()
 
     def values(self) -> dict[str, Any]:
         """Every setting with its value."""

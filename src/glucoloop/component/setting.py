@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
+from glucoloop.component.effects import Need
 from glucoloop.component.number_text import NUMBER
 from glucoloop.refusal import Refusal
 from glucoloop.text import shown
@@ -70,6 +71,8 @@ class About:
     """Whether a number has to be finite."""
     reads: Callable[[Any], Any] | None = None
     """Function that reads a value where any type may be possible; it raises a Refusal that says what to give."""
+    needs: tuple[Need, ...] = ()
+    """Needs that parts of the request have to meet, so that the setting has an effect; see `situations.unused`."""
 
     def allows(self, value: float) -> bool:
         """Whether a number is finite, where it has to be, and within the bounds."""

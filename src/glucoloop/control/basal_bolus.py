@@ -23,6 +23,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import BasalBolusSettings
@@ -58,6 +59,8 @@ class BasalBolusState:
 @pytree
 class BasalBolus:
     """Basal rate and boluses; see `design_basal_bolus`."""
+
+    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
 
     basal_mU_min: jax.Array | float
     carb_ratio_g_U: jax.Array | float | None

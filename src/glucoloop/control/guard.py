@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import PROFILE, READINGS, Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import (
@@ -36,6 +37,7 @@ from glucoloop.control.protocol import (
     computed_settings,
     draws,
     gives_boluses,
+    uses_of,
 )
 from glucoloop.control.tuning import check_rate
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -94,6 +96,11 @@ class Guard:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def uses(self) -> frozenset[Need]:
+        """Needs that the inner controller meets, and the guard itself."""
+        return uses_of(self.inner) | {READINGS, PROFILE}
 
     @property
     def draws(self) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import PROFILE, READINGS, Need
 from glucoloop.component.part import Part
 from glucoloop.component.routes import INTRAVENOUS, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About
@@ -134,6 +135,10 @@ class GuardSettings(Part, name="usual"):
             "those of the basal rate alone."
         ),
     ] = 1.0
+
+    def uses(self) -> frozenset[Need]:
+        """A guard uses readings, and the profile of a person in its limits."""
+        return frozenset({READINGS, PROFILE})
 
     @classmethod
     def for_route(cls, insulin_route: str) -> GuardSettings:

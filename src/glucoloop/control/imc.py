@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
+from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
@@ -41,6 +42,8 @@ class IMCState:
 @pytree
 class IMC:
     """Internal model controller; see `design_imc`."""
+
+    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
 
     pole: jax.Array | float
     gain: jax.Array | float

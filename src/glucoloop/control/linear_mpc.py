@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import identified_response, suited, unseen
@@ -46,6 +47,8 @@ class LinearMPCState:
 @pytree
 class LinearMPC:
     """Linear MPC; see `design_linear_mpc`."""
+
+    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
 
     step_response: jax.Array
     """(N,) S_1 .. S_N, long enough for the prediction horizon."""

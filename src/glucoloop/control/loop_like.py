@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
@@ -139,6 +140,8 @@ class LoopLikeState:
 @pytree
 class LoopLike:
     """Controller after LoopKit's; see `design_loop_like`."""
+
+    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
 
     basal_mU_min: jax.Array | float
     carb_ratio_g_U: jax.Array | float

@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
+from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import linear_response, or_suited, suited, unseen
@@ -58,6 +59,8 @@ class NoiseLearning:
 @pytree
 class MPCSE:
     """MPC with state estimation; see `design_mpc_se`."""
+
+    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
 
     Phi: jax.Array
     Gamma: jax.Array

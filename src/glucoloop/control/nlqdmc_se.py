@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
+from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.horizon import or_suited, response_at_rest, suited
@@ -49,6 +50,8 @@ class NLQDMCState:
 @pytree
 class NLQDMC:
     """NLQDMC with state estimation; see `design_nlqdmc_se`."""
+
+    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
 
     model: NonlinearModel
     process_noise: jax.Array

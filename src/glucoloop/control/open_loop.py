@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
@@ -17,6 +20,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 @pytree
 class OpenLoop:
     """Keeps the initial rate; see `design_open_loop`."""
+
+    uses: ClassVar[frozenset[Need]] = frozenset()
 
     insulin_mU_min: jax.Array | None
     limits: DoseLimits

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
 from glucoloop.control.protocol import (
@@ -20,6 +21,7 @@ from glucoloop.control.protocol import (
     computed_settings,
     draws,
     gives_boluses,
+    uses_of,
 )
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.refusal import Refusal
@@ -62,6 +64,11 @@ class Paced:
     def gives_boluses(self) -> bool:
         """Whether the inner controller decides on boluses."""
         return gives_boluses(self.inner)
+
+    @property
+    def uses(self) -> frozenset[Need]:
+        """Needs that the inner controller meets."""
+        return uses_of(self.inner)
 
     @property
     def draws(self) -> bool:

@@ -6,6 +6,17 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from glucoloop.component.code import loaded
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    BOLUSES,
+    CHANCE,
+    INDIVIDUAL,
+    PROFILE,
+    READINGS,
+    TIME_OF_DAY,
+    Need,
+)
 from glucoloop.component.part import Part
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
@@ -44,6 +55,8 @@ class ControllerPart(Part):
     ``.3:.8:.05``; without it, the usual value alone."""
     gives_boluses: ClassVar[bool] = False
     """Whether it decides on boluses too; the controller then has ``gives_boluses = True`` as well."""
+    used: ClassVar[frozenset[Need]] = frozenset({READINGS, ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, PROFILE, CHANCE})
+    """Needs that it meets, by what it uses; one that does not say it is taken to use everything."""
     slow: ClassVar[bool] = False
     """Whether it takes long to compile, up to a minute, and some twenty times as long as linear MPC to decide, so that
     studies of many loops use fewer and shorter ones with it."""
@@ -67,6 +80,11 @@ class ControllerPart(Part):
     def usual_of_route(cls, insulin_route: str) -> Mapping[str, Any]:
         """Usual settings for a route of insulin, where they differ from the defaults, for readings without noise."""
         return {name: usual.noise_free for name, usual in ROUTES[insulin_route].tunings.get(cls.name, {}).items()}
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that a controller with these settings meets; boluses and a design for each person are two of them."""
+        boluses = frozenset({BOLUSES}) if self.gives_boluses else frozenset()
+        return self.used | boluses | (frozenset() if self.individual is None else frozenset({INDIVIDUAL}))
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
+from glucoloop.component.effects import ONLY_READINGS, Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.protocol import Decision, Observation
@@ -110,6 +111,8 @@ class PIDState:
 @pytree
 class PID:
     """PID controller; see `design_pid`."""
+
+    uses: ClassVar[frozenset[Need]] = ONLY_READINGS
 
     proportional: jax.Array | float
     integral: jax.Array | float

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.pid import ROUNDING
@@ -72,6 +73,8 @@ class PIDIFBState:
 @pytree
 class PIDIFB:
     """PID controller with insulin feedback; see `design_pid_ifb`."""
+
+    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
 
     basal_mU_min: jax.Array | float
     daily_dose_U: jax.Array | float

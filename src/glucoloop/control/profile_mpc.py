@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop._pytree import pytree, static
+from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
 from glucoloop.control.decision import decide, delivered_since, is_known, is_of_a_person, rate_at_start
 from glucoloop.control.design_case import DesignCase
@@ -75,6 +76,8 @@ class ForecastSteps:
 @pytree
 class ProfileMPC:
     """Predictive control by a profile; see `design_profile_mpc`."""
+
+    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
 
     model: ProfiledModel
     filter: FedFilter

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, DOSES_BY_PROFILE, Need
 from glucoloop.component.setting import About
 from glucoloop.control.part import ControllerPart
 from glucoloop.control.settings import SensorLag
@@ -38,6 +39,7 @@ class _ByProfile(ControllerPart):
     uses_model: ClassVar = False
     individual: ClassVar = "glucoloop.build.individual:by_profile"
     gives_boluses: ClassVar = True
+    used: ClassVar = DOSES_BY_PROFILE
 
 
 class ProfileMPCSettings(_ByProfile, name="profile-mpc"):
@@ -143,6 +145,10 @@ class PIDIFBSettings(_ByProfile, name="pid-ifb"):
     ] = 1.0
     carb_ratio_g_U: CarbRatio = 0.0
     meal_bolus: MealShare = 1.0
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; announcements where meals have a bolus."""
+        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
 
 
 class LoopLikeSettings(_ByProfile, name="loop-like"):

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import jax
 
 from glucoloop._pytree import pytree
+from glucoloop.component.effects import OF_CONTROLLERS, Need
 
 
 @pytree
@@ -131,6 +132,16 @@ def gives_boluses(controller: object) -> bool:
     bolus.
     """
     return bool(getattr(controller, "gives_boluses", False))
+
+
+def uses_of(controller: object) -> frozenset[Need]:
+    """Needs that a controller meets, of `component.effects.OF_CONTROLLERS`.
+
+    A controller declares it by an attribute ``uses``, which a wrapper passes on; one that does not is taken to use
+    everything.
+    """
+    found: frozenset[Need] = getattr(controller, "uses", OF_CONTROLLERS)
+    return found
 
 
 def draws(controller: object) -> bool:

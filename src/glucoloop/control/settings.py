@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
+from glucoloop.component.effects import ANNOUNCEMENTS, ONLY_READINGS, READINGS, TIME_OF_DAY, Need
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import About, usual
 from glucoloop.control.part import ControllerPart
@@ -26,6 +27,7 @@ from glucoloop.unit_guess import (
 if TYPE_CHECKING:
     from glucoloop.estimation.unknown_meal import MealHabits
 
+_STEADY: Final = Need("meals_by_time takes its place")
 LONGEST_MOVE_HORIZON: Final = 50
 LONGEST_PREDICTION_HORIZON: Final = 288
 
@@ -77,7 +79,11 @@ FittedStep = Annotated[
 DEFAULT_FLOOR_WEIGHT: Final = 10.0
 
 
-class MPCTuning(ControllerPart):
+class _OfReadings(ControllerPart):
+    used: ClassVar = ONLY_READINGS
+
+
+class MPCTuning(_OfReadings):
     """Horizons and weights of a predictive controller."""
 
     move_horizon: Annotated[int, About("Number of planned moves, m.", at_least=1, at_most=LONGEST_MOVE_HORIZON)] = 2
@@ -212,6 +218,8 @@ class MealTuning(MPCTuning):
     0.2 and 0.5. At 0 it rests 0.1 below with this noise, and at the setpoint without noise.
     """
 
+    used: ClassVar = frozenset({READINGS, ANNOUNCEMENTS})
+
     prediction_horizon: PredictionHorizon = 12
     output_weight: OutputWeight = 1.0
     move_weight: MoveWeight = 0.22
@@ -275,7 +283,8 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
 
     estimator: Annotated[EstimatorPart, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})
     meals_per_h: Annotated[
-        float, About("Expected number of meals per hour; more is quicker and less certain.", above=0.0)
+        float,
+        About("Expected number of meals per hour; more is quicker and less certain.", above=0.0, needs=(_STEADY,)),
     ] = 0.57
     meals_by_time: Annotated[
         str,
@@ -307,6 +316,10 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         if self.needs_time_of_day:
             self.habits()
 
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; the time of day where meals are expected by it."""
+        return super().uses() | frozenset({TIME_OF_DAY} if self.needs_time_of_day else {_STEADY})
+
     @property
     def needs_time_of_day(self) -> bool:
         """Whether the expected number of meals depends on the time of day."""
@@ -319,7 +332,7 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         return MealHabits(self.meals_per_h, self.mean_carbs_g, self.meals_by_time)
 
 
-class IMCSettings(ControllerPart, name="imc"):
+class IMCSettings(_OfReadings, name="imc"):
     """Internal model control with a filter, on a first-order model with dead time."""
 
     sources = ("parker1999", "sorensen1985", "morari1989")
@@ -331,7 +344,7 @@ class IMCSettings(ControllerPart, name="imc"):
     step_mU_min: FittedStep = 0.0
 
 
-class PIDSettings(ControllerPart, name="pid"):
+class PIDSettings(_OfReadings, name="pid"):
     """PID whose integral never winds up, tuned on a first-order model with dead time."""
 
     sources = ("rivera1986", "astrom1989")
@@ -355,3 +368,4 @@ class BasalSettings(ControllerPart, name="basal"):
     design: ClassVar = "glucoloop.control.open_loop:design"
     uses_model: ClassVar = False
     individual: ClassVar = None
+    used: ClassVar = frozenset()

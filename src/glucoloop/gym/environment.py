@@ -8,11 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop._extras import needed_for
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    BOLUSES,
+    OF_CONTROLLERS,
+    READINGS,
+    TIME_OF_DAY,
+    warn_without_effect,
+)
 from glucoloop.gym.people import DosedPeople
 from glucoloop.gym.picture import EpisodePicture
 from glucoloop.gym.rewards import RewardFunction, kovatchev_risk, reward_of
 from glucoloop.limits import LARGEST_COUNTER, LONGEST_AHEAD_MIN
 from glucoloop.refusal import Refusal
+from glucoloop.situations.unused import without_effect
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, mu_min_from_u_h, u_h_from_mu_min
 
 with needed_for("an environment"):
@@ -56,6 +66,10 @@ class _Situation:
         self.people = DosedPeople(settings, number, threads)
         self._is_seeded = "seed" in settings
         trial = self.people.trial
+        agent = {ANNOUNCEMENTS, AHEAD, TIME_OF_DAY, *([] if truth else [READINGS])}
+        agent |= {BOLUSES} if self.people.gives_bolus else set()
+        agent |= trial.guard.uses() if trial.guard is not None else set()
+        warn_without_effect(without_effect(trial, uses=trial.uses() - OF_CONTROLLERS | agent), stacklevel=3)
         low, high = ([u_h_from_mu_min(float(rate))] for rate in (trial.limits.min_mU_min, trial.limits.max_mU_min))
         most_U = high[0] * trial.sample_time_min / MIN_PER_H
         self.action_names: tuple[str, ...] = ("basal_U_h",)
@@ -237,6 +251,11 @@ class GlucoseEnv(_MadeAgain, gymnasium.Env[Floats, npt.NDArray[Any]]):
         Keys of a trial's file, like ``patient="hovorka-2004"``, ``sensor=["dexcom-g6"]``, ``meals=["45g@7h"]`` or
         ``days=2``. With ``people`` the persons of that many numbers come again and again, from ``first_person`` on; by
         default every episode has another.
+
+    Warns
+    -----
+    NoEffectWarning
+        For a setting that was given and changes nothing, like ``profile_by`` without a guard.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import ANNOUNCEMENTS, Need
 from glucoloop.component.part import Part
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
@@ -34,6 +35,10 @@ class HabitPart(Part):
     kind: ClassVar = "habit"
     of_announcements: ClassVar[bool] = False
     """Whether it concerns announced meals only."""
+
+    def needs(self) -> tuple[Need, ...]:
+        """A habit of announcing has an effect where a controller uses announcements."""
+        return (ANNOUNCEMENTS,) if self.of_announcements else ()
 
     def lived(self, days: LivedDays) -> LivedDays:
         """Days of people as they are with this habit."""

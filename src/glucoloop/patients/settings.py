@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import TIME_OF_DAY, Need
 from glucoloop.component.part import Part
 from glucoloop.component.routes import INTRAVENOUS, PUMP_OF_1999, ROUTES, SUBCUTANEOUS, route_of
 from glucoloop.component.setting import About, Default, Tunings, known_names
@@ -69,6 +70,8 @@ class PatientPart(Part):
     """Operating points, the usual one first."""
     populations: ClassVar[Mapping[str, str]] = {}
     """Summary of each population by name besides the nominal one; the first is the usual one."""
+    timeless: ClassVar[bool] = False
+    """Whether its equations are the same at any time of day; one that does not say is taken to follow the clock."""
     insulin_route: ClassVar[str] = INTRAVENOUS
     """Way of insulin into the body, one of `component.routes.ROUTES`."""
     max_change_mU_min: ClassVar[float]
@@ -107,6 +110,10 @@ class PatientPart(Part):
             reads=_person,
         ),
     ] = None
+
+    def uses(self) -> frozenset[Need]:
+        """A patient uses the time of day whose equations follow the clock."""
+        return frozenset(() if self.timeless else {TIME_OF_DAY})
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -192,6 +199,7 @@ _AT_FASTING_81: Final = {
 class Parker1999Part(PatientPart, name="parker-1999"):
     """Sorensen's 19 states as Parker, Doyle and Peppas (1999) use them; insulin into a vein, 70 kg."""
 
+    timeless: ClassVar = True
     sources = ("parker1999", "parker2000", "sorensen1985", "lehmann1992")
     model = "glucoloop.patients.sorensen.model:PARKER_1999_MODEL"
     operating_points = (
@@ -215,6 +223,7 @@ class Parker1999Part(PatientPart, name="parker-1999"):
 class _HovorkaPart(PatientPart):
     """A patient of Hovorka's family, with the pump and the horizons with which the numbers of the guide were made."""
 
+    timeless: ClassVar = True
     insulin_route = SUBCUTANEOUS
     # The pump of 1999, 4 U/h, is ample for people who need 0.4 and 0.9 U/h.
     max_change_mU_min = PUMP_OF_1999.max_change_mU_min
@@ -255,6 +264,7 @@ class Wilinska2010Part(_HovorkaPart, name="wilinska-2010"):
 class Kanderian2009Part(PatientPart, name="kanderian-2009"):
     """The ten people of Kanderian et al. (2009), the Medtronic virtual patient; insulin under the skin."""
 
+    timeless: ClassVar = True
     sources = ("kanderian2009",)
     model = "glucoloop.patients.kanderian.patient:KANDERIAN_2009_MODEL"
     operating_points = (OperatingPoint("fasting-120", "person 1, held at 120 mg/dl by 22.0 mU/min, which is 1.32 U/h"),)
@@ -266,6 +276,7 @@ class Kanderian2009Part(PatientPart, name="kanderian-2009"):
 class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
     """The minimal model with exercise of Roy and Parker (2007); insulin into a vein, 70 kg."""
 
+    timeless: ClassVar = True
     sources = ("royparker2007",)
     model = "glucoloop.patients.roy_parker2007:ROY_PARKER_2007_MODEL"
     operating_points = (OperatingPoint("fasting-100", "held at 100 mg/dl by 16.67 mU/min, which is 1 U/h"),)
@@ -275,6 +286,7 @@ class RoyParker2007Part(PatientPart, name="roy-parker-2007"):
 class McGill2020Part(PatientPart, name="mcgill-2020"):
     """Bergman's minimal model with exercise and insulin under the skin, of the McGill Diabetes Lab (2020); 70 kg."""
 
+    timeless: ClassVar = True
     sources = ("bergman1979", "mcgill2020")
     model = "glucoloop.patients.mcgill2020:MCGILL_2020_MODEL"
     insulin_route = SUBCUTANEOUS
@@ -285,6 +297,7 @@ class McGill2020Part(PatientPart, name="mcgill-2020"):
 class UvaPadova2008Part(PatientPart, name="uva-padova-2008"):
     """The model of the UVA/Padova simulator of 2008, of Dalla Man et al. (2007); insulin under the skin, 78 kg."""
 
+    timeless: ClassVar = True
     sources = ("dallaman2007", "dallaman2007gim", "kovatchev2009")
     model = "glucoloop.patients.dalla_man.model:UVA_PADOVA_2008_MODEL"
     insulin_route = SUBCUTANEOUS

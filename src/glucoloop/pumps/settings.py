@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import BOLUSES
 from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About, known_names
 from glucoloop.faults import Least, Step
@@ -22,7 +23,7 @@ LongActing = Literal["glargine", "glargine-u300", "detemir", "degludec"]
 
 _limit: Final = functools.partial(About, at_most=10_000.0)
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
-_bolus: Final = functools.partial(About, at_most=1000.0)
+_bolus: Final = functools.partial(About, at_most=1000.0, needs=(BOLUSES,))
 
 
 class PumpPart(MadePart):

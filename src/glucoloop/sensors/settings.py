@@ -10,12 +10,14 @@ from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.code import loaded
+from glucoloop.component.effects import READINGS, Need
 from glucoloop.component.part import MadePart
 from glucoloop.component.setting import About
 from glucoloop.refusal import Refusal
 from glucoloop.unit_guess import DEAD_TIME, GLUCOSE_BOUND, LAG, NOISE_BOUND, NOISE_VARIANCE
 from glucoloop.units import MIN_PER_DAY
 
+_NOISE: Final = Need("the variance of the noise is 0")
 LONGEST_LAG_MIN: Final = 120.0
 _LONGEST_WEAR_MIN: Final = 30.0 * MIN_PER_DAY
 
@@ -28,6 +30,10 @@ class SensorPart(MadePart):
     """
 
     kind: ClassVar = "sensor"
+
+    def needs(self) -> tuple[Need, ...]:
+        """A sensor has an effect where something uses its readings."""
+        return (READINGS,)
 
     def recorded(self) -> SensorPart | None:
         """Sensor of a record from which a model is identified, by default this one; None where it is left out.
@@ -58,8 +64,13 @@ class WhiteNoiseSettings(SensorPart, name="white-noise"):
         float, About("Variance of the noise of each reading.", at_least=0.0, at_most=10_000.0, quantity=NOISE_VARIANCE)
     ] = 1.45
     bound_mg_dl: Annotated[
-        float, About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND)
+        float,
+        About("Largest deviation of a reading.", above=0.0, at_most=1000.0, quantity=NOISE_BOUND, needs=(_NOISE,)),
     ] = 5.0
+
+    def uses(self) -> frozenset[Need]:
+        """Noise, if there is any to bound."""
+        return frozenset({_NOISE} if self.variance else ())
 
     def recorded(self) -> None:
         """Leave the noise out: a record has its own."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import jax
@@ -13,7 +14,8 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced, random_key
-from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses
+from glucoloop.component.effects import ANNOUNCEMENTS, warn_without_effect
+from glucoloop.control.protocol import Controller, Observation, Status, draws, gives_boluses, uses_of
 from glucoloop.meals.models import meal_model_of
 from glucoloop.meals.scenario import Scenario, announced_g, announced_min
 from glucoloop.patients.capabilities import lowest_valid_glucose_mg_dl, usual_pump
@@ -338,12 +340,42 @@ def simulate(
         Integrator; by default `Exponential` if the patient has the parts for it, else `Explicit`, as for one whose
         constants follow the clock, and in a scenario with exercise or rhythms.
 
+    Warns
+    -----
+    NoEffectWarning
+        For what the scenario has and the controller has no use for, such as announced meals.
+
     Raises
     ------
     ValueError
         If the horizon is not a whole number of the controller's samples, the patient cannot rest at the initial
         glucose, or it does not take the exercise or the rhythms of the scenario.
     """
+    if scenario is not None:
+        warn_without_effect(scenario_without_effect(scenario, controller), stacklevel=3)
+    return closed_loop(patient, controller, sensor, pump, scenario, key, integrator=integrator)
+
+
+def scenario_without_effect(scenario: Scenario, controller: Controller) -> Iterator[str]:
+    """Notes on what a scenario has and the controller, or the scenario itself, has no use for."""
+    uses, name = uses_of(controller), type(controller).__name__
+    if scenario.announced and not len(scenario.meals):
+        yield "announced has no effect: there is no meal."
+    elif scenario.announced and ANNOUNCEMENTS not in uses:
+        yield f"announced has no effect: the controller {name} does not use announcements of meals."
+
+
+def closed_loop(
+    patient: Patient,
+    controller: Controller,
+    sensor: Sensor | None = None,
+    pump: Pump | None = None,
+    scenario: Scenario | None = None,
+    key: jax.Array | int = 0,
+    *,
+    integrator: Integrator | None = None,
+) -> Trace:
+    """Simulate as `simulate` does, of arguments that were checked before."""
     sensor = IdealSensor() if sensor is None else sensor
     pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
     scenario = Scenario() if scenario is None else scenario

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Self
 
+from glucoloop.component.effects import DEAD_TIME, Need
 from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
 from glucoloop.component.part import Part, read
 from glucoloop.component.setting import About, Value
@@ -38,7 +39,8 @@ class Case(Part):
     known_dead_time: Annotated[
         bool,
         About(
-            "Whether the controller knows the dead time: its model is then delayed and its prediction horizon longer."
+            "Whether the controller knows the dead time: its model is then delayed and its prediction horizon longer.",
+            needs=(DEAD_TIME,),
         ),
     ] = False
     guard: Annotated[GuardSettings | None, About("Its guard; by default that of the run, if it has one.")] = None
@@ -96,6 +98,10 @@ class Case(Part):
         found = super().tree(whole=whole)
         controller = found.pop("controller", self.controller.tree(whole=whole))
         return {**controller, **{key: value for key, value in found.items() if value not in (None, [])}}
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets, and its guard."""
+        return self.controller.uses() | (frozenset() if self.guard is None else self.guard.uses())
 
     @property
     def tuning(self) -> Mapping[str, Value]:

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
+from glucoloop.component.effects import CHANCE, EXERCISE, MEALS, READINGS, Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings
@@ -106,6 +107,14 @@ class ControlledSituation(Situation):
             )
         return self.cases[0]
 
+    def uses(self) -> frozenset[Need]:
+        """Needs that the situation and its controllers meet: of several, those that any of them does."""
+        if "controller" in self.refused:
+            return super().uses()
+        by_controllers = frozenset[Need]().union(*(case.uses() for case in self.cases))
+        by_metrics = frozenset({READINGS} if self.metrics else ())
+        return super().uses() - {READINGS} | by_controllers | by_metrics
+
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
         found = super().tree(whole=whole)
@@ -177,6 +186,19 @@ class FedSituation(DaySettings, ControlledSituation):
         elif self.given.get("duration_min") is not None:
             usual["days"] = Default(None)
         return super().completed(usual, noisy=noisy)
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the situation meets, with its meals and its exercise where it has them."""
+        meals = {MEALS} if self.meals or self.habits or self.rescue is not None else set()
+        exercise = {EXERCISE} if self.exercise else set()
+        return super().uses() - {MEALS, EXERCISE} | meals | exercise
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether anything of the situation may be drawn at random, its meals and exercise included."""
+        of_meals = self.meal_size_spread_pct or self.meal_time_spread_min or self.habits or self.miscounts
+        of_exercise = self.exercise_spread_pct or self.exercise_time_spread_min
+        return super().by_chance or bool(of_meals or of_exercise)
 
     @property
     def horizon_min(self) -> float:
@@ -333,6 +355,12 @@ class Run(FedSituation):
         """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
         of_days = {"meals": Default(USUAL_DAY)} if self.given.get("days") is not None else {}
         return super().completed({**of_days, **(usual or {})}, noisy=noisy)
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the run meets, and chance where something is drawn, as a noisy record of a model is."""
+        models = any(case.identified.noise_variance for case in self.cases) if "model" not in self.refused else False
+        drawn = self.by_chance or models or any(CHANCE in case.uses() for case in self.cases)
+        return super().uses() - {CHANCE} | frozenset({CHANCE} if drawn else ())
 
     def population_with_days(self) -> Population:
         """The person, who has a day of meals; Refusal for one who has none."""

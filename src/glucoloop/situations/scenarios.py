@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Final
 
 from glucoloop.component.catalogue import Catalogue
+from glucoloop.component.effects import EXERCISE, MEALS
 from glucoloop.component.grammar import NAME, GivenValue, Tree, given
 from glucoloop.component.part import Part
 from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
@@ -43,7 +44,11 @@ class DaySettings(Part):
     meal_size_spread_pct: Annotated[
         float,
         _meals(
-            "Largest deviation of a meal's size, drawn for each person and day.", at_least=0.0, below=100.0, rare=True
+            "Largest deviation of a meal's size, drawn for each person and day.",
+            at_least=0.0,
+            below=100.0,
+            rare=True,
+            needs=(MEALS,),
         ),
     ] = 0.0
     meal_time_spread_min: Annotated[
@@ -53,6 +58,7 @@ class DaySettings(Part):
             at_least=0.0,
             below=MIN_PER_DAY,
             rare=True,
+            needs=(MEALS,),
         ),
     ] = 0.0
     habits: Annotated[
@@ -80,6 +86,7 @@ class DaySettings(Part):
             at_least=0.0,
             below=100.0,
             rare=True,
+            needs=(EXERCISE,),
         ),
     ] = 0.0
     exercise_time_spread_min: Annotated[
@@ -89,6 +96,7 @@ class DaySettings(Part):
             at_least=0.0,
             below=MIN_PER_DAY,
             rare=True,
+            needs=(EXERCISE,),
         ),
     ] = 0.0
 

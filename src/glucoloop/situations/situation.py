@@ -11,6 +11,18 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
+from glucoloop.component.effects import (
+    AHEAD,
+    ANNOUNCEMENTS,
+    CHANCE,
+    DEAD_TIME,
+    EXERCISE,
+    MEALS,
+    PROFILE,
+    READINGS,
+    TIME_OF_DAY,
+    Need,
+)
 from glucoloop.component.grammar import given as given_values
 from glucoloop.component.number_text import parse_time_of_day
 from glucoloop.component.part import Part
@@ -49,7 +61,9 @@ LONGEST_SAMPLE_TIME_MIN: Final = 120.0
 _patient = functools.partial(Option, panel=PATIENT_PANEL)
 _sensor = functools.partial(Option, panel=SENSOR_PANEL)
 
-AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.")]
+ANNOUNCED: Final = (MEALS, ANNOUNCEMENTS)
+"""Needs of everything about announced meals."""
+AnnounceMeals = Annotated[bool, _patient("Tell the controller of each meal when it begins.", needs=ANNOUNCED)]
 AnnounceBefore = Annotated[
     float,
     _patient(
@@ -57,6 +71,7 @@ AnnounceBefore = Annotated[
         at_least=0.0,
         at_most=LONGEST_AHEAD_MIN,
         rare=True,
+        needs=(*ANNOUNCED, AHEAD),
     ),
 ]
 CarbError = Annotated[
@@ -67,6 +82,7 @@ CarbError = Annotated[
         at_least=0.0,
         at_most=100.0,
         rare=True,
+        needs=ANNOUNCED,
     ),
 ]
 CarbBias = Annotated[
@@ -76,12 +92,16 @@ CarbBias = Annotated[
         at_least=-100.0,
         at_most=100.0,
         rare=True,
+        needs=ANNOUNCED,
     ),
 ]
 StartTime = Annotated[
     str | None,
     _patient(
-        "Time of day at the start, of which controllers are told; not told by default.", metavar="HH:MM", rare=True
+        "Time of day at the start, of which controllers are told; not told by default.",
+        metavar="HH:MM",
+        rare=True,
+        needs=(TIME_OF_DAY,),
     ),
 ]
 WarmUp = Annotated[
@@ -124,6 +144,7 @@ class Situation(Part):
             "Carbohydrate ratio and correction factor of each person: of the table of people where it has them, or "
             "titrated on each person, see the guide to populations.",
             rare=True,
+            needs=(PROFILE,),
         ),
     ] = "table"
     meal_model: Annotated[
@@ -132,6 +153,7 @@ class Situation(Part):
             "Digestion of the patient: lehmann-deutsch or hovorka; the controller's does not change.",
             default="the patient's own",
             rare=True,
+            needs=(MEALS,),
         ),
     ] = None
     announce_meals: AnnounceMeals = False
@@ -190,7 +212,9 @@ class Situation(Part):
             quantity=SAMPLE_TIME,
         ),
     ] = 5.0
-    seed: Annotated[int, Option("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED)] = 0
+    seed: Annotated[
+        int, Option("The same seed gives the same noise.", at_least=0, at_most=LARGEST_SEED, needs=(CHANCE,))
+    ] = 0
     allow_unusual: Annotated[bool, Option("Accept values that look like another unit or are implausible.")] = False
 
     def __post_init__(self) -> None:
@@ -242,6 +266,18 @@ class Situation(Part):
         if any(isinstance(part, IdealSettings) for part in self.sensor[1:]):
             raise Refusal("an ideal sensor is the innermost of a chain; give it first, or leave it out")
         _ = self.dead_time_samples, self.start_min, self.limits, self.bolus  # each refuses what is not possible
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the situation meets; a class that knows its meals, its controllers and its chance says less."""
+        clock = {TIME_OF_DAY} if self.rhythm else set()
+        late = {DEAD_TIME} if self.dead_time_min else set()
+        return self.patient.uses() | {MEALS, EXERCISE, CHANCE, READINGS} | clock | late
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether anything of the situation may be drawn at random."""
+        plain = type(self.pump) is PUMPS[PUMPS.usual]
+        return self.noisy or self.drawn_otherwise or bool(self.rhythm) or self.patient.person is not None or not plain
 
     def refuse_unusual_pump(self) -> None:
         """Refuse a pump in another unit, or one that cannot deliver the rate at which the patient rests.

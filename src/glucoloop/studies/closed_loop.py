@@ -184,8 +184,6 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
             f"The controller does not know of the dead time of {situation.dead_time_min:g} min; "
             "known_dead_time=true among its settings tells it."
         )
-    elif case.known_dead_time:
-        yield "There is no dead time that the controller could know; --dead-time adds one."
 
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.effects import Need
 from glucoloop.component.setting import Default
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, Option
 
+_GUARD: Final = Need("controllers are tried without a guard alone")
 PAPER_CONTROLLERS: Final = ("imc", "mpc", "mpc-se", "nlqdmc-se")
 PAPER_MEAL: Final = ("50g@50min",)
 Guards = Literal["both", "with", "without"]
@@ -35,9 +37,15 @@ class GuardedTrial(Trial):
             "Settings of the guard, like 'max_on_board=2'; by default those usual for the patient.",
             panel=CONTROLLER_PANEL,
             alone="usual",
+            needs=(_GUARD,),
         ),
     ] = None
     guards: GuardsSetting = "both"
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the trial meets; by its guard, where there is one."""
+        guard = GuardSettings().uses() | {_GUARD} if self.guards != "without" else frozenset()
+        return super().uses() | guard
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The trial with everything that is usual."""

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
+from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
 from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
@@ -72,6 +73,8 @@ class Oref0State:
 @pytree
 class Oref0:
     """Controller oref0; see `design_oref0`."""
+
+    uses: ClassVar[frozenset[Need]] = DOSES_BY_PROFILE
 
     profile: DosingProfile
     basal_mU_min: jax.Array | float

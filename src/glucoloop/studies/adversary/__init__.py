@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final
 
+from glucoloop.component.effects import READINGS, Need
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case, cases_of
@@ -16,6 +17,7 @@ from glucoloop.situations.option import Option
 from glucoloop.studies.guarded import PAPER_CONTROLLERS, PAPER_MEAL, GuardedTrial, Guards
 from glucoloop.studies.study import SearchStudy
 
+_STUCK: Final = Need("no reading is stuck, for --stuck-times is 0")
 _errors = functools.partial(Option, panel="Errors")
 _search = functools.partial(Option, panel="Search")
 
@@ -47,7 +49,9 @@ class Adversary(GuardedTrial):
     ] = (10.0, 20.0, 30.0)
     hold_min: Annotated[float, _errors("Time for which an error stays the same.", above=0.0, at_most=1440.0)] = 15.0
     stuck_times: Annotated[int, _errors("Number of stretches with a stuck reading.", at_least=0, at_most=100)] = 3
-    stuck_min: Annotated[float, _errors("Length of each.", flag="--stuck-for", above=0.0, at_most=1440.0)] = 30.0
+    stuck_min: Annotated[
+        float, _errors("Length of each.", flag="--stuck-for", above=0.0, at_most=1440.0, needs=(_STUCK,))
+    ] = 30.0
     person: Annotated[
         int | None,
         _search(
@@ -70,6 +74,11 @@ class Adversary(GuardedTrial):
         if not self.errors_pct or len(set(self.errors_pct)) < len(self.errors_pct):
             sizes = ", ".join(f"{error:g}" for error in self.errors_pct) or "empty"
             raise Refusal(f"--error is {sizes}; give one largest error or more, each once")
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the search meets, whose errors are those of readings, some of them stuck."""
+        stuck = {_STUCK} if self.stuck_times else set()
+        return super().uses() | {READINGS} | stuck
 
     @property
     def lanes(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Annotated, ClassVar, Final, Literal
 
+from glucoloop.component.effects import Need
 from glucoloop.limits import LONGEST_RUN_MIN
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
@@ -13,6 +14,7 @@ from glucoloop.studies.study import PlainStudy
 
 _LONGEST_MIN: Final = 7200.0
 _MOST_KNOWN: Final = 20
+_SQUARES: Final = Need("squares are minimised for --objective sse alone")
 _bound = functools.partial(Option, panel="Bound")
 
 
@@ -56,7 +58,7 @@ class BoundRequest(Run):
         ),
     ] = "deviation"
     undershoot_weight: Annotated[
-        float, _bound("Weight of squares below the setpoint, for sse.", above=0.0, at_most=1e6)
+        float, _bound("Weight of squares below the setpoint, for sse.", above=0.0, at_most=1e6, needs=(_SQUARES,))
     ] = 1.0
 
     def __post_init__(self) -> None:
@@ -69,6 +71,10 @@ class BoundRequest(Run):
             raise Refusal(f"--known-after has {len(self.known_after_min)} times; give at most {_MOST_KNOWN}")
         if not self.known_after_min and not self.in_advance and not self.hedged:
             raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the bound meets, which knows readings by their noise and their dead time."""
+        return super().uses() | frozenset({_SQUARES} if self.objective == "sse" else ())
 
     @property
     def hedged(self) -> bool:

@@ -7,6 +7,7 @@ import functools
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.control.part import ControllerPart
@@ -109,6 +110,10 @@ class Detection(Trial):
     def tried(self) -> dict[str, EstimatorPart]:
         """The estimators by their texts."""
         return {part_text(part.tree()): part for part in self.estimators}
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the trial meets, where estimators see readings and may know the time of day."""
+        return super().uses() | {READINGS, TIME_OF_DAY}
 
     @property
     def number_of_days(self) -> int:

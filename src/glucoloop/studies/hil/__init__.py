@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
+from glucoloop.component.effects import CHANCE, Need
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.run import Run
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 EMULATED: Final = ("host", "cortex-m4f", "cortex-m7", "rv32")
 """Chips that need no hardware."""
+_SERIAL: Final = Need("the chip is at no serial port")
+_SILENCE: Final = Need("the chip always answers, since nothing disturbs it or the line")
 _chip = functools.partial(Option, panel="Chip")
 _disturbed = functools.partial(Option, panel="Disturbances, drawn by --seed", at_least=0, at_most=1_000_000)
 _DISTURBANCES: Final = ("power_cuts", "hangs", "damaged", "lost", "doubled", "late", "outages")
@@ -37,13 +40,14 @@ class Hil(Run):
             metavar="host|cortex-m4f|cortex-m7|rv32|PORT",
         ),
     ] = "host"
-    baud: Annotated[int, _chip("Bits per second of a serial port.", at_least=1)] = 115200
+    baud: Annotated[int, _chip("Bits per second of a serial port.", at_least=1, needs=(_SERIAL,))] = 115200
     real_time: Annotated[bool, _chip("Wait for each sample; without it the loop is as fast as it can be.")] = False
     fallback: Annotated[
         Literal["basal", "suspend"],
         _chip(
             "Rate of the pump while the chip does not answer: basal, which for half an hour is no more than the last "
-            "dose, or suspend for none."
+            "dose, or suspend for none.",
+            needs=(_SILENCE,),
         ),
     ] = "basal"
     power_cuts: Annotated[
@@ -74,6 +78,12 @@ class Hil(Run):
                 "let --power-cuts and --hangs be 0, or take an emulated chip"
             )
         self.disturbances.check(self.samples)
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the run meets, and the link."""
+        disturbed = any(getattr(self, name) for name in _DISTURBANCES)
+        port = set() if self.emulated else {_SERIAL, _SILENCE}
+        return super().uses() | port | ({CHANCE, _SILENCE} if disturbed else set())
 
     @property
     def samples(self) -> int:

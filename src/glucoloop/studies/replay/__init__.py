@@ -6,6 +6,7 @@ import functools
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
+from glucoloop.component.effects import ANNOUNCEMENTS
 from glucoloop.patients.settings import PatientPart, patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
@@ -41,7 +42,9 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
             "Carry along what the twin does not explain: add the residual of each reading to the glucose of the replay."
         ),
     ] = False
-    unannounced: Annotated[bool, _replay("Do not tell the controller of the meals of the record.")] = False
+    unannounced: Annotated[
+        bool, _replay("Do not tell the controller of the meals of the record.", needs=(ANNOUNCEMENTS,))
+    ] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "announce_meals", not self.unannounced)

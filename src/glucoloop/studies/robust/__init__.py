@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final
 
 from glucoloop.cohorts.trial import Trial
+from glucoloop.component.effects import Need
 from glucoloop.component.grammar import Tree
 from glucoloop.component.number_text import number_of
 from glucoloop.component.ranges import Tuned, parse_range
@@ -113,6 +114,11 @@ class Search(Trial):
         found = super().tree(whole=whole)
         ranges = {setting.name: setting.text for setting in self.space} if whole else self.given.get(RANGES_KEY) or {}
         return with_ranges(found, ranges)
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the trial meets, by the reference controllers too."""
+        beside = (CONTROLLERS.find(name).partial({}).uses() for name in self.beside)
+        return super().uses().union(*beside)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,0 +1,73 @@
+"""Notes on settings that were given and change nothing, since no part of the request uses them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from glucoloop.component.effects import BOLUSES, OF_CONTROLLERS, Need
+from glucoloop.component.part import Part
+from glucoloop.component.setting import Setting
+from glucoloop.control.catalogue import CONTROLLERS
+
+_MOST_NAMED = 8
+"""Most other controllers that a note names."""
+
+
+def without_effect(
+    request: Part, named: Callable[[Setting], str] = lambda setting: setting.name, uses: frozenset[Need] | None = None
+) -> tuple[str, ...]:
+    """Notes on the settings of a complete request that were given, are not as by default, and have no effect.
+
+    `named` is the name of a setting for the user, such as its option. `uses` takes the place of what the request uses,
+    where something else acts in place of its controllers.
+    """
+    all_uses = request.uses() if uses is None else uses
+    cases = () if uses is not None or "controller" in request.refused else getattr(request, "cases", ())
+    controllers = list(dict.fromkeys(case.controller.called for case in cases))
+    notes = (
+        f"{name} has {need.effect}: {_reason(need, controllers)}." for name, need in _unused(request, all_uses, named)
+    )
+    return tuple(dict.fromkeys(notes))
+
+
+def _unused(
+    part: Part, uses: frozenset[Need], named: Callable[[Setting], str] | None = None
+) -> Iterator[tuple[str, Need]]:
+    """Names of settings that were given of a part without effect, or of parts among them, with what each lacks."""
+    for name, value in part.given.items():
+        setting = type(part).settings()[name]
+        items = value if isinstance(value, tuple | list) else (value,)
+        lacking = _first_lacking(setting.about.needs, uses)
+        if lacking is not None and value != setting.default.noise_free:
+            yield named(setting) if named is not None else f"{name} of the {_called(part)}", lacking
+            continue
+        for inner in (item for item in items if isinstance(item, Part)):
+            lacking = _first_lacking(inner.needs(), uses)
+            if lacking is not None:
+                yield f"The {_called(inner)}", lacking
+            else:
+                yield from _unused(inner, uses | inner.uses())
+
+
+def _first_lacking(needs: tuple[Need, ...], uses: frozenset[Need]) -> Need | None:
+    return next((need for need in needs if need not in uses), None)
+
+
+def _called(part: Part) -> str:
+    return f"{part.kind} {part.called or part.name}".rstrip()
+
+
+def _reason(need: Need, controllers: list[str]) -> str:
+    if need not in OF_CONTROLLERS or not controllers:
+        return need.reason
+    several = len(controllers) > 1
+    who = f"the controller{'s' if several else ''} {_listed(controllers)} {'do' if several else 'does'} not"
+    what = f"give {need.noun}" if need is BOLUSES else f"use {need.noun}"
+    others = [name for name, part in CONTROLLERS.items() if need in part.partial({}).uses()]
+    known = f"; {_listed(others)} do" if 0 < len(others) <= _MOST_NAMED else "; the others do" if others else ""
+    return f"{who} {what}{known}"
+
+
+def _listed(names: list[Any]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
