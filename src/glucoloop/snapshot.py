@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.refusal import Refusal
-from glucoloop.schema.values import Bounds, checked, json_value
+from glucoloop.schema.values import ValueBounds, checked, json_value
 
 T = TypeVar("T")
 
 _MAGIC: Final = b"glucoloop snapshot "
 _VERSION: Final = 1
 _DIGEST_BYTES: Final = 32
-_Shape = list[Annotated[int, Bounds(at_least=0, at_most=10**12)]]
+_Shape = list[Annotated[int, ValueBounds(at_least=0, at_most=10**12)]]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class _Header:
     """Owner of a snapshot, and type and shape of each array."""
 
     of: str
-    arrays: list[Annotated[list[Any], Bounds(shortest=2, longest=2)]]
+    arrays: list[Annotated[list[Any], ValueBounds(shortest=2, longest=2)]]
 
 
 def pack(state: Any, of: str = "") -> bytes:

@@ -261,7 +261,7 @@ MISTAKES = {
     "trial --out a --population here": ["unknown population 'here'"],
     "trial --out a --population absent.toml": ["absent.toml", "No such file"],
     "trial --out a --days 0": ["--days is 0"],
-    "trial --out a --days 2 --duration 600": ["--days and --duration", "leave one out"],
+    "trial --out a --days 2 --duration 600": ["days and duration_min both tell the length", "leave one out"],
     "trial --out a --meal 50@25h": ["1500 min", "move the meal"],
     "trial --out a --meal 50@1h --no-meal": ["there is no option --no-meal; write --meal none"],
     "trial --out a --meal 50@1h --meal none": ["--meal none leaves all of them out; give it alone"],

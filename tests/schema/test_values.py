@@ -9,21 +9,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glucoloop import Refusal
-from glucoloop.schema.values import Bounds, checked, json_value
+from glucoloop.schema.values import ValueBounds, checked, json_value
 
 
 @dataclass(frozen=True)
 class Inner:
     texts: tuple[str, ...]
-    share: Annotated[float, Bounds(at_least=0.0, at_most=1.0)] | None = None
+    share: Annotated[float, ValueBounds(at_least=0.0, at_most=1.0)] | None = None
 
 
 @dataclass(frozen=True)
 class Form:
     kind: Literal["a", "b"]
-    count: Annotated[int, Bounds(at_least=1)]
+    count: Annotated[int, ValueBounds(at_least=1)]
     inner: Inner
-    curve: Annotated[list[float], Bounds(shortest=1, longest=3)]
+    curve: Annotated[list[float], ValueBounds(shortest=1, longest=3)]
     table: dict[str, bool]
     anything: Any = None
 

@@ -15,8 +15,8 @@ import polars as pl
 from glucoloop.records.answers import Answers, columns_from_text
 from glucoloop.records.times import YEARS
 from glucoloop.refusal import Refusal
-from glucoloop.schema.tables import Column, TableBounds, read_table, table_metadata
-from glucoloop.schema.values import Bounds, checked, json_value
+from glucoloop.schema.tables import ColumnForm, TableBounds, read_table, table_metadata
+from glucoloop.schema.values import ValueBounds, checked, json_value
 
 LOWEST_MG_DL: Final = 20.0
 HIGHEST_MG_DL: Final = 800.0
@@ -25,16 +25,16 @@ that mmol/l could be."""
 LARGEST_AMOUNTS: Final = {"carbs": 1000.0, "bolus": 100.0, "basal": 100.0}
 """Largest amounts [g, U, U/h]: a pump gives up to 25 or 75 U at once, and up to 35 U/h."""
 COLUMNS: Final = {
-    "time": Column(
+    "time": ColumnForm(
         kind=pl.Datetime("us"), at_least=datetime(YEARS[0], 1, 1), at_most=datetime(YEARS[1] + 1, 1, 8), optional=False
     ),
-    "utc_offset_min": Column(kind=pl.Int32(), at_least=-6100, at_most=6100),
-    "glucose_mg_dl": Column(kind=pl.Float64(), at_least=LOWEST_MG_DL, at_most=HIGHEST_MG_DL),
-    "carbs_g": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["carbs"]),
-    "bolus_U": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["bolus"]),
-    "basal_U_h": Column(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["basal"], nan=True),
-    "out_of_range": Column(kind=pl.String(), choices=("low", "high")),
-    "device": Column(kind=pl.String()),
+    "utc_offset_min": ColumnForm(kind=pl.Int32(), at_least=-6100, at_most=6100),
+    "glucose_mg_dl": ColumnForm(kind=pl.Float64(), at_least=LOWEST_MG_DL, at_most=HIGHEST_MG_DL),
+    "carbs_g": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["carbs"]),
+    "bolus_U": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["bolus"]),
+    "basal_U_h": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=LARGEST_AMOUNTS["basal"], nan=True),
+    "out_of_range": ColumnForm(kind=pl.String(), choices=("low", "high")),
+    "device": ColumnForm(kind=pl.String()),
 }
 """Columns of a record, with the values that are possible."""
 SCHEMA: Final = {name: column.kind for name, column in COLUMNS.items()}
@@ -44,7 +44,7 @@ PARQUET: Final = b"PAR1"
 _METADATA: Final = "glucoloop_record"
 _BOUNDS: Final = TableBounds(least_rows=0, most_rows=5_000_000, columns=len(COLUMNS))
 """Size of a record: nine years of a reading a minute."""
-_Count = Annotated[int, Bounds(at_least=0, at_most=10**12)]
+_Count = Annotated[int, ValueBounds(at_least=0, at_most=10**12)]
 
 
 @dataclass(frozen=True)

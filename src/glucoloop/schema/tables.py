@@ -60,7 +60,7 @@ class TableBounds:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class ColumnForm:
     """Type and possible values of a column; the bounds themselves are possible."""
 
     kind: Any
@@ -98,7 +98,7 @@ class Column:
                 raise Refusal(f"{name} has {what} outside of {self.at_least} to {self.at_most}")
 
 
-def read_table(data: bytes, bounds: TableBounds, columns: Mapping[str, Column] | None = None) -> pl.DataFrame:
+def read_table(data: bytes, bounds: TableBounds, columns: Mapping[str, ColumnForm] | None = None) -> pl.DataFrame:
     """Table from the bytes of a Parquet file; Refusal, as a clause, for any that is not as it is declared.
 
     Without `columns` any columns will do; texts must be such that can be printed, always.

@@ -3,7 +3,7 @@
 A file may come from another person, or be damaged; so it is checked like any other input, whoever seems to have
 written it. A form is a frozen dataclass. Its annotations say what stands under each key: ``float``, ``int``, ``bool``,
 ``str``, ``Literal``, ``X | None``, ``list[X]``, ``tuple[X, ...]``, ``dict[str, X]``, another form, or ``Any`` for plain
-values of any kind. `Bounds` in an ``Annotated`` limits a number, or the length of a text, a list or a table. Keys
+values of any kind. `ValueBounds` in an ``Annotated`` limits a number, or the length of a text, a list or a table. Keys
 without a default have to be there, and others than these are refused. What ``__post_init__`` of a form refuses is a
 sentence on the values together.
 """
@@ -32,7 +32,7 @@ _DEEPEST: Final = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bounds:
+class ValueBounds:
     """Bounds of a number, and of the length of a text, a list or a table; the bounds themselves are possible."""
 
     at_least: float = -math.inf
@@ -52,7 +52,7 @@ class Bounds:
             raise Refusal(f"{place} has {len(value)} {what}; it should have at least {self.shortest}{most}")
 
 
-_NONE: Final = Bounds()
+_NONE: Final = ValueBounds()
 
 
 def json_value(text: str | bytes) -> Any:
@@ -85,11 +85,11 @@ def checked(form: type[F], value: object, place: str = "") -> F:
     return found
 
 
-def _value(hint: Any, value: Any, place: str, bounds: Bounds = _NONE) -> Any:
+def _value(hint: Any, value: Any, place: str, bounds: ValueBounds = _NONE) -> Any:
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     name = place or "it"
     if origin is Annotated:
-        within = next((limit for limit in arguments[1:] if isinstance(limit, Bounds)), bounds)
+        within = next((limit for limit in arguments[1:] if isinstance(limit, ValueBounds)), bounds)
         return _value(arguments[0], value, place, within)
     if origin in (Union, types.UnionType):
         if value is None:

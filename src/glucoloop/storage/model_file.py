@@ -13,7 +13,7 @@ import glucoloop
 from glucoloop.identification import Identification, Reliability, doubts
 from glucoloop.models.step_response import Realisation, StepResponseModel, refuse_other_response
 from glucoloop.refusal import Refusal
-from glucoloop.schema.values import Bounds, checked, json_value
+from glucoloop.schema.values import ValueBounds, checked, json_value
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.storage.files import json_text, read_text
 
@@ -21,8 +21,8 @@ _ROUNDING: Final = 1e-9
 _LARGEST_RESPONSE: Final = 1e6
 """Largest response of glucose to insulin, mg/dl per mU/min; that of a person is below 100."""
 
-Response = Annotated[list[float], Bounds(shortest=1, longest=10_000)]
-_FromZero = Annotated[float, Bounds(at_least=0.0)]
+Response = Annotated[list[float], ValueBounds(shortest=1, longest=10_000)]
+_FromZero = Annotated[float, ValueBounds(at_least=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class Quality:
 
     gain_margin: _FromZero
     """Half the width of the 95 % confidence interval of the gain, mg/dl per mU/min."""
-    explained_percent: Annotated[float, Bounds(at_most=100.0)]
+    explained_percent: Annotated[float, ValueBounds(at_most=100.0)]
     """Share of the variance of readings left out of the fit that is predicted."""
 
 
@@ -65,11 +65,11 @@ class Quality:
 class Recursion:
     """Linear system that generates the impulse response; see `models.step_response.Realisation`."""
 
-    transition: Annotated[list[Response], Bounds(shortest=1, longest=100)]
+    transition: Annotated[list[Response], ValueBounds(shortest=1, longest=100)]
     start: Response
     output: Response
     """Output of each state, mg/dl per mU/min."""
-    after: Annotated[int, Bounds(at_least=0)]
+    after: Annotated[int, ValueBounds(at_least=0)]
 
     def __post_init__(self) -> None:
         if {len(self.start), len(self.output), *map(len, self.transition)} != {len(self.transition)}:
@@ -92,7 +92,7 @@ class ModelFile:
 
     format: Literal["glucoloop-model"] = "glucoloop-model"
     version: Literal[1] = 1
-    sample_time_min: Annotated[float, Bounds(at_least=SHORTEST_SAMPLE_TIME_MIN, at_most=LONGEST_SAMPLE_TIME_MIN)]
+    sample_time_min: Annotated[float, ValueBounds(at_least=SHORTEST_SAMPLE_TIME_MIN, at_most=LONGEST_SAMPLE_TIME_MIN)]
     step_response: Response
     """S_1 .. S_M, mg/dl per mU/min."""
     impulse_response: Response

@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from glucoloop.refusal import Refusal
-from glucoloop.schema.tables import Column, TableBounds
+from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage import disk
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
@@ -69,7 +69,7 @@ class Rows(Generic[R]):
             columns=len(self.schema) - 1 + self.width,
             longest_text=self.longest_text,
         )
-        columns = {name: Column(kind=kind, optional=kind == pl.Float64) for name, kind in self.schema.items()}
+        columns = {name: ColumnForm(kind=kind, optional=kind == pl.Float64) for name, kind in self.schema.items()}
         rows: list[R] = []
         try:
             for cells in read_parquet(place, bounds, columns).iter_rows(named=True):

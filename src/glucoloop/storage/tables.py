@@ -13,7 +13,7 @@ import polars as pl
 
 from glucoloop.component.number_text import number_of
 from glucoloop.refusal import Refusal
-from glucoloop.schema.tables import Column, TableBounds, read_table
+from glucoloop.schema.tables import ColumnForm, TableBounds, read_table
 from glucoloop.spreadsheet import text_cell
 from glucoloop.storage import disk
 from glucoloop.storage.files import read_text
@@ -63,7 +63,7 @@ def parquet(table: pl.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-def read_parquet(place: Path, bounds: TableBounds, columns: Mapping[str, Column] | None = None) -> pl.DataFrame:
+def read_parquet(place: Path, bounds: TableBounds, columns: Mapping[str, ColumnForm] | None = None) -> pl.DataFrame:
     """Read a table that this program wrote, see `read_table`; Refusal if it is not as it is declared."""
     data = disk.read_bytes(place, bounds.most_bytes)
     try:

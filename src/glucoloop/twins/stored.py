@@ -13,7 +13,7 @@ from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.table import PeopleTable
 from glucoloop.refusal import Refusal
-from glucoloop.schema.values import Bounds, checked
+from glucoloop.schema.values import ValueBounds, checked
 from glucoloop.text import one_line
 from glucoloop.twins.prior import Prior
 from glucoloop.twins.twin import TWIN
@@ -21,15 +21,15 @@ from glucoloop.twins.twin import TWIN
 Values = npt.NDArray[np.float64]
 
 
-_Logarithm = Annotated[float, Bounds(at_least=-60.0, at_most=60.0)]
-_Positive = Annotated[float, Bounds(at_least=1e-12, at_most=1e12)]
+_Logarithm = Annotated[float, ValueBounds(at_least=-60.0, at_most=60.0)]
+_Positive = Annotated[float, ValueBounds(at_least=1e-12, at_most=1e12)]
 
 
 @dataclass(frozen=True)
 class _Posterior:
     """Posterior as its file holds it."""
 
-    parameters: Annotated[tuple[str, ...], Bounds(shortest=1, longest=100)]
+    parameters: Annotated[tuple[str, ...], ValueBounds(shortest=1, longest=100)]
     log_mean: list[_Logarithm]
     log_covariance: list[list[_Logarithm]]
     start: _Logarithm

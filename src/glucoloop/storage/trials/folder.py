@@ -21,7 +21,7 @@ from glucoloop import arithmetic
 from glucoloop.cohorts.people import Shard
 from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
-from glucoloop.schema.values import Bounds
+from glucoloop.schema.values import ValueBounds
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import json_text, stored_json
@@ -47,8 +47,8 @@ class TrialOrigin(Origin):
 
     format: str = "glucoloop-trial 6"
     fingerprint: str
-    people: Annotated[int, Bounds(at_least=1)]
-    shards: Annotated[int, Bounds(at_least=1)]
+    people: Annotated[int, ValueBounds(at_least=1)]
+    shards: Annotated[int, ValueBounds(at_least=1)]
     polars: str = pl.__version__
     """Version of the library that writes tables, and computes nothing."""
 

@@ -9,7 +9,7 @@ import polars as pl
 
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.refusal import Refusal
-from glucoloop.schema.tables import Column, TableBounds
+from glucoloop.schema.tables import ColumnForm, TableBounds
 from glucoloop.storage.tables import read_parquet, refusing_damage
 from glucoloop.units import MIN_PER_DAY
 
@@ -17,8 +17,8 @@ _OF_RUN: Final = "glucose_1min.parquet"
 _OF_TRIAL: Final = "shards/*/traces.parquet"
 _NAMES: Final = ("case", "controller", "person")
 _COURSE: Final = {
-    "t_min": Column(kind=pl.Float64(), at_least=0.0, at_most=36_525.0 * MIN_PER_DAY, optional=False),
-    "glucose_mg_dl": Column(kind=pl.Float64(), at_least=-10_000.0, at_most=10_000.0, nan=True),
+    "t_min": ColumnForm(kind=pl.Float64(), at_least=0.0, at_most=36_525.0 * MIN_PER_DAY, optional=False),
+    "glucose_mg_dl": ColumnForm(kind=pl.Float64(), at_least=-10_000.0, at_most=10_000.0, nan=True),
 }
 _BOUNDS: Final = TableBounds(least_rows=1, most_rows=20_000_000, columns=6)
 
