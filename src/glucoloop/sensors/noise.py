@@ -90,11 +90,11 @@ class CorrelatedNoise:
     def read(self, state: _State, glucose_mg_dl: jax.Array, key: jax.Array) -> tuple[_State, Reading]:
         """Read the inner sensor, with added noise."""
         noise_key, inner = jax.random.split(key)
-        held, reading = self.inner.read(state.inner, glucose_mg_dl, inner)
+        inner_state, reading = self.inner.read(state.inner, glucose_mg_dl, inner)
         new = jax.random.normal(noise_key, state.error.shape, state.error.dtype)
         error = self.correlation * state.error + jnp.sqrt(1.0 - self.correlation**2) * new
         reported = reading.glucose_mg_dl + jnp.sqrt(self.variance) * error
-        return _State(inner=held, error=error), Reading(glucose_mg_dl=reported, valid=reading.valid)
+        return _State(inner=inner_state, error=error), Reading(glucose_mg_dl=reported, valid=reading.valid)
 
 
 @checked

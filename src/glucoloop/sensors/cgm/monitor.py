@@ -101,21 +101,21 @@ class Monitor:
         if state.points is not None:
             value = value + self._error(state.points, state.since)
         ready = state.age >= self.warm_up
-        told = Reading(glucose_mg_dl=jnp.where(ready, value, jnp.nan), valid=reading.valid & ready)
+        shown = Reading(glucose_mg_dl=jnp.where(ready, value, jnp.nan), valid=reading.valid & ready)
 
         # and on to the next sample
         age, own, spare, points, since = state.age + 1.0, state.own, state.spare, state.points, state.since
         new = age >= self.wear
         if self.spread is not None:
-            found, taken = candidate(self.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
-            spare = _where(taken, found, spare)
+            result, taken = candidate(self.spread, jax.random.normal(sensor_key, (_NUMBERS, *shape), dtype))
+            spare = _where(taken, result, spare)
             own = _where(new, spare, own)
         if points is not None:
             normal = self._normal(noise_key, max(2, self._most_steps), shape, dtype)
             later, since = self._advanced(constants, points, since, normal)
             points = jnp.where(new, self._of(own, shape).begin(normal[:2]), later)
         age = jnp.where(new, 0.0, age)
-        return _State(inner=inner, age=age, own=own, spare=spare, points=points, since=since), told
+        return _State(inner=inner, age=age, own=own, spare=spare, points=points, since=since), shown
 
     @property
     def _between(self) -> bool:
