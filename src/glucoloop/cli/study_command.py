@@ -249,7 +249,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         module = run.module
         shown: Any = counted(module.amount(config), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
-            results = run.with_notes(module.results(config, progress))
+            results = run.with_notes(module.results_of(config, progress))
         if folder is not None:
             from glucoloop.situations.toml import toml_text
 
