@@ -196,7 +196,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         where.compute(folder)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            results: Results = module.results(run.config, folder)
+            results: Results = module.results_of(run.config, folder)
             return results
 
     results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
@@ -224,7 +224,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
                 add(row)
                 more(row_kind.work(number))
         with stage("Summing up"):
-            results: Results = prepared.results(rows)
+            results: Results = prepared.results_of(rows)
             return results
 
     if out is None:
