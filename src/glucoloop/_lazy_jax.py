@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import jax.numpy as jnp
     import numpy as np
     import numpy.typing as npt
-    import scipy  # type: ignore[import-untyped]
+    import scipy
     import scipy.linalg
 else:
 
