@@ -37,14 +37,14 @@ T = TypeVar("T")
 
 
 class Role(Enum):
-    """What an attribute is in a compiled program."""
+    """Role of an attribute in a compiled program."""
 
     DATA = "data"
     """Numbers that change without compiling again, in which people may differ: the default of a `float`."""
     STATIC = "static"
     """Part of the program: the default of other settings."""
     HOST = "host"
-    """No part of the program: something is derived from it before. Within a program there is `ABSENT` in its place."""
+    """Known on the host alone, where something is derived from it. Within a program there is `ABSENT` in its place."""
 
 
 DATA: Final = Role.DATA
