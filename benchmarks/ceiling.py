@@ -60,7 +60,7 @@ def _fused_products(width: int, precision: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def asked_for(kernel: Any) -> dict[str, Any]:
+def request_from(kernel: Any) -> dict[str, Any]:
     """What one sample of one vector of people takes.
 
     ``operations`` are vector operations on numbers, by kind; a fused product is two of ``flops``, every other one is
@@ -88,13 +88,13 @@ def ceilings(asked: dict[str, Any], gflops: float) -> dict[str, float]:
 
 def _of_samples(text: str) -> list[str]:
     """The lines that are carried out at each sample: those of the chunks."""
-    found, inside = [], False
+    result, inside = [], False
     for line in text.splitlines():
         if line and not line.startswith(" "):
             inside = re.match(r"chunk\d+:", line) is not None
         elif inside:
-            found.append(line)
-    return found
+            result.append(line)
+    return result
 
 
 def _kind(line: str) -> str:
@@ -126,11 +126,11 @@ def _instructions(kernel: Any) -> dict[str, int]:
     if not outer:
         return {}
     first, last = max(outer)
-    found: Counter[str] = Counter()
+    result: Counter[str] = Counter()
     for a, b in loops:
         if first < a and b < last:
-            found.update(_sort(line.split()) for line in lines[a + 1 : b + 1] if line.startswith("\t"))
-    return dict(found)
+            result.update(_sort(line.split()) for line in lines[a + 1 : b + 1] if line.startswith("\t"))
+    return dict(result)
 
 
 def _sort(words: list[str]) -> str:

@@ -99,11 +99,11 @@ def speeds(one: Worker, every: Worker, repeats: int, python: str) -> dict[str, A
             every("about", situation=situation, precision=precision, case=case)
             if how["engine"] == "native" or precision == "float64":
                 plans.append((situation, case, precision, how))
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
 
     def keep(name: str, figures: dict[str, float]) -> None:
         for what, figure in figures.items():
-            found.setdefault(name, {}).setdefault(what, []).append(figure)
+            result.setdefault(name, {}).setdefault(what, []).append(figure)
 
     other: dict[str, Any] = {}
     for turn in range(-1, repeats):  # the first compiles, and does not count
@@ -131,7 +131,7 @@ def speeds(one: Worker, every: Worker, repeats: int, python: str) -> dict[str, A
                 keep(SIMULATED, {"trial": 1.0 / other["day_s"]})
     best = {
         name: {what: {"best": max(of), "median": statistics.median(of)} for what, of in figures.items()}
-        for name, figures in found.items()
+        for name, figures in result.items()
     }
     engines = {f"{situation}|{case}": how["engine"] for situation, case, _, how in plans}
     return {"speeds": best, "engines": engines, SIMULATED: other}

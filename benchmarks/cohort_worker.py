@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "src"))
 import jax
 import jax.numpy as jnp
 import numpy as np
-from ceiling import asked_for, ceilings, most_gflops
+from ceiling import ceilings, most_gflops, request_from
 from closed_loop import MEALS
 
 from glucoloop._pytree import pytree
@@ -180,7 +180,7 @@ def kernels(precision: str, repeats: int) -> dict[str, Any]:
     prepared = trial("plain", precision)
     loops = {name: prepared.cases[name].loop.cohort for name in STRAIGHT}
     loops["mpc, no metrics"] = without_metrics(precision)
-    asked = {name: asked_for(loop._engine._kernel) for name, loop in loops.items()}
+    asked = {name: request_from(loop._engine._kernel) for name, loop in loops.items()}
     reach = {name: ceilings(numbers, gflops) for name, numbers in asked.items()}
     return {"gflops": gflops, "asked": asked, "ceilings": reach}
 
@@ -243,7 +243,7 @@ def accuracy(people: int, tolerance: float) -> dict[str, float]:
 
 def single_against_double(people: int) -> dict[str, dict[str, float]]:
     """Differences between the metrics of the two precisions, mg/dl, and for how many people one is above 0.1."""
-    found = {}
+    result = {}
     for case in STRAIGHT:
         double, single = (
             engine.run_people(trial("plain", precision), case, np.arange(people)).metrics
@@ -251,13 +251,13 @@ def single_against_double(people: int) -> dict[str, dict[str, float]]:
         )
         apart = {name: np.abs(double[f"{name}_mg_dl"] - single[f"{name}_mg_dl"]) for name in COMPARED}
         worst = np.max(list(apart.values()), axis=0)
-        found[case] = {
+        result[case] = {
             **{name: float(np.nanmax(of)) for name, of in apart.items()},
             "median": float(np.nanmedian(worst)),
             "beyond": int((worst > 0.1).sum()),
             "people": people,
         }
-    return found
+    return result
 
 
 ANSWERS: dict[str, Callable[..., Any]] = {

@@ -91,12 +91,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="plain data")
     parser.add_argument("--people", type=int, nargs="+", default=[1, 1000, 100_000], metavar="N")
     asked = parser.parse_args()
-    found = measured(asked.people)
+    result = measured(asked.people)
     if asked.json:
-        print(json.dumps(found, indent=1))
+        print(json.dumps(result, indent=1))
         return
     print("| environment | people | steps/s | days/s | steps/s of simglucose |\n| :--- | ---: | ---: | ---: | ---: |")
-    for row in found:
+    for row in result:
         print("| {environment} | {people} | {steps_s:.0f} | {days_s:.2f} | {times:.1f} times |".format(**row))
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/guard_cost.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
 
-People, meals, sensors and profiles are those of `under_the_skin`. `reckless` always asks for ten times the basal rate,
+People, meals, sensors and profiles are those of `subcutaneous`. `reckless` always asks for ten times the basal rate,
 and `basal` for the basal rate: no controller with a guard should be worse than that. The settings of the guard were
 chosen on people of seeds 11 and 12; none has seen those of seeds 31 and 47.
 """
@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import under_the_skin
+import subcutaneous
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import Decision, Observation
@@ -27,8 +27,8 @@ from glucoloop.pumps import DoseLimits
 
 TIMES = 10.0
 CONTROLLERS = ("profile-mpc", "basal-bolus", "pid", "guard_cost:Reckless", "basal")
-CASES = [case for case in under_the_skin.CASES if case.endswith("white")]
-REPORTED = (*under_the_skin.REPORTED, "ever_below_54_pct")
+CASES = [case for case in subcutaneous.CASES if case.endswith("white")]
+REPORTED = (*subcutaneous.REPORTED, "ever_below_54_pct")
 
 
 @pytree
@@ -64,10 +64,10 @@ class Reckless(ControllerPart, name="reckless"):
 
 def pair(case: str, people: int, seeds: list[int], text: str) -> list[dict[str, Any]]:
     """Figures of a controller without the guard and with it, for people of each seed."""
-    asked = under_the_skin.TUNED[case.split(", ")[2]] if text == "profile-mpc" else text
+    asked = subcutaneous.TUNED[case.split(", ")[2]] if text == "profile-mpc" else text
     rows = []
     for guard in ("none", "usual"):
-        for row in under_the_skin.measured(case, people, seeds, f"{asked}, guard={guard}"):
+        for row in subcutaneous.measured(case, people, seeds, f"{asked}, guard={guard}"):
             kept = {name: row[name] for name in ("case", "seed", "people", *REPORTED)}
             rows.append({**kept, "controller": text.rpartition(":")[2].lower(), "guarded": guard == "usual"})
     return rows
@@ -76,12 +76,12 @@ def pair(case: str, people: int, seeds: list[int], text: str) -> list[dict[str, 
 def lines(rows: list[dict[str, Any]]) -> list[str]:
     """Lines of the table: a seed in each, without the guard → with it."""
     bare, guarded = ([row for row in rows if row["guarded"] is told] for told in (False, True))
-    found = []
+    result = []
     for one, other in zip(bare, guarded, strict=True):
         shown = [f"{one[name]:.1f} → {other[name]:.1f}" for name in REPORTED]
         named = [one["case"], one["controller"], one["seed"], one["people"], *shown]
-        found.append("| " + " | ".join(map(str, named)) + " |")
-    return found
+        result.append("| " + " | ".join(map(str, named)) + " |")
+    return result
 
 
 def main() -> None:
@@ -96,7 +96,7 @@ def main() -> None:
         print("| case | controller | seed | people | 70-180, % | < 70, % | < 54, % | ever < 54, % |")
         print("| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |")
     rows: list[dict[str, Any]] = []
-    for case in under_the_skin.CASES if asked.case else CASES:
+    for case in subcutaneous.CASES if asked.case else CASES:
         if not any(case.startswith(wanted) for wanted in asked.case or [""]):
             continue
         for text in asked.controller or CONTROLLERS:

@@ -110,9 +110,9 @@ def measured(wheel: Path | None, python: str, *, cache: bool) -> dict[str, Any]:
     return {"python": version, "load": load, "times": times, "packages": packages}
 
 
-def table(found: dict[str, Any]) -> list[str]:
+def table(result: dict[str, Any]) -> list[str]:
     """Lines of Markdown: what is large, and the rest together."""
-    packages = sorted(found["packages"], key=lambda package: -package["size"])
+    packages = sorted(result["packages"], key=lambda package: -package["size"])
     large = [package for package in packages if package["size"] >= TABLE_FROM_MB * 1e6]
     small = packages[len(large) :]
     rows = [
@@ -130,14 +130,14 @@ def main() -> int:
     parser.add_argument("--python", default=sys.executable, help="interpreter of the new environment")
     parser.add_argument("--no-cache", action="store_true", help="download every package again")
     options = parser.parse_args()
-    found = measured(options.wheel, options.python, cache=not options.no_cache)
+    result = measured(options.wheel, options.python, cache=not options.no_cache)
     print(
-        f"Python {found['python']} on {platform.system()} {platform.machine()}, {os.cpu_count()} processors, "
-        f"load {found['load']:.1f} before\n\n{'':14}{'wall, s':>9}{'processors, s':>15}"
+        f"Python {result['python']} on {platform.system()} {platform.machine()}, {os.cpu_count()} processors, "
+        f"load {result['load']:.1f} before\n\n{'':14}{'wall, s':>9}{'processors, s':>15}"
     )
-    for name, spent in found["times"].items():
+    for name, spent in result["times"].items():
         print(f"{name:14}{spent['wall_s']:9.1f}{spent['processor_s']:15.1f}")
-    print("", *table(found), sep="\n")
+    print("", *table(result), sep="\n")
     return 0
 
 

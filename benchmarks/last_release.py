@@ -91,7 +91,7 @@ def source_of(revision: str, folder: Path) -> Path:
 
 def compared(old: Side, new: Side, words: Sequence[str], rounds: int) -> dict[str, Any]:
     """Medians of both sides and the ratios of the rounds, or why there are none."""
-    found: dict[str, list[Spent]] = {"old": [], "new": []}
+    result: dict[str, list[Spent]] = {"old": [], "new": []}
     for number in range(rounds + 1):
         order = [("old", old), ("new", new)]
         for key, side in order if number % 2 else reversed(order):
@@ -99,23 +99,23 @@ def compared(old: Side, new: Side, words: Sequence[str], rounds: int) -> dict[st
             if isinstance(spent, str):
                 return {"failed": f"{side.name}: {spent}"}
             if number:
-                found[key].append(spent)
-    pairs = list(zip(found["old"], found["new"], strict=True))
+                result[key].append(spent)
+    pairs = list(zip(result["old"], result["new"], strict=True))
     return {
-        "old_s": statistics.median(one.processor_s for one in found["old"]),
-        "new_s": statistics.median(one.processor_s for one in found["new"]),
+        "old_s": statistics.median(one.processor_s for one in result["old"]),
+        "new_s": statistics.median(one.processor_s for one in result["new"]),
         "time": sorted(after.processor_s / before.processor_s for before, after in pairs),
         "memory": sorted(after.memory_mb / before.memory_mb for before, after in pairs),
     }
 
 
-def row(name: str, found: dict[str, Any]) -> str:
-    if "failed" in found:
-        return f"{name:10}  not compared, for it fails in {found['failed']}"
-    time = found["time"]
+def row(name: str, result: dict[str, Any]) -> str:
+    if "failed" in result:
+        return f"{name:10}  not compared, for it fails in {result['failed']}"
+    time = result["time"]
     return (
-        f"{name:10}{found['old_s']:9.2f}{found['new_s']:9.2f}{statistics.median(time):9.2f}"
-        f"   {time[0]:.2f} to {time[-1]:.2f}{statistics.median(found['memory']):9.2f}"
+        f"{name:10}{result['old_s']:9.2f}{result['new_s']:9.2f}{statistics.median(time):9.2f}"
+        f"   {time[0]:.2f} to {time[-1]:.2f}{statistics.median(result['memory']):9.2f}"
     )
 
 
@@ -148,8 +148,8 @@ def main() -> int:
         print(json.dumps({"revision": revision, "commands": results}, indent=1))
     slower = [
         name
-        for name, found in results.items()
-        if options.at_most is not None and "time" in found and statistics.median(found["time"]) > options.at_most
+        for name, result in results.items()
+        if options.at_most is not None and "time" in result and statistics.median(result["time"]) > options.at_most
     ]
     for name in slower:
         print(f"{name} takes more than {options.at_most:g} of the time of {revision}.", file=sys.stderr)

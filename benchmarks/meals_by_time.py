@@ -72,8 +72,8 @@ def main() -> None:
                 under = setpoint - glucose.min(axis=1)
                 text = f"undershoot {np.median(under):5.2f}, 95 % {np.percentile(under, 95):5.2f}"
                 if carbs_g:
-                    found = above & (t_min > MEAL_MIN)
-                    delay = np.where(found.any(axis=1), t_min[found.argmax(axis=1)] - MEAL_MIN, np.nan)
+                    result = above & (t_min > MEAL_MIN)
+                    delay = np.where(result.any(axis=1), t_min[result.argmax(axis=1)] - MEAL_MIN, np.nan)
                     over = glucose.max(axis=1) - setpoint
                     text += f", peak {np.median(over):5.2f} mg/dl; found after {np.nanmedian(delay):3.0f} min, "
                     text += f"at most {np.nanmax(delay):3.0f}, missed {np.isnan(delay).sum()}"

@@ -207,9 +207,9 @@ def compare(first: Path, second: Path, names: list[str], *, every: bool) -> bool
             print(f"{name:28}not kept in {' and '.join(absent)}")
             continue
         one, other = read(first / name), read(second / name)
-        found = differences(one, other)
-        equal += not found
-        lines = found or [f"equal to the bit, {sum(map(len, one.values()))} values"]
+        result = differences(one, other)
+        equal += not result
+        lines = result or [f"equal to the bit, {sum(map(len, one.values()))} values"]
         if len(lines) > 1 and not every:
             lines[1:] = [f"and {len(lines) - 1} more, which --all shows"]
         for place, line in enumerate(lines):
@@ -221,9 +221,9 @@ def compare(first: Path, second: Path, names: list[str], *, every: bool) -> bool
 def differences(one: Values, other: Values) -> list[str]:
     """Sentences on what differs, the largest difference in proportion to its column first."""
     apart = [(*difference(one[name], other[name]), name) for name in one if name in other]
-    found = [f"{name}: {told}" for size, told, name in sorted(apart, key=lambda each: -each[0]) if told]
-    found += [f"{name}: only in the first" for name in one if name not in other]
-    return [*found, *(f"{name}: only in the second" for name in other if name not in one)]
+    result = [f"{name}: {told}" for size, told, name in sorted(apart, key=lambda each: -each[0]) if told]
+    result += [f"{name}: only in the first" for name in one if name not in other]
+    return [*result, *(f"{name}: only in the second" for name in other if name not in one)]
 
 
 def difference(one: pl.Series, other: pl.Series) -> tuple[float, str]:

@@ -49,12 +49,12 @@ def main() -> None:
         jax_s = min(processor_s(["-c", "import jax"], folder) for _ in range(asked.repeats + 1))
         print(f"import jax: {jax_s:.2f} s")
         for name, words in COMMANDS.items():
-            command, found = ["-m", "glucoloop", *words], dict[str, list[float]]()
+            command, result = ["-m", "glucoloop", *words], dict[str, list[float]]()
             for _ in range(asked.repeats + 1):
                 for version, source in sources.items():
                     kept = {"PYTHONPATH": str(source), "GLUCOLOOP_CACHE_DIR": str(folder / f"{name}-{version}")}
-                    found.setdefault(version, []).append(processor_s(command, folder, **kept))
-            for version, (first, *others) in found.items():
+                    result.setdefault(version, []).append(processor_s(command, folder, **kept))
+            for version, (first, *others) in result.items():
                 best = min(others)
                 print(f"{name}, {version}: first {first:.1f} s, then {best:.2f} s ({best / jax_s:.1f})", flush=True)
 

@@ -60,10 +60,10 @@ def rows_of(record, day):
     """Rows of one day as ReplayBG takes them: rates per minute, and a label for each meal."""
     begin = FIRST + np.timedelta64(day, "D").astype("timedelta64[us]").item()
     frame = record.frame.filter((pl.col("time") >= begin) & (pl.col("time") < begin + np.timedelta64(1, "D").item()))
-    found, labels = [], iter("BLDS")
+    result, labels = [], iter("BLDS")
     for row in frame.iter_rows(named=True):
         carbs, bolus = row["carbs_g"] or 0.0, row["bolus_U"] or 0.0
-        found.append(
+        result.append(
             {
                 "t": str(row["time"]),
                 "glucose": row["glucose_mg_dl"],
@@ -75,7 +75,7 @@ def rows_of(record, day):
                 "exercise": 0,
             }
         )
-    return found
+    return result
 
 
 def main():

@@ -43,10 +43,10 @@ _COLUMNS = {
 
 def table_of(runs: Mapping[str, Runs]) -> Table:
     """Numbers of each situation."""
-    found = {}
+    result = {}
     for name, of_row in runs.items():
         numbers = of_row.numbers
-        found[name] = {
+        result[name] = {
             "under": float(np.median(numbers["undershoot_mg_dl"])),
             "under95": float(np.percentile(numbers["undershoot_mg_dl"], 95)),
             "peak": float(np.median(numbers["overshoot_mg_dl"])),
@@ -55,14 +55,14 @@ def table_of(runs: Mapping[str, Runs]) -> Table:
             "swing": float(numbers["late_swing_mg_dl"].max()),
             "variation": float(np.median(numbers["late_variation_mU_min"])),
         }
-    return found
+    return result
 
 
-def show(found: Table, before: Table) -> None:
+def show(result: Table, before: Table) -> None:
     """Print the table, beside an earlier one if there is one."""
     head = " under  95 %   peak lowest   rest  swing variation"
     print(f"{'':40s}{head}{'   | before' if before else ''}")
-    for name, numbers in found.items():
+    for name, numbers in result.items():
         told = [numbers, *([before[name]] if name in before else [])]
         line = "   |".join("".join(f"{of[key]:{form}}" for key, form in _COLUMNS.items()) for of in told)
         print(f"{name:40s}{line}")
@@ -97,21 +97,21 @@ def main() -> None:
     before = json.loads(asked.beside.read_text()) if asked.beside else {}
     seed = MISMATCH_TUNING_SEED if asked.tuning else 0
     loops = loops_of(rows, seed, asked.runs)
-    found: Table = {}
+    result: Table = {}
     for text in asked.set or [""]:
         variant = CONTROLLERS.parse(", ".join(filter(None, (asked.controller, text))))
         design = designer(asked.controller, variant.tree())
-        found = {}
+        result = {}
         for part in loops:
-            found |= table_of(part.run(design))
-        found = {row.name: found[row.name] for row in rows}
+            result |= table_of(part.run(design))
+        result = {row.name: result[row.name] for row in rows}
         number = sum(asked.runs or row.runs for row in rows)
         print(f"{text or 'defaults'}: {number} loops, {time.perf_counter() - start:.0f} s")
-        show(found, before)
+        show(result, before)
         sys.stdout.flush()
         start = time.perf_counter()
     if asked.out:
-        asked.out.write_text(json.dumps(found, indent=1))
+        asked.out.write_text(json.dumps(result, indent=1))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import LEAST_BLOCK, Trial
+from glucoloop.cohorts.trial import MIN_BLOCK, Trial
 from glucoloop.situations.situation import configured
 from glucoloop.storage.trials.computing import run_here
 from glucoloop.storage.trials.folder import trial_folder
@@ -40,7 +40,7 @@ RECORD_PATIENT_DAYS = 1_000_000 * 364
 
 def measured(weeks: int, patient_days: int, controller: str) -> dict[str, Any]:
     """Time, memory and disk of a trial of so many patient-days, in this process."""
-    people = max(1, round(patient_days / (7 * weeks * LEAST_BLOCK))) * LEAST_BLOCK
+    people = max(1, round(patient_days / (7 * weeks * MIN_BLOCK))) * MIN_BLOCK
     keys = {
         "people": people,
         "scenario": f"week, days={7 * weeks}",
@@ -83,19 +83,19 @@ def main() -> None:
         print(json.dumps(measured(asked.weeks, asked.patient_days, asked.controller)))
         return
     patient_days = 0 if asked.small else asked.patient_days
-    found = []
+    result = []
     for weeks in (1, 5) if asked.small else WEEKS:
         of_weeks = ("--weeks", str(weeks), "--patient-days", str(patient_days), "--controller", asked.controller)
         told = subprocess.run([sys.executable, __file__, *of_weeks], stdout=subprocess.PIPE, text=True, check=True)
-        found.append(json.loads(told.stdout))
+        result.append(json.loads(told.stdout))
     cores = os.cpu_count() or 1
-    hours = RECORD_PATIENT_DAYS / found[-1]["patient_days_s"] / cores / 3600.0
+    hours = RECORD_PATIENT_DAYS / result[-1]["patient_days_s"] / cores / 3600.0
     if asked.json:
-        print(json.dumps({"controller": asked.controller, "lengths": found, "cores": cores, "record_h": hours}))
+        print(json.dumps({"controller": asked.controller, "lengths": result, "cores": cores, "record_h": hours}))
         return
     print(f"{'Weeks':>6}{'People':>9}{'Patient-days/s':>16}{'Beside the first':>18}{'Memory, MB':>12}{'Disk, kB':>10}")
-    for one in found:
-        beside = one["patient_days_s"] / found[0]["patient_days_s"]
+    for one in result:
+        beside = one["patient_days_s"] / result[0]["patient_days_s"]
         rates = f"{one['patient_days_s']:16.0f}{beside:18.2f}"
         print(f"{one['weeks']:6}{one['people']:9}{rates}{one['memory_MB']:12.0f}{one['disk_kB']:10.0f}")
     print(f"A million people for 52 weeks, at the last rate, on {cores} idle cores: {hours:.2f} h")

@@ -26,7 +26,7 @@ from glucoloop.meals import Meal, Scenario, appearance_mg_min
 from glucoloop.patients import Inputs
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import Adaptive, Exponential
-from glucoloop.simulation.exponential import USUAL_ACCURACY_MG_DL, substeps_for
+from glucoloop.simulation.exponential import DEFAULT_ACCURACY_MG_DL, substeps_for
 from glucoloop.simulation.plant import SampleGrid
 
 T = 5.0
@@ -103,10 +103,10 @@ def rough(person):
             insulin = rough_insulin(person, sample_time_min, seed)
             truth = run(person, Adaptive(1e-10), insulin, sample_time_min)
             for errors_of, integrator in ((one, Exponential(substeps=1)), (usual, Exponential())):
-                found = run(person, integrator, insulin, sample_time_min)
-                errors_of.append(float(np.abs(found - truth).max()))
+                result = run(person, integrator, insulin, sample_time_min)
+                errors_of.append(float(np.abs(result - truth).max()))
         steps = substeps_for(sample_time_min)
-        model = USUAL_ACCURACY_MG_DL * (sample_time_min / steps / 5.0) ** 2.4
+        model = DEFAULT_ACCURACY_MG_DL * (sample_time_min / steps / 5.0) ** 2.4
         lines.append(f"| {sample_time_min:g} | {max(one):.1e} | {steps} | {max(usual):.1e} | {model:.1e} |")
     return lines
 

@@ -18,14 +18,14 @@ from glucoloop.control.basal_bolus import design_basal_bolus
 PATIENT, PEOPLE, SEED = "hovorka-2004", 200, 2
 MEALS = ((50.0, 60.0), (70.0, 360.0), (80.0, 720.0))
 """Grams and minutes: breakfast, lunch and dinner."""
-LEAST_EATEN_G = 0.001
+MIN_EATEN_G = 0.001
 SITUATIONS = {
     "counted exactly": lambda carbs: (carbs, carbs),
     "counted 30 % too little": lambda carbs: (carbs, 0.7 * carbs),
     "counted 30 % too much": lambda carbs: (carbs, 1.3 * carbs),
     "counted ten times too much": lambda carbs: (carbs, 10.0 * carbs),
     "not announced": lambda carbs: (carbs, 0.0),
-    "announced and not eaten": lambda carbs: (LEAST_EATEN_G, carbs),
+    "announced and not eaten": lambda carbs: (MIN_EATEN_G, carbs),
 }
 COLUMNS = (
     "Meals",

@@ -38,7 +38,7 @@ from glucoloop.studies.exported import Export
 FOLDER = Path(__file__).resolve().parent
 RESULTS, FIGURES = FOLDER / "chip_results.json", FOLDER / "guide" / "chip_figures.md"
 HERE = "computer"
-RUN, MOST_RUNS = 100, 50
+RUN, MAX_RUNS = 100, 50
 """Samples of a run, and the largest number of runs in one program."""
 IN_NUMPY, IN_NUMPY_SLOW = 10, 1
 """Samples of each run that are computed operation by operation."""
@@ -80,16 +80,16 @@ class Case:
 def kept(case):
     """What was found of the C that a case gives now."""
     source = case.made.exported.source
-    found = everything().get(case.name, {})
-    if found.get("design") == source.design[:16]:
-        return found
+    result = everything().get(case.name, {})
+    if result.get("design") == source.design[:16]:
+        return result
     return {"design": source.design[:16], "form": source.form, "cells": {}, "proofs": {}}
 
 
-def keep(case, part, name, found):
+def keep(case, part, name, result):
     """Write what was found; another process may have written something else since this one read the file."""
     everything_now = everything() | {case.name: kept(case)}
-    everything_now[case.name][part][name] = found
+    everything_now[case.name][part][name] = result
     ordered = {case.name: everything_now[case.name] for case in cases(CONTROLLERS) if case.name in everything_now}
     RESULTS.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     write_tables()
@@ -99,7 +99,7 @@ def everything():
     return json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
 
 
-@functools.lru_cache(maxsize=2 * MOST_RUNS)
+@functools.lru_cache(maxsize=2 * MAX_RUNS)
 def run_of(case, seed):
     return case.made.recorded(RUN, seed)
 
@@ -125,10 +125,10 @@ def go_on(cells, samples):
         while cell["samples"] < samples:
             start, done = time.perf_counter(), cell["samples"] // RUN
             at_once = int(A_PROGRAM / (RUN * cell.get("instructions", case.guess(chip))))
-            runs = max(1, min(at_once, MOST_RUNS, -(-samples // RUN) - done))
+            runs = max(1, min(at_once, MAX_RUNS, -(-samples // RUN) - done))
             record = joined([run_of(case, seed) for seed in range(done, done + runs)])
-            found = other_ways(case, record) if chip == HERE else on_chip(case, record, CHIPS[chip])
-            for key, value in found.items():
+            result = other_ways(case, record) if chip == HERE else on_chip(case, record, CHIPS[chip])
+            for key, value in result.items():
                 before = cell.get(key, 0)
                 cell[key] = before + value if key.startswith("samples") else max(before, value)
             keep(case, "cells", chip, cell)

@@ -21,51 +21,51 @@ DOCS = Path(__file__).resolve().parent
 PATIENTS = ("parker-1999", "hovorka-2004", "wilinska-2010", "uva-padova-2008", "kanderian-2009", "bergman:Minimal")
 
 
-def _of_run(found):
-    return f"undershoot {found['metrics']['undershoot_mg_dl']:.1f} mg/dl"
+def _of_run(result):
+    return f"undershoot {result['metrics']['undershoot_mg_dl']:.1f} mg/dl"
 
 
-def _of_comparison(found):
-    numbers = (f"{case['metrics']['undershoot_mg_dl']:.1f}" for case in found["cases"].values())
+def _of_comparison(result):
+    numbers = (f"{case['metrics']['undershoot_mg_dl']:.1f}" for case in result["cases"].values())
     return f"undershoot {' and '.join(numbers)} mg/dl"
 
 
-def _of_identification(found):
-    return f"gain {found['fit']['gain_mg_dl_per_mU_min']:.2f} mg/dl per mU/min"
+def _of_identification(result):
+    return f"gain {result['fit']['gain_mg_dl_per_mU_min']:.2f} mg/dl per mU/min"
 
 
-def _of_tuning(found):
-    return f"least sum of squares {found['best']['sse']:.4g}"
+def _of_tuning(result):
+    return f"least sum of squares {result['best']['sse']:.4g}"
 
 
-def _of_trial(found):
-    return f"undershoot {found['controllers']['pid']['metrics']['undershoot_mg_dl']['median']:.1f} mg/dl, median"
+def _of_trial(result):
+    return f"undershoot {result['controllers']['pid']['metrics']['undershoot_mg_dl']['median']:.1f} mg/dl, median"
 
 
-def _of_stress(found):
-    return f"lowest {min(row['lowest_mg_dl'] for row in found['rows']):.1f} mg/dl"
+def _of_stress(result):
+    return f"lowest {min(row['lowest_mg_dl'] for row in result['rows']):.1f} mg/dl"
 
 
-def _of_verification(found):
-    return f"{sum(found['violations'].values())} violations in {found['samples']} samples"
+def _of_verification(result):
+    return f"{sum(result['violations'].values())} violations in {result['samples']} samples"
 
 
-def _of_detection(found):
-    score = found["estimators"]["moving-horizon"]
+def _of_detection(result):
+    score = result["estimators"]["moving-horizon"]
     return f"{score['detected_pct']:.0f} % of {score['meals']} meals detected"
 
 
-def _of_bound(found):
-    return f"largest deviation {found['bounds'][0]['deviation_mg_dl']:.2f} mg/dl"
+def _of_bound(result):
+    return f"largest deviation {result['bounds'][0]['deviation_mg_dl']:.2f} mg/dl"
 
 
-def _of_robust_search(found):
-    scores = found["chosen"]["scores"]
-    return f"undershoot {scores['undershoot_median_mg_dl']:.1f} mg/dl with the tuning chosen of {found['candidates']}"
+def _of_robust_search(result):
+    scores = result["chosen"]["scores"]
+    return f"undershoot {scores['undershoot_median_mg_dl']:.1f} mg/dl with the tuning chosen of {result['candidates']}"
 
 
-def _of_adversary(found):
-    return f"lowest {found['searches'][0]['lowest_mg_dl']:.1f} mg/dl"
+def _of_adversary(result):
+    return f"lowest {result['searches'][0]['lowest_mg_dl']:.1f} mg/dl"
 
 
 # The command with its arguments, and what is said of its JSON object.

@@ -53,7 +53,7 @@ WHEN = (
 )
 LONGEST_LEAD = 12
 """Samples before glucose crosses 60 that a stop is tried."""
-LEAST_CHANGE_MU_MIN = 0.1
+MIN_CHANGE_MU_MIN = 0.1
 
 
 class Experiment:
@@ -137,7 +137,7 @@ def timing(experiment, name, row):
     needed = np.where(kept.any(axis=1), np.argmax(kept, axis=1), np.inf)
     cells = [f"{SAMPLE_TIME_MIN * np.median(crossing):.0f}", f"{SAMPLE_TIME_MIN * np.median(needed):g} before"]
     for settings in list(WAYS.values())[2:]:
-        changed = np.abs(np.asarray(experiment.each(trace, name, row, **settings)[1]) - insulin) > LEAST_CHANGE_MU_MIN
+        changed = np.abs(np.asarray(experiment.each(trace, name, row, **settings)[1]) - insulin) > MIN_CHANGE_MU_MIN
         lead = SAMPLE_TIME_MIN * np.median(
             np.where(changed.any(axis=1), crossing - np.argmax(changed, axis=1), -np.inf)
         )
@@ -169,16 +169,16 @@ def main():
     lines = [f"| {' | '.join(WHEN)} |", f"| :--- |{' ---: |' * (len(WHEN) - 1)}"]
     for name, rows in ROWS.items():
         for row in rows:
-            found = timing(experiment, name, row)
-            if found is not None:
-                lines.append(f"| {' | '.join([f'{NAMES[name]}, {row}', *found])} |")
+            result = timing(experiment, name, row)
+            if result is not None:
+                lines.append(f"| {' | '.join([f'{NAMES[name]}, {row}', *result])} |")
                 print(lines[-1], flush=True)
     lines += ["", f"| {' | '.join(COLUMNS)} |", f"| :--- | :--- |{' ---: |' * (len(COLUMNS) - 2)}"]
     for name, rows in ROWS.items():
         for row in rows:
             for way, settings in WAYS.items():
-                found = measures(name, experiment.metrics(name, row, **settings))
-                lines.append(f"| {' | '.join([f'{NAMES[name]}, {row}', way, *found])} |")
+                result = measures(name, experiment.metrics(name, row, **settings))
+                lines.append(f"| {' | '.join([f'{NAMES[name]}, {row}', way, *result])} |")
                 print(lines[-1], flush=True)
     lines += [
         "",

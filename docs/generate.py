@@ -37,7 +37,7 @@ from glucoloop.studies.catalogue import STUDIES
 
 LEFT_OUT = ("cli",)
 """What the command line is made of is no interface."""
-MOST_MODULES_OF_A_PAGE = 8
+MAX_MODULES_OF_A_PAGE = 8
 """Of a layer with more, each module has a page of its own: no page is to be over 300 kB."""
 SHARED = (*TIMING, "key")
 """Settings that nearly all faults have, which the page on them describes once."""
@@ -353,14 +353,14 @@ def everyday() -> str:
 def modules(package: ModuleType) -> list[str]:
     if not hasattr(package, "__path__"):
         return []
-    found = []
+    result = []
     for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
         if info.name.rpartition(".")[2].startswith("_"):
             continue
-        found.append(info.name)
+        result.append(info.name)
         if info.ispkg:
-            found += modules(importlib.import_module(info.name))
-    return found
+            result += modules(importlib.import_module(info.name))
+    return result
 
 
 def api(folder: Path) -> dict[Path, str]:
@@ -372,7 +372,7 @@ def api(folder: Path) -> dict[Path, str]:
         layer = f"glucoloop.{info.name}"
         inside = modules(importlib.import_module(layer))
         parts = [*heading(layer, "="), f".. automodule:: {layer}", "" if inside else "   :members:", ""]
-        if len(inside) <= MOST_MODULES_OF_A_PAGE:
+        if len(inside) <= MAX_MODULES_OF_A_PAGE:
             for name in inside:
                 parts += [*heading(name, "-"), *module(name)]
         else:
@@ -399,11 +399,11 @@ def module(name: str) -> list[str]:
 
 def included(docs: Path) -> list[str]:
     """Files that a page includes, from the folder of the documentation: they are no pages of their own."""
-    found = set()
+    result = set()
     for page in [*docs.glob("*.md"), *docs.glob("guide/*.md")]:
         for name in re.findall(r"^```\{include\} (\S+)$", page.read_text(encoding="utf-8"), re.M):
-            found.add((page.parent / name).resolve())
-    return sorted(str(path.relative_to(docs)) for path in found if path.is_relative_to(docs))
+            result.add((page.parent / name).resolve())
+    return sorted(str(path.relative_to(docs)) for path in result if path.is_relative_to(docs))
 
 
 def write_all(docs: Path) -> None:

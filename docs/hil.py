@@ -45,10 +45,10 @@ def row(chip, controller, disturbances):
     words = f"hil --chip {chip} --controller {controller} {told} {NIGHT} {disturbances}".split()
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "glucoloop", *words, "--out", f"{folder}/night"], check=True)
-        found = json.loads(Path(folder, "night", "metrics.json").read_text(encoding="utf-8"))["chip"]
+        result = json.loads(Path(folder, "night", "metrics.json").read_text(encoding="utf-8"))["chip"]
         trace = pl.read_csv(Path(folder, "night", "trace.csv"))
-    counts, samples = found["counts"], found["samples"]
-    silent = samples - found["answered_in_time"]
+    counts, samples = result["counts"], result["samples"]
+    silent = samples - result["answered_in_time"]
     cells = (
         chip,
         controller,
@@ -56,10 +56,10 @@ def row(chip, controller, disturbances):
         counts["hang"],
         sum(counts[kind] for kind in FRAMES),
         10 if disturbances == OUTAGES else 0,
-        f"{found['answered_in_time']} of {samples}",
+        f"{result['answered_in_time']} of {samples}",
         silent,
         trace.filter(pl.col("bolus_mU") > 0.0).height if told else "-",
-        f"{found['equal_to_the_bit']} of {samples}",
+        f"{result['equal_to_the_bit']} of {samples}",
     )
     print(*cells, flush=True)
     return f"| {' | '.join(map(str, cells))} |"

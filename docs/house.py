@@ -15,7 +15,7 @@ PACKAGE = "glucoloop"
 WIDTH = 380
 STEP = 44
 BOX = (86, 25)
-MOST_IN_A_ROW = 4
+MAX_IN_A_ROW = 4
 """Four boxes beside each other can be read on a telephone."""
 STYLE = (
     "path{fill:none;stroke:#0072b2;opacity:.4}rect{fill:#f4f4f4;stroke:#888}"
@@ -26,15 +26,15 @@ STYLE = (
 
 def layer_files(root: Path) -> dict[str, list[Path]]:
     """Files of each layer: a package, or a module, of the root package."""
-    found: dict[str, list[Path]] = {}
+    result: dict[str, list[Path]] = {}
     for path in sorted(root.iterdir()):
         if path.name.startswith("_"):
             continue
         if path.suffix == ".py":
-            found[path.stem] = [path]
+            result[path.stem] = [path]
         elif (path / "__init__.py").exists():
-            found[path.name] = sorted([*path.rglob("*.py"), *path.rglob("*.pyi")])
-    return found
+            result[path.name] = sorted([*path.rglob("*.py"), *path.rglob("*.pyi")])
+    return result
 
 
 def imported(path: Path, root: Path) -> Iterator[str]:
@@ -89,7 +89,7 @@ def placed(of: dict[str, set[str]]) -> tuple[dict[str, tuple[float, float]], flo
     """Middle of the box of each layer, with the highest floor at the top, and the height of the drawing."""
     rows = []
     for floor in reversed(floors(of)):
-        wide = -(-len(floor) // -(-len(floor) // MOST_IN_A_ROW))
+        wide = -(-len(floor) // -(-len(floor) // MAX_IN_A_ROW))
         rows += [floor[start : start + wide] for start in range(0, len(floor), wide)]
     middles = {
         name: (WIDTH * (column + 0.5) / len(row), STEP * (number + 0.5))

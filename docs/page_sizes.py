@@ -7,21 +7,21 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 logger = logging.getLogger(__name__)
-MOST_BYTES = 300_000
+MAX_BYTES = 300_000
 
 
 def too_long(folder: Path) -> Iterator[tuple[Path, int]]:
     """Pages over the bound with their sizes; what a page offers to download is no page."""
     for path in sorted(folder.rglob("*.html")):
         size = path.stat().st_size
-        if size > MOST_BYTES and "_downloads" not in path.relative_to(folder).parts:
+        if size > MAX_BYTES and "_downloads" not in path.relative_to(folder).parts:
             yield path, size
 
 
 def check(app: Sphinx, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
         for path, size in too_long(Path(app.outdir)):
-            logger.warning("%s has %d bytes, of at most %d", path.relative_to(app.outdir), size, MOST_BYTES)
+            logger.warning("%s has %d bytes, of at most %d", path.relative_to(app.outdir), size, MAX_BYTES)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

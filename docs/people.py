@@ -30,12 +30,12 @@ COLUMNS = (
 )
 
 
-def row(label, found):
-    undershoot, below = found["metrics"]["undershoot_mg_dl"], found["metrics"]["time_below_60_pct"]
+def row(label, result):
+    undershoot, below = result["metrics"]["undershoot_mg_dl"], result["metrics"]["time_below_60_pct"]
     cells = [
         label,
         *(f"{undershoot[name]:.1f}" for name in ("median", "p95", "max")),
-        f"{found['ever_below']['60_mg_dl']['share_pct']:.2f}",
+        f"{result['ever_below']['60_mg_dl']['share_pct']:.2f}",
         f"{below['mean']:.3f}",
         f"{below['max']:.1f}",
     ]
@@ -51,7 +51,7 @@ def table(summary):
         "",
         f"| {' | '.join(COLUMNS)} |",
         f"| :--- |{' ---: |' * (len(COLUMNS) - 1)}",
-        *(row(label, found) for label, found in summary["controllers"].items()),
+        *(row(label, result) for label, result in summary["controllers"].items()),
     ]
     return "\n".join(lines)
 

@@ -48,12 +48,12 @@ def loops():
     situation = next(situation for situation in SITUATIONS if situation.name == "people")
     trial = configured(Trial, situation.trial_of("mpc", PEOPLE_SEED, PEOPLE))
     [case], prepared = trial.cases, engine.prepare(trial)
-    found = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
-    own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in found])
+    result = [identified_model(dataclasses.replace(trial, seed=seed), case, trial.nominal) for seed in RECORDS]
+    own = OfOneRecord([controller_of(trial, case, model=identified.model) for identified in result])
     of_case = prepared.cases["mpc"]
-    loop = engine.loop_of(trial, of_case.controller, prepared.fold, controllers_of=own)
+    loop = engine.loop_of(trial, of_case.controller, prepared.accumulator, controllers_of=own)
     cases = {"mpc": dataclasses.replace(of_case, loop=loop)}
-    gains = [float(np.sum(identified.model.impulse_response)) for identified in found]
+    gains = [float(np.sum(identified.model.impulse_response)) for identified in result]
     return dataclasses.replace(prepared, cases=cases), own, gains
 
 

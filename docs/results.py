@@ -23,18 +23,18 @@ def number(value):
     return value if isinstance(value, str) else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
-def cell(found, is_input):
+def cell(result, is_input):
     """Median, percentiles, and whether it agrees; a tilde where only the spread of the seeds makes it agree."""
-    if found is None:
+    if result is None:
         return "not run"
-    middle = "551+" if found["unsettled"] else number(found["median"])
-    spread = "" if found["p10"] is None else f" ({number(found['p10'])} to {number(found['p90'])})"
+    middle = "551+" if result["unsettled"] else number(result["median"])
+    spread = "" if result["p10"] is None else f" ({number(result['p10'])} to {number(result['p90'])})"
     text = f"{middle}{spread}"
-    if is_input and found["agrees"]:
+    if is_input and result["agrees"]:
         return f"{text} (input)"
-    if found["agrees_by_spread"]:
+    if result["agrees_by_spread"]:
         return f"{text} ~"
-    return text if found["agrees"] else f"*{text}*"
+    return text if result["agrees"] else f"*{text}*"
 
 
 def page(report):
@@ -75,8 +75,8 @@ def page(report):
                 continue
             bound = "at most " if entry["kind"] == "at-most" else ""
             printed = f"{bound}{number(entry['printed'])} {entry['unit']}".strip()
-            found = [cell(entry["reproduced"].get(point), point in entry["input_at"]) for point in points]
-            lines.append("| " + " | ".join([entry["what"], printed, *found]) + " |")
+            result = [cell(entry["reproduced"].get(point), point in entry["input_at"]) for point in points]
+            lines.append("| " + " | ".join([entry["what"], printed, *result]) + " |")
         lines.append("")
     return "\n".join(lines)
 

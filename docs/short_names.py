@@ -29,17 +29,17 @@ class ShortNames:
             return None
         domain = env.get_domain("py")
         objects: dict[str, Any] = domain.objects  # type: ignore[attr-defined]
-        found = self.known(objects, node["reftarget"])
-        if len(found) != 1:
+        result = self.known(objects, node["reftarget"])
+        if len(result) != 1:
             return None
-        entry = objects[found[0]]
+        entry = objects[result[0]]
         return nodes.reference(
             "",
             "",
             contnode,
             internal=True,
             refuri=app.builder.get_relative_uri(node["refdoc"], entry.docname) + "#" + entry.node_id,
-            reftitle=found[0],
+            reftitle=result[0],
         )
 
 

@@ -47,8 +47,8 @@ def versions(site: Path) -> list[str]:
 
 def write_list(site: Path) -> None:
     """Write what names the versions: `versions.json` for programs, and `index.html` for people."""
-    found = versions(site)
-    entries = [{"version": version, "path": f"{version}/index.html"} for version in found]
+    result = versions(site)
+    entries = [{"version": version, "path": f"{version}/index.html"} for version in result]
     links = [f'<li><a href="{escape(entry["path"])}">{escape(entry["version"])}</a></li>' for entry in entries]
     (site / "versions.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
     (site / "index.html").write_text(PAGE % "\n".join(links), encoding="utf-8")

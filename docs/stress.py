@@ -31,13 +31,13 @@ def cell(bare, guarded):
 
 
 def faults(rows):
-    found = {(row["controller"], row["guarded"], row["fault"]): row for row in rows}
+    result = {(row["controller"], row["guarded"], row["fault"]): row for row in rows}
     controllers = list(dict.fromkeys(row["controller"] for row in rows))
     names = short_names(list(dict.fromkeys(row["fault"] for row in rows if row["fault"])))
     yield f"| Fault | {' | '.join(NAMES[name] for name in controllers)} |"
     yield f"| :--- |{' ---: |' * len(controllers)}"
     for fault, name in names.items():
-        cells = [cell(*(found[controller, guarded, fault] for guarded in (False, True))) for controller in controllers]
+        cells = [cell(*(result[controller, guarded, fault] for guarded in (False, True))) for controller in controllers]
         yield f"| {name} | {' | '.join(cells)} |"
 
 
@@ -60,10 +60,10 @@ def day(name, noise):
     sensor = [f"white-noise, variance={noise}"] if noise else []
     trial = configured(Trial, people=PEOPLE, seed=SEED, sensor=sensor, controller=cases)
     prepared = engine.prepare(trial)
-    found = [engine.run_people(prepared, case.label, np.arange(PEOPLE)).metrics for case in trial.cases]
+    result = [engine.run_people(prepared, case.label, np.arange(PEOPLE)).metrics for case in trial.cases]
 
     def pair(what, text):
-        return " → ".join(format(what(metrics), text) for metrics in found)
+        return " → ".join(format(what(metrics), text) for metrics in result)
 
     columns = [
         pair(lambda m: np.median(m["peak_mg_dl"]), ".0f"),
@@ -71,7 +71,7 @@ def day(name, noise):
         pair(lambda m: m["mean_mg_dl"].mean(), ".1f"),
         pair(lambda m: m["time_below_70_pct"].mean(), ".2f"),
         pair(lambda m: m["minimum_mg_dl"].min(), ".1f"),
-        f"{100.0 * found[1]['samples_dose_limited'].mean() / trial.samples:.0f}",
+        f"{100.0 * result[1]['samples_dose_limited'].mean() / trial.samples:.0f}",
     ]
     return f"| {NAMES[name]} | {noise:g} | {' | '.join(columns)} |"
 

@@ -48,8 +48,8 @@ def means(controller, *options):
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "glucoloop", "trial", *TRIAL, "--controller", controller, *options]
         told = subprocess.run([*command, "--json", "--out", f"{folder}/t"], check=True, stdout=subprocess.PIPE).stdout
-    (found,) = json.loads(told)["controllers"].values()
-    return {name: values["mean"] for name, values in found["metrics"].items() if "mean" in values}
+    (result,) = json.loads(told)["controllers"].values()
+    return {name: values["mean"] for name, values in result["metrics"].items() if "mean" in values}
 
 
 def row(name, controller, *options):

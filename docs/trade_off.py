@@ -33,8 +33,8 @@ TARGETS = (
 RULES = {
     "All rules": {},
     "Insulin on board without a target that rests on the reading": {"fall_mg_dl": NO_TARGET},
-    "A reading held for over 10 min allows as much as one that repeats": {"held_min": 10_000.0},
-    "Both of these left out": {"fall_mg_dl": NO_TARGET, "held_min": 10_000.0},
+    "A reading held for over 10 min allows as much as one that repeats": {"unchanged_min": 10_000.0},
+    "Both of these left out": {"fall_mg_dl": NO_TARGET, "unchanged_min": 10_000.0},
     "No suspension": {"low_mg_dl": 0.0, "ahead_min": 0.0, "hysteresis_mg_dl": 0.0},
     "A jump of the reading is not put down to the sensor": {"doubt_tau_min": 0.01},
     "A rise of any speed is believed": {"fastest_mg_dl_min": 1000.0},
@@ -59,14 +59,14 @@ class Searches:
         if name not in self._found:
             print(name, flush=True)
             searched = search(configured(Adversary, SEARCH, guard=settings, controller=[controller]))
-            found = searched.found(list(searched.missing([])))
+            result = searched.results_of(list(searched.missing([])))
             self._found[name] = {
                 f"{row['error_pct']:g}": {
                     "below_54_min": row["below_54_min"],
                     "lowest_mg_dl": row["lowest_mg_dl"],
                     "peak_mg_dl": row["peak_without_errors_mg_dl"],
                 }
-                for row in found.plain["searches"]
+                for row in result.plain["searches"]
             }
             self._place.write_text(json.dumps(self._found, indent=1), encoding="utf-8")
         return {float(error): row for error, row in self._found[name].items()}
@@ -79,10 +79,10 @@ def table(head, rows):
 
 def target_rows(searches):
     for fall, error in TARGETS:
-        found = {name: searches.rows(name, target(fall, error)) for name in CONTROLLERS}
-        peaks = [row[WORST_PCT]["peak_mg_dl"] for row in found.values()]
+        result = {name: searches.rows(name, target(fall, error)) for name in CONTROLLERS}
+        peaks = [row[WORST_PCT]["peak_mg_dl"] for row in result.values()]
         below = [
-            f"{row[WORST_PCT]['below_54_min']:.0f} ({row[WORST_PCT]['lowest_mg_dl']:.1f})" for row in found.values()
+            f"{row[WORST_PCT]['below_54_min']:.0f} ({row[WORST_PCT]['lowest_mg_dl']:.1f})" for row in result.values()
         ]
         yield [
             f"{fall:g}, {error:g}" + (" (default)" if (fall, error) == DEFAULT else ""),
@@ -93,10 +93,10 @@ def target_rows(searches):
 
 def rule_rows(searches):
     for text, settings in RULES.items():
-        found = [searches.rows(name, settings) for name in CONTROLLERS]
+        result = [searches.rows(name, settings) for name in CONTROLLERS]
         cells = [
             f"{row[error]['below_54_min']:.0f} ({row[error]['lowest_mg_dl']:.1f})"
-            for row in found
+            for row in result
             for error in sorted(row)
         ]
         yield [text, *cells]

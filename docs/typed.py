@@ -73,9 +73,9 @@ def with_outputs(page: Path, folder: Path, programs: Path) -> str:
     """Text of a page with what its commands print now."""
     printed = ""
 
-    def block(found: re.Match) -> str:
+    def block(result: re.Match) -> str:
         nonlocal printed
-        told, body = found["told"], found["body"]
+        told, body = result["told"], result["body"]
         if output := OUTPUT.fullmatch(told):
             return f"```{told}\n{kept(output, printed)}```"
         if included := re.fullmatch(r"\{literalinclude\} (\S+)", told):
@@ -86,7 +86,7 @@ def with_outputs(page: Path, folder: Path, programs: Path) -> str:
             printed = shell(f"python - <<'END'\n{body}END\n", folder, programs)
         elif told == "text" and typed(body):
             printed = shell(body, folder, programs)
-        return found[0]
+        return result[0]
 
     text = BLOCK.sub(block, page.read_text(encoding="utf-8"))
     return LAST_LINE.sub(f"*What appears was {made()}, from these commands in an empty folder.*", text)

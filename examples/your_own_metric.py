@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import glucoloop as gl
 from glucoloop.component import About
 from glucoloop.control import internal_model_tuning
-from glucoloop.metrics import Course, Ended, Metric, MetricPart, Result
+from glucoloop.metrics import Ended, Metric, MetricPart, Result, Trajectory
 
 
 @dataclass(frozen=True)
@@ -27,16 +27,16 @@ class PointsInRange(Metric):
     low_mg_dl: int
     high_mg_dl: int
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    def init(self, course: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         """Number of points before the run."""
         return jnp.zeros_like(glucose_mg_dl)
 
-    def point(self, course: Course, state: jax.Array, glucose_mg_dl: jax.Array, t_min: jax.Array) -> jax.Array:
+    def point(self, course: Trajectory, state: jax.Array, glucose_mg_dl: jax.Array, t_min: jax.Array) -> jax.Array:
         """Number with a further point."""
         within = (glucose_mg_dl >= self.low_mg_dl) & (glucose_mg_dl <= self.high_mg_dl)
         return state + within.astype(state.dtype)
 
-    def finish(self, course: Course, state: jax.Array, ended: Ended) -> dict[str, Any]:
+    def finish(self, course: Trajectory, state: jax.Array, ended: Ended) -> dict[str, Any]:
         """Share of the points; NaN where glucose was not finite."""
         return {f"time_{self.low_mg_dl}_{self.high_mg_dl}_pct": ended.pct(state)}
 

@@ -28,7 +28,7 @@ OPENERS = frozenset(
 PERSONAL = re.compile(r"\b(he|his|him|himself)\b", re.IGNORECASE)
 SHAPE = re.compile(r"^(``)?\([^()]*\)(``)?[,:]?\s+")
 SECTION = re.compile(r"^(Parameters|Returns|Yields|Attributes)\n-+\n", re.MULTILINE)
-LEAST_WORDS = 3
+MIN_WORDS = 3
 
 
 def fault_of_lead(text: str) -> str | None:
@@ -43,8 +43,8 @@ def fault_of_lead(text: str) -> str | None:
             f"it begins with '{words[0]}'; begin with the noun or the verb, as in 'Sample time of the loop.' for "
             "'Of the loop.', 'Number of shards.' for 'How many shards.'"
         )
-    if len(words) < LEAST_WORDS - (phrase != lead):
-        return f"it has fewer than {LEAST_WORDS} words; say of what: 'Peak glucose of the run.' for 'The peak.'"
+    if len(words) < MIN_WORDS - (phrase != lead):
+        return f"it has fewer than {MIN_WORDS} words; say of what: 'Peak glucose of the run.' for 'The peak.'"
     return fault_of_person(text)
 
 

@@ -48,9 +48,9 @@ def kept(made_from: Sequence[str | bytes], made: Callable[[], bytes]) -> bytes:
     name = hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
     place = folder / f"{name}{SUFFIX}"
     with contextlib.suppress(OSError):
-        found = place.read_bytes()
-        data = found[hashlib.sha256().digest_size :]
-        if found == _sealed(name, data):
+        result = place.read_bytes()
+        data = result[hashlib.sha256().digest_size :]
+        if result == _sealed(name, data):
             return data
     data = made()
     with contextlib.suppress(OSError):
@@ -71,8 +71,8 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
 
     leaves, structure = jax.tree.flatten((arguments, named))
     try:
-        told = _named(inspect.unwrap(function)), _told(structure)
-        numbers = [_told_number(leaf) for leaf in leaves]
+        key = _named(inspect.unwrap(function)), _structure_key(structure)
+        numbers = [_number_key(leaf) for leaf in leaves]
     except _NoNameError:
         return function(*arguments, **named)
 
@@ -81,7 +81,7 @@ def kept_result(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
         _left -= 1
         return pickle.dumps(function(*arguments, **named))
 
-    made_from = (repr((told, sorted(identity().items()))), _source(), *(part for number in numbers for part in number))
+    made_from = (repr((key, sorted(identity().items()))), _source(), *(part for number in numbers for part in number))
     result: T = pickle.loads(kept(made_from, made))
     return result
 
@@ -90,11 +90,13 @@ class _NoNameError(Exception):
     """Something whose name does not tell all that it does."""
 
 
-def _told(structure: Any) -> Any:
+def _structure_key(structure: Any) -> Any:
     """Classes and static fields of a tree, in words that another process finds again."""
     node = structure.node_data()
     return (
-        None if node is None else (_named(node[0]), _static(node[1]), [_told(child) for child in structure.children()])
+        None
+        if node is None
+        else (_named(node[0]), _static(node[1]), [_structure_key(child) for child in structure.children()])
     )
 
 
@@ -115,7 +117,7 @@ def _named(value: Any) -> str:
     return f"{value.__module__}.{value.__qualname__}"
 
 
-def _told_number(leaf: Any) -> tuple[str, bytes]:
+def _number_key(leaf: Any) -> tuple[str, bytes]:
     """Kind of a number or an array, and its bytes."""
     import jax
     import jax.numpy as jnp

@@ -77,11 +77,11 @@ def other_number(text: str, value: float | None, unit: str) -> str:
 
     Without the value, that of its text is taken.
     """
-    found = re.fullmatch(r"(-?\d+(?:\.(\d+))?)(\+?)", text)
-    if found is None:
+    result = re.fullmatch(r"(-?\d+(?:\.(\d+))?)(\+?)", text)
+    if result is None:
         return text
-    other = other_value(float(found[1]) if value is None else value, unit)
-    return f"{other:z.{len(found[2] or '') + 1}f}{found[3]}"
+    other = other_value(float(result[1]) if value is None else value, unit)
+    return f"{other:z.{len(result[2] or '') + 1}f}{result[3]}"
 
 
 def in_both_units(text: str) -> Iterator[tuple[str, str, str]]:
@@ -107,10 +107,10 @@ def in_shown_units(text: str) -> str:
 
 def heading_shown(text: str) -> str:
     """A heading, such as ``Glucose (mg/dl)``, with the unit in which the quantity is shown."""
-    return _UNIT.sub(lambda found: shown_unit(found[0]), in_shown_units(text))
+    return _UNIT.sub(lambda result: shown_unit(result[0]), in_shown_units(text))
 
 
 def headings_in_both(text: str) -> tuple[str, str]:
     """A heading in the units in which numbers are computed, and in the others."""
     amounts = "".join(other if unit else same for unit, same, other in in_both_units(text))
-    return text, _UNIT.sub(lambda found: OTHERS[found[0]], amounts)
+    return text, _UNIT.sub(lambda result: OTHERS[result[0]], amounts)

@@ -13,7 +13,7 @@ from typing import Final
 from glucoloop.refusal import Refusal
 
 _OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
-_MOST_LINKS: Final = 40
+_MAX_LINKS: Final = 40
 
 
 def refuse_of_others(folder: Path) -> None:
@@ -28,17 +28,17 @@ def refuse_of_others(folder: Path) -> None:
     me, itself = os.getuid(), (_absolute(folder), Path(os.path.realpath(folder)))
     for place in _way_to(folder):
         try:
-            found = os.lstat(place)
+            result = os.lstat(place)
         except (FileNotFoundError, NotADirectoryError):
             continue
         if place in itself:
-            if found.st_uid != me:
+            if result.st_uid != me:
                 raise Refusal(f"{folder} belongs to another user")
-            if stat.S_ISDIR(found.st_mode) and found.st_mode & _OTHERS_WRITE:
+            if stat.S_ISDIR(result.st_mode) and result.st_mode & _OTHERS_WRITE:
                 raise Refusal(f"others can write to {folder}; empty it and run chmod 700 on it")
-        elif found.st_uid not in (0, me):
+        elif result.st_uid not in (0, me):
             raise Refusal(f"another user can put another folder in the place of {folder}, since {place} is theirs")
-        elif stat.S_ISDIR(found.st_mode) and _others_replace(found):
+        elif stat.S_ISDIR(result.st_mode) and _others_replace(result):
             raise Refusal(f"others can put another folder in the place of {folder}, since they can write to {place}")
 
 
@@ -65,8 +65,8 @@ def _way_to(folder: Path) -> Iterator[Path]:
             yield place
             if place.is_symlink():
                 links += 1
-                if links > _MOST_LINKS:
-                    raise Refusal(f"{folder} lies behind more than {_MOST_LINKS} links")
+                if links > _MAX_LINKS:
+                    raise Refusal(f"{folder} lies behind more than {_MAX_LINKS} links")
                 target = _absolute(place.parent / os.readlink(place))
                 to_do.append(target / end.relative_to(place))
 
@@ -75,11 +75,11 @@ def _absolute(place: Path) -> Path:
     return Path(os.path.abspath(place))
 
 
-def _others_replace(found: os.stat_result) -> bool:
+def _others_replace(result: os.stat_result) -> bool:
     """Whether others can rename what a folder holds: write to it, and no sticky bit. A group of one is nobody else."""
-    if found.st_mode & stat.S_ISVTX:
+    if result.st_mode & stat.S_ISVTX:
         return False
-    return bool(found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and not _is_own_group(found.st_gid)))
+    return bool(result.st_mode & stat.S_IWOTH or (result.st_mode & stat.S_IWGRP and not _is_own_group(result.st_gid)))
 
 
 def _is_own_group(group: int) -> bool:

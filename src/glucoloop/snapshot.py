@@ -68,8 +68,8 @@ def unpack(data: bytes, like: T, of: str = "") -> T:
         raise Refusal("these bytes are no snapshot of glucoloop; give what was saved")
     version, _, rest = data.removeprefix(_MAGIC).partition(b"\n")
     if version != str(_VERSION).encode():
-        found = version[:20].decode(errors="replace")
-        raise Refusal(f"the snapshot is of version {found!r}, but this program reads version {_VERSION}; save it anew")
+        result = version[:20].decode(errors="replace")
+        raise Refusal(f"the snapshot is of version {result!r}, but this program reads version {_VERSION}; save it anew")
     body, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if hashlib.sha256(body).digest() != digest:
         raise Refusal("the snapshot is damaged: its digest is not that of its content; take an earlier one")

@@ -29,7 +29,7 @@ CORRECTION_RULE: Final = 1800.0
 """Fall of glucose [mg/dl] by 1 U, times the total daily dose [U]; 1700 to 1960 are in use."""
 BASAL_SHARE: Final = 0.5
 """Part of the total daily dose that is the basal rate."""
-_LEAST_DAILY_BASAL_U: Final = 0.5
+_MIN_DAILY_BASAL_U: Final = 0.5
 """Least daily basal dose that the rules take, so that a person without a basal rate has finite numbers."""
 
 
@@ -53,7 +53,7 @@ class Profile:
     def daily_dose_U(self) -> jax.Array:
         """Total daily dose; where it is not known, twice the daily basal dose."""
         basal_U = jnp.asarray(self.basal_mU_min) * (MIN_PER_DAY / MU_PER_U)
-        by_basal = jnp.maximum(basal_U, _LEAST_DAILY_BASAL_U) / BASAL_SHARE
+        by_basal = jnp.maximum(basal_U, _MIN_DAILY_BASAL_U) / BASAL_SHARE
         return _known(self.total_daily_dose_U, by_basal)
 
     def carb_ratio(self) -> jax.Array:
@@ -131,8 +131,8 @@ def insulin_left(t_min: ArrayLike, action_min: ArrayLike, peak_min: ArrayLike) -
     """Part of a dose that has not acted yet, at a time after its action began: 1 before it, and 0 after its end."""
     tau, a, S = _shape(action_min, peak_min)
     t = jnp.clip(jnp.asarray(t_min, float), 0.0, action_min)
-    course = (t**2 / (tau * action_min * (1.0 - a)) - t / tau - 1.0) * jnp.exp(-t / tau) + 1.0
-    return 1.0 - S * (1.0 - a) * course
+    trajectory = (t**2 / (tau * action_min * (1.0 - a)) - t / tau - 1.0) * jnp.exp(-t / tau) + 1.0
+    return 1.0 - S * (1.0 - a) * trajectory
 
 
 def _shape(action_min: ArrayLike, peak_min: ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -68,10 +68,10 @@ class Quantity:
 
     def looks_like(self, value: float) -> str | None:
         """Unit that a value looks like, as in ``that looks like mmol/l: 5.5 mmol/l is 99.1 mg/dl``, if any."""
-        found = next(self.meant(value), None)
-        if found is None:
+        result = next(self.meant(value), None)
+        if result is None:
             return None
-        other, converted = found
+        other, converted = result
         return f"that looks like {other.name}: {value:g} {other.name} is {_rounded(converted)} {self.unit}"
 
     def within(self, *, least: float | None = None, most: float | None = None, reason: str) -> Quantity:
@@ -102,9 +102,9 @@ INSULIN_RATE: Final = Quantity("an insulin rate", "mU/min", 4.0, 500.0, _RATES, 
 LARGEST_RATE: Final = Quantity(
     "the greatest rate of a pump", "mU/min", 8.0, 300.0, (*_RATES, *others_of("mU/min", "pmol/min"))
 )
-LARGEST_RATE_UNDER_THE_SKIN: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
+LARGEST_SUBCUTANEOUS_RATE: Final = dataclasses.replace(LARGEST_RATE, most=600.0)
 """The same under the skin, where pumps give up to 35 U/h."""
-LEAST_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
+MIN_RATE: Final = Quantity("the least rate of a pump", "mU/min", 0.0, 100.0, others_of("mU/min", "mU/h", "pmol/min"))
 RATE_CHANGE: Final = Quantity("the largest change of a rate", "mU/min", 2.0, 500.0, _RATES)
 FITTED_STEP: Final = Quantity("a lasting step of a rate", "mU/min", 1.0, 500.0, _RATES, zero=True)
 RATE_STEP: Final = Quantity("the smallest step of a rate", "mU/min", 0.2, 20.0, _RATES)

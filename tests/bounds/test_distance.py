@@ -7,13 +7,13 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.bounds import bound_of_situation, distance_to_bound
-from glucoloop.bounds.course import course_of
+from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 
 
 @pytest.mark.long
 def test_distance_of_no_control(best, scenario):
-    course = course_of(gl.patient(), scenario, 5.0, [scenario.meals])
+    course = trajectory_of(gl.patient(), scenario, 5.0, [scenario.meals])
     glucose = course.glucose_mg_dl(np.full((40, 1), course.resting_mU_min))[:, 0]
     distance = distance_to_bound(glucose, best(10.0))
     assert distance.deviation_mg_dl == pytest.approx(glucose.max() - 81.1)

@@ -8,8 +8,8 @@ from scipy.optimize import linprog
 
 import glucoloop as gl
 from glucoloop.bounds import hedged_doses
-from glucoloop.bounds.course import course_of
 from glucoloop.bounds.hedging import LARGER, first_distinct
+from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 
 HORIZON_MIN = 200.0
@@ -41,7 +41,7 @@ def test_best_test_is_wrong_so_often(error):
 
 def test_doses_are_the_same_until_the_worlds_are_told_apart(hedged):
     for of in hedged.values():
-        first = int((80.0 + of.told_after_min) / 5.0)
+        first = int((80.0 + of.distinguished_after_min) / 5.0)
         np.testing.assert_array_equal(of.meal.insulin_mU_min[:first], of.other.insulin_mU_min[:first])
         assert abs(of.meal.insulin_mU_min[first] - of.other.insulin_mU_min[first]) > 0.1
         np.testing.assert_allclose(of.meal.insulin_mU_min[:16], BASAL, rtol=1e-12)
@@ -53,7 +53,7 @@ def test_doses_are_the_same_until_the_worlds_are_told_apart(hedged):
 def test_deviation_is_that_of_the_worse_world(hedged):
     for (question, _), of in hedged.items():
         eaten = [] if question == "begins" else [gl.Meal(10.0 * LARGER, 80.0)]
-        course = course_of(gl.patient(), SMALL, 5.0, [SMALL.meals, eaten])
+        course = trajectory_of(gl.patient(), SMALL, 5.0, [SMALL.meals, eaten])
         doses = np.stack([of.meal.insulin_mU_min, of.other.insulin_mU_min], axis=1)
         deviation = np.abs(course.glucose_mg_dl(doses) - 81.1).max()
         assert of.deviation_mg_dl - 1e-9 <= deviation <= of.deviation_mg_dl + 0.001
@@ -62,7 +62,7 @@ def test_deviation_is_that_of_the_worse_world(hedged):
 
 def test_the_surer_the_later_and_the_worse(hedged):
     some, all_ = hedged["begins", 0.25], hedged["begins", 0.05]
-    assert some.told_after_min < all_.told_after_min < hedged["ends", 0.25].told_after_min
+    assert some.distinguished_after_min < all_.distinguished_after_min < hedged["ends", 0.25].distinguished_after_min
     assert some.deviation_mg_dl < all_.deviation_mg_dl
 
 
@@ -70,8 +70,8 @@ def test_small_meal_agrees_with_a_linear_program():
     # Half a gram is little enough for the linear patient, with a model of its own for insulin.
     patient, n, first = gl.patient(), 40, 16
     of = next(hedged_doses(patient, TINY, 0.002, errors=[0.1]))
-    apart = int((80.0 + of.told_after_min) / 5.0)
-    course = course_of(patient, TINY, 5.0, [TINY.meals])
+    apart = int((80.0 + of.distinguished_after_min) / 5.0)
+    course = trajectory_of(patient, TINY, 5.0, [TINY.meals])
     meal = course.glucose_mg_dl(np.full((n, 1), BASAL))[:, 0] - 81.1
     model = gl.linear_model(patient, sample_time_min=1.0)
     x, impulse = np.zeros(model.Phi.shape[0]), [0.0]
@@ -101,13 +101,13 @@ def test_small_meal_agrees_with_a_linear_program():
 def test_late_readings_tell_as_much_later(hedged):
     late = next(hedged_doses(gl.patient(), SMALL, 0.02, errors=[0.25], dead_time_min=10.0))
     prompt = hedged["begins", 0.25]
-    assert late.told_after_min == prompt.told_after_min + 10.0
+    assert late.distinguished_after_min == prompt.distinguished_after_min + 10.0
     assert late.deviation_mg_dl > prompt.deviation_mg_dl
 
 
 def test_what_noise_hides_is_never_told():
     never = next(hedged_doses(gl.patient(), TINY, 1e4, errors=[0.05]))
-    assert never.told_after_min == np.inf
+    assert never.distinguished_after_min == np.inf
     np.testing.assert_array_equal(never.meal.insulin_mU_min, never.other.insulin_mU_min)
 
 

@@ -9,7 +9,7 @@ import glucoloop as gl
 from given_doses import GivenDoses
 from glucoloop._pytree import pytree
 from glucoloop.bounds import IN_ADVANCE, least_risk_doses, optimal_doses
-from glucoloop.bounds.course import course_of
+from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.metrics import summarise
 from glucoloop.pumps.limits import dose_limits
 from glucoloop.pumps.protocol import Delivery
@@ -82,7 +82,7 @@ def test_a_search_of_all_few_doses_finds_nothing_better(name, carbs_g, known_aft
     """Four doses of 90 min each, by differential evolution of the index itself."""
     patient, scenario = gl.patient(name), gl.Scenario([gl.Meal(carbs_g, 90.0)], 360.0)
     found = least_risk_doses(patient, scenario, known_after_min=known_after_min, sample_time_min=90.0)
-    course = course_of(patient, scenario, 90.0, [scenario.meals])
+    course = trajectory_of(patient, scenario, 90.0, [scenario.meals])
     given = np.ones(0 if known_after_min == IN_ADVANCE else 1)
 
     def index(doses):
@@ -114,7 +114,7 @@ def test_what_it_starts_from_is_never_better():
     patient, scenario = gl.patient("hovorka-2004"), gl.Scenario([gl.Meal(100.0, 30.0)], 300.0)
     good = least_risk_doses(patient, scenario, known_after_min=IN_ADVANCE)
     for start in (good.insulin_mU_min, np.zeros(60), np.full(60, 3.0 * good.insulin_mU_min.mean())):
-        course = course_of(patient, scenario, 5.0, [scenario.meals])
+        course = trajectory_of(patient, scenario, 5.0, [scenario.meals])
         given = risk(course.glucose_mg_dl(start[:, None])[:, 0])
         for known_after_min in (0.0, IN_ADVANCE):
             again = least_risk_doses(patient, scenario, known_after_min=known_after_min, start_mU_min=start)

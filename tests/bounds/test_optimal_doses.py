@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 import glucoloop as gl
 from given_doses import GivenDoses
 from glucoloop.bounds import IN_ADVANCE, optimal_doses
-from glucoloop.bounds.course import course_of
+from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 
 BASAL = 25.60605734419632
@@ -52,7 +52,7 @@ def test_no_allowed_change_of_the_doses_comes_closer(best, scenario, known_after
     doses, before = plan.insulin_mU_min[:, None] + changes, np.full(people, BASAL)
     for row in doses:
         row[:] = before = np.asarray(PARKER_1999_LIMITS.clip(row, before))
-    course = course_of(gl.patient(), scenario, 5.0, [scenario.meals] * people)
+    course = trajectory_of(gl.patient(), scenario, 5.0, [scenario.meals] * people)
     deviation = np.abs(course.glucose_mg_dl(doses) - 81.1).max(axis=0)
     assert deviation.min() > plan.bound - 1e-3
     assert np.mean(deviation > 1.01 * plan.deviation_mg_dl) > 0.4  # so that they did change something
@@ -63,7 +63,7 @@ def test_small_meal_agrees_with_a_linear_program():
     # Half a gram is little enough for the linear patient, with a model of its own for insulin.
     patient, scenario, first, n = gl.patient(), gl.Scenario([gl.Meal(0.5, 20.0)], 200.0), 6, 40
     plan = optimal_doses(patient, scenario, known_after_min=10.0)
-    course = course_of(patient, scenario, 5.0, [scenario.meals])
+    course = trajectory_of(patient, scenario, 5.0, [scenario.meals])
     meal = course.glucose_mg_dl(np.full((n, 1), BASAL))[:, 0] - 81.1
     model = gl.linear_model(patient, sample_time_min=1.0)
     x, impulse = np.zeros(model.Phi.shape[0]), [0.0]

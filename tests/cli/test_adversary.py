@@ -32,7 +32,7 @@ class Once:
                 yield row
 
     def found(self, rows):
-        return self.known[self.key][1].found(rows)
+        return self.known[self.key][1].results_of(rows)
 
 
 SEARCH = study.AdversarySearch

@@ -44,15 +44,15 @@ def test_noise_adds_what_it_lets_one_know(glucoloop, monkeypatch, tmp_path):
         assert (scenario.meals[0].carbs_g, noise_variance) == (50.0, 1.45)
         assert more == {"dead_time_min": 10.0, "sample_time_min": 5.0}
         plans = [optimal_doses(person, scenario, limits, known_after_min=known) for known in (10.0, 20.0)]
-        for question, told_after_min in (("begins", 30.0), ("ends", float("inf"))):
-            yield HedgedDoses(question, 0.05, told_after_min, 7.5, *plans)
+        for question, distinguished_after_min in (("begins", 30.0), ("ends", float("inf"))):
+            yield HedgedDoses(question, 0.05, distinguished_after_min, 7.5, *plans)
 
     monkeypatch.setattr(study, "hedged_doses", hedged)
     arguments = ("--noise", 1.45, "--known-after", 0, "--dead-time", 10, *EARLY)
     answer = glucoloop("bound", *arguments, "--out", "noisy", "--json").json
     begins, ends = answer["hedged"]
     assert begins["information"] == "told from noise that it begins, error 5%"
-    assert (begins["told_after_min"], ends["told_after_min"]) == (30.0, None)
+    assert (begins["distinguished_after_min"], ends["distinguished_after_min"]) == (30.0, None)
     assert begins["deviation_mg_dl"] == 7.5
     assert begins["other_peak_mg_dl"] > begins["peak_mg_dl"]
     table = pl.read_csv(tmp_path / "noisy/glucose_1min.csv")

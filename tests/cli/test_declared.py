@@ -17,7 +17,7 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.component.part import Part
 from glucoloop.report.columns import Column, terminal_table, whole
 from glucoloop.situations.option import Option
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.catalogue import SAFETY, CommandEntry
 from glucoloop.studies.study import PlainStudy, SearchStudy
@@ -25,7 +25,7 @@ from glucoloop.studies.study import PlainStudy, SearchStudy
 _search = functools.partial(Option, panel="Search")
 
 
-class Asked(Part):
+class ExternalDoses(Part):
     """What the study asks for."""
 
     kind: ClassVar = "squares"
@@ -46,11 +46,11 @@ class Tried(Trial):
 FILES = ("squares.csv", "page.html")
 WRITTEN = (*FILES, "tables.tex")
 SEARCH = SearchStudy(
-    name="squares", what="a search for squares", help="Squares.", module="a_study", request=Asked,
+    name="squares", what="a search for squares", help="Squares.", module="a_study", request=ExternalDoses,
     extent=("steps",), results="rows.parquet", files=FILES, summary="squares.json",
 )  # fmt: skip
 PLAIN = PlainStudy(
-    name="squares", what="squares", help="Squares.", module="a_study", request=Asked, unit="squares",
+    name="squares", what="squares", help="Squares.", module="a_study", request=ExternalDoses, unit="squares",
     files=FILES,
 )  # fmt: skip
 COLUMNS = (Column(name="square", short="Square", text=whole),)
@@ -80,7 +80,7 @@ class Squares(types.ModuleType):
                 self.made.append(number)
                 yield asked.factor * number**2
 
-        return types.SimpleNamespace(missing=missing, found=lambda rows: self.summed(asked, rows))
+        return types.SimpleNamespace(missing=missing, results_of=lambda rows: self.summed(asked, rows))
 
     def amount(self, asked):
         return asked.steps
@@ -95,7 +95,7 @@ class Squares(types.ModuleType):
     def summed(self, asked, rows):
         table = pl.DataFrame({"square": list(rows)})
         told = {"rows": table.to_dicts(), "sum": sum(rows), "mean": float("nan"), "squares": len(rows)}
-        return Findings({**told, "holds": self.holds}, {"squares.csv": table})
+        return Results({**told, "holds": self.holds}, {"squares.csv": table})
 
     def tables(self, asked, found):
         yield terminal_table("Number", [("", [(str(n), [row]) for n, row in enumerate(found.rows)])], COLUMNS)

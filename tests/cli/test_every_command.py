@@ -11,14 +11,14 @@ from glucoloop.cli.option import SET
 from glucoloop.cli.request import request_of
 from glucoloop.component.setting import Setting
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import asked_for, read_root
+from glucoloop.situations.request import read_root, request_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import Situation
 from glucoloop.situations.toml import toml_text
 from glucoloop.studies.catalogue import STUDIES
 from requests_read import asked, root_of
 
-MOST_LINES, MOST_OPTIONS, WIDTH = 80, 30, 100
+MAX_LINES, MAX_OPTIONS, WIDTH = 80, 30, 100
 ASKING = tuple(STUDIES)
 
 
@@ -41,8 +41,8 @@ def test_help_fits_on_two_screens(glucoloop, monkeypatch, command):
     assert answer.code == 0
     assert lines[0].startswith(f"Usage: glucoloop {command}")
     assert max(map(len, lines)) <= WIDTH
-    assert len([line for line in lines if re.match(r"  --", line)]) <= MOST_OPTIONS
-    assert len(lines) <= MOST_LINES
+    assert len([line for line in lines if re.match(r"  --", line)]) <= MAX_OPTIONS
+    assert len(lines) <= MAX_LINES
     for option in command_of(command).options:
         assert option.flag in answer.out
 
@@ -139,6 +139,6 @@ def test_a_file_and_options_are_the_same_as_options_at_once(tmp_path_factory, of
 @given(options=several)
 def test_options_are_those_of_python(options):
     found = asked("run", *typed(options), "--allow-unusual")
-    again = asked_for(Run, found.tree())
+    again = request_from(Run, found.tree())
     assert again == found
     assert Run(**{name: getattr(found, name) for name in found.given}) == found

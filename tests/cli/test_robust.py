@@ -163,7 +163,7 @@ def test_what_is_read_is_told_as_it_was():
 
 def test_what_can_be_searched_are_settings_of_the_controller():
     assert set(RANGES) <= set(SEARCHED.settings())
-    assert [name for name, tuned in RANGES.items() if not tuned.unasked] == [
+    assert [name for name, tuned in RANGES.items() if not tuned.by_default] == [
         "output_weight",
         "glucose_floor_mg_dl",
         "floor_weight",

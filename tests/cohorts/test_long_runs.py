@@ -53,7 +53,7 @@ def same(one, other):
 @pytest.mark.long
 @pytest.mark.parametrize("samples", [100, 47])
 def test_a_run_in_pieces_is_the_run_to_the_bit(monkeypatch, trial, whole, samples):
-    monkeypatch.setattr(cohort, "MOST_AT_ONCE", samples)
+    monkeypatch.setattr(cohort, "MAX_AT_ONCE", samples)
     monkeypatch.setattr(cohort, "_PEOPLE_AT_ONCE", 1)
     told = []
     pieces = run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True, done=told.append)
@@ -66,18 +66,20 @@ def test_a_run_in_pieces_is_the_run_to_the_bit(monkeypatch, trial, whole, sample
 
 @pytest.mark.long
 def test_a_person_is_the_same_in_a_block_of_any_number(monkeypatch, trial, whole):
-    monkeypatch.setattr(engine, "LEAST_BLOCK", 1024)
+    monkeypatch.setattr(engine, "MIN_BLOCK", 1024)
     same(run_people(prepare(trial), "basal-bolus", trial.shard(0), traces=True), whole)
 
 
 @pytest.mark.long
 def test_the_other_engine_goes_on_from_a_piece_too(monkeypatch, trial):
     case = prepare(trial).cases["basal-bolus"]
-    loop = engine.loop_of(trial, case.controller, prepare(trial).fold, surroundings=case.surroundings, engine="xla")
+    loop = engine.loop_of(
+        trial, case.controller, prepare(trial).accumulator, surroundings=case.surroundings, engine="xla"
+    )
     people = engine.people_of(trial, trial.shard(0))
     brought = engine.brought(trial, trial.drawn_days(trial.shard(0)))
     once = loop.run(people, **brought)
-    monkeypatch.setattr(cohort, "MOST_AT_ONCE", 211)
+    monkeypatch.setattr(cohort, "MAX_AT_ONCE", 211)
     again = loop.run(people, **brought)
     np.testing.assert_allclose(again.glucose_mg_dl, once.glucose_mg_dl, rtol=1e-12)
     np.testing.assert_allclose(again.insulin_mU_min, once.insulin_mU_min, rtol=1e-12)
@@ -140,8 +142,8 @@ def test_up_to_four_weeks_every_sample_is_counted_by_itself():
 @pytest.mark.long
 def test_who_does_not_stay_finite_is_not_counted(monkeypatch, trial, whole):
     prepared = prepare(trial)
-    fold = prepared.fold
-    finish = type(fold).finish
+    accumulator = prepared.accumulator
+    finish = type(accumulator).finish
 
     def without_the_second(self, *args, **kwargs):
         values = finish(self, *args, **kwargs).by_name()
@@ -149,7 +151,7 @@ def test_who_does_not_stay_finite_is_not_counted(monkeypatch, trial, whole):
         mean[1] = np.nan
         return SimpleNamespace(by_name=lambda: {**values, "mean_mg_dl": mean})
 
-    monkeypatch.setattr(type(fold), "finish", without_the_second)
+    monkeypatch.setattr(type(accumulator), "finish", without_the_second)
     found = run_people(prepared, "basal-bolus", trial.shard(0), traces=True)
     alone = count(np.asarray(whole.glucose_mg_dl[:, [0, 2]], float), glucose_edges())
     assert found.glucose_counts.sum() == 2 * 577

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.summary import DISTRIBUTIONS, MOST_NAMED, summarise_people
+from glucoloop.cohorts.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.metrics.settings import RESULTS
 
@@ -184,7 +184,7 @@ def test_people_whose_glucose_is_not_finite_are_named_and_left_out(cases):
 def test_many_are_counted_and_the_first_named():
     told = summarise_people(dealt({"mpc": population(1, infeasible=0.5)}, 700), max_insulin_mU_min=66.9)
     assert told.plain["unable"]["count"] > 1200
-    assert len(told.plain["unable"]["person"]) == MOST_NAMED
+    assert len(told.plain["unable"]["person"]) == MAX_NAMED
 
 
 def test_nobody_feasible():

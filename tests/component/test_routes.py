@@ -11,7 +11,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.patients.settings import PATIENTS, OperatingPoint, PatientPart, patient_entry
 from glucoloop.simulation.closed_loop import usual_limits
-from glucoloop.situations.request import asked_for
+from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
 
 
@@ -70,9 +70,9 @@ def test_person_of_ones_own_has_the_pump_of_the_route():
 
 def test_pump_of_30_units_an_hour_is_unusual_into_a_vein_only():
     pump = {"max_insulin_mU_min": 500.0}
-    assert asked_for(Run, given({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
+    assert request_from(Run, given({"patient": "hovorka-2004", "pump": pump}, "")).limits.max_mU_min == 500.0
     with pytest.raises(ValueError, match=r"^max_insulin_mU_min of the pump is 500 mU/min; "):
-        asked_for(Run, given({"pump": pump}, ""))
+        request_from(Run, given({"pump": pump}, ""))
 
 
 @pytest.mark.long

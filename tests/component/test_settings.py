@@ -66,7 +66,7 @@ VALUES = st.fixed_dictionaries(
 @given(VALUES)
 def test_a_part_is_read_again_from_its_text_and_from_its_tree(values):
     values = {key: value for key, value in values.items() if value != ""}
-    part = _Desk.partial(values, asked="desk")
+    part = _Desk.partial(values, display_name="desk")
     again = LAMPS.parse(part_text(part.tree()))
     assert again.given == part.given
     assert LAMPS.read(part.tree()).given == part.given

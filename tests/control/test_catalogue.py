@@ -11,7 +11,7 @@ from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.control.protocol import gives_boluses
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.patients.settings import USUAL_PATIENT, OperatingPoint, PatientPart
+from glucoloop.patients.settings import DEFAULT_PATIENT, OperatingPoint, PatientPart
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
@@ -28,7 +28,7 @@ def test_every_controller_is_designed_with_its_defaults(name, noisy, operating_p
         dead_time_samples=0,
     )
     entry = controller_entry(name)
-    usual = USUAL_PATIENT(operating_point=operating_point).usual_of(name)
+    usual = DEFAULT_PATIENT(operating_point=operating_point).usual_of(name)
     controller = entry.partial({}).completed(usual, noisy=noisy).designed(case)
     assert controller.sample_time_min == 5.0
     assert gives_boluses(controller) == entry.gives_boluses
@@ -45,7 +45,7 @@ def test_the_floor_reaches_the_design_and_is_none_by_default(name):
         dead_time_samples=0,
     )
     for given in ({}, {"glucose_floor_mg_dl": 65.0}, {"glucose_floor_mg_dl": 65.0, "floor_weight": 4.0}):
-        controller = controller_entry(name).partial(given).completed(USUAL_PATIENT().usual_of(name)).designed(case)
+        controller = controller_entry(name).partial(given).completed(DEFAULT_PATIENT().usual_of(name)).designed(case)
         floor = controller.floor if name == "nlqdmc-se" else controller.plan.floor
         if given:
             assert (floor.glucose_mg_dl, floor.weight) == (65.0, given.get("floor_weight", DEFAULT_FLOOR_WEIGHT))

@@ -137,7 +137,7 @@ def test_a_reading_that_stays_the_same_to_its_last_digit_soon_allows_no_more_tha
 
 
 def test_a_reading_that_stays_the_same_calls_for_no_more_insulin_than_is_on_board():
-    limits = GuardSettings(held_min=1000.0, stuck_min=1000.0, max_hour=10.0)
+    limits = GuardSettings(unchanged_min=1000.0, stuck_min=1000.0, max_hour=10.0)
     rising = [100.0 + 5.0 * k for k in range(12)]
     doses, _, states = follow(guarded(Wants(rate=60.0), limits), [*rising, *[155.0] * 20, 156.0])
     on_board = np.array([float(state.given.on_board) for state in states])

@@ -8,22 +8,22 @@ from glucoloop.build.designs import with_guard
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.control import Guard, GuardSettings, design_open_loop
 from glucoloop.control.guard_settings import GUARDS, OF_ROUTE, guard_of
-from glucoloop.patients.settings import USUAL_PATIENT, PatientPart, patient_entry
+from glucoloop.patients.settings import DEFAULT_PATIENT, PatientPart, patient_entry
 from glucoloop.pumps import PARKER_1999_LIMITS
 
 
 def test_usual_limits_are_those_of_the_route_and_of_the_patient():
     assert set(OF_ROUTE[SUBCUTANEOUS]) <= set(GuardSettings.settings())
-    assert guard_of(USUAL_PATIENT) == GuardSettings()
-    under_the_skin = patient_entry("hovorka-2004")
-    assert guard_of(under_the_skin) == GuardSettings(**OF_ROUTE[SUBCUTANEOUS])
+    assert guard_of(DEFAULT_PATIENT) == GuardSettings()
+    subcutaneous = patient_entry("hovorka-2004")
+    assert guard_of(subcutaneous) == GuardSettings(**OF_ROUTE[SUBCUTANEOUS])
 
-    class Own(under_the_skin, name="own"):
+    class Own(subcutaneous, name="own"):
         """Somebody with a limit of their own."""
 
         guard = {"max_hour": 7.0}  # noqa: RUF012
 
-    assert guard_of(Own) == dataclasses.replace(guard_of(under_the_skin), max_hour=7.0)
+    assert guard_of(Own) == dataclasses.replace(guard_of(subcutaneous), max_hour=7.0)
     assert guard_of(Own, GUARDS.parse("max_hour=3")).max_hour == 3.0
     with pytest.raises(
         ValueError, match="unknown route of insulin 'nasal'; the known ones are: intravenous, subcutaneous"
@@ -37,7 +37,7 @@ def test_usual_limits_are_those_of_the_route_and_of_the_patient():
 
 
 def test_a_limit_reaches_the_guard():
-    guard = with_guard(design_open_loop(), guard_of(USUAL_PATIENT, GUARDS.parse("gap_min=35")), PARKER_1999_LIMITS)
+    guard = with_guard(design_open_loop(), guard_of(DEFAULT_PATIENT, GUARDS.parse("gap_min=35")), PARKER_1999_LIMITS)
     assert isinstance(guard, Guard)
     assert guard.settings == GuardSettings(gap_min=35.0)
     assert with_guard(guard, None, PARKER_1999_LIMITS) is guard

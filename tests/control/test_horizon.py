@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import glucoloop as gl
 from glucoloop.control import MealTuning, MPCTuning, StateTuning, design_linear_mpc, design_meal_mpc, design_mpc_se
-from glucoloop.control.horizon import LEAST_SHARE, USUAL_SHARE, suited
+from glucoloop.control.horizon import DEFAULT_SHARE, MIN_SHARE, suited
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 
@@ -35,13 +35,13 @@ def of_lags(gain, taus_min, samples=600, sample_time_min=5.0):
 def test_a_horizon_is_refused_by_what_it_sees_and_the_told_one_will_do(gain, taus_min, horizon):
     S = of_lags(gain, taus_min)
     tuning = MPCTuning(2, horizon, 1.0, 1.0)
-    if S[horizon - 1] / gain >= LEAST_SHARE:
+    if S[horizon - 1] / gain >= MIN_SHARE:
         assert suited(tuning, S, gain) is tuning
         return
     with pytest.raises(ValueError, match=f"horizon of {horizon} samples sees") as refused:
         suited(tuning, S, gain)
     enough = int(re.search(r"give a prediction horizon of (\d+) or more", str(refused.value))[1])
-    assert S[enough - 2] / gain < LEAST_SHARE <= S[enough - 1] / gain
+    assert S[enough - 2] / gain < MIN_SHARE <= S[enough - 1] / gain
 
 
 def test_insulin_that_seems_to_raise_glucose_is_told():
@@ -57,7 +57,7 @@ def test_a_horizon_that_is_not_given_suits_the_model():
     slow = StepResponseModel.from_impulse_response(np.diff(of_lags(-20.0, [80.0, 80.0, 80.0]), prepend=0.0), 5.0)
     p = design_linear_mpc(slow).horizons[1]
     share = np.asarray(slow.step_response) / float(slow.gain)
-    assert share[p - 2] < USUAL_SHARE <= share[p - 1]
+    assert share[p - 2] < DEFAULT_SHARE <= share[p - 1]
     fast = StepResponseModel.from_impulse_response(-np.ones(10), 5.0)
     assert design_linear_mpc(fast).horizons == (2, 8)  # the paper's
 
@@ -75,13 +75,13 @@ def test_designs_on_the_equations_see_what_the_patient_shows(name):
     linear, nonlinear = gl.linear_model(person), gl.nonlinear_model(person)
     gain = float(linear.C @ jnp.linalg.solve(jnp.eye(linear.Gamma.size) - linear.Phi, linear.Gamma))
     share = np.asarray(step_response(linear, 288)) / gain
-    enough = int(np.argmax(share >= LEAST_SHARE)) + 1
+    enough = int(np.argmax(share >= MIN_SHARE)) + 1
     noise = np.ones(linear.Gamma.size)
     short, asked = StateTuning(2, 8, 1.0, 3.0), StateTuning(2, 0, 1.0, 3.0)
     for design in (lambda t: design_mpc_se(linear, noise, t), lambda t: gl.design_nlqdmc_se(nonlinear, noise, t)):
         with pytest.raises(ValueError, match=f"sees .* % of the gain of insulin; .*horizon of {enough} or more"):
             design(short)
-        assert design(asked).horizons[1] == int(np.argmax(share >= USUAL_SHARE)) + 1
+        assert design(asked).horizons[1] == int(np.argmax(share >= DEFAULT_SHARE)) + 1
     with pytest.raises(ValueError, match=f"horizon of {enough} or more, or 0 for one that suits the model"):
         design_meal_mpc(nonlinear, MealTuning())
     usual = [design_mpc_se(linear, noise), gl.design_nlqdmc_se(nonlinear, noise)]

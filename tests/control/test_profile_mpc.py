@@ -12,7 +12,7 @@ from glucoloop.control.profile_mpc import design_profile_mpc, forecast_of
 from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.control.protocol import Observation, Status, computed_settings
 from glucoloop.meals import Scenario
-from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.therapy import Profile
 
@@ -23,7 +23,7 @@ NOMINAL, LINEAR = nonlinear_model(PATIENT), linear_model(PATIENT)
 
 def designed(profile, **settings):
     return design_profile_mpc(
-        NOMINAL, LINEAR, profile, ProfileMPCSettings(**settings), PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+        NOMINAL, LINEAR, profile, ProfileMPCSettings(**settings), PARKER_1999_LIMITS, DEFAULT_BOLUS_LIMITS
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glucoloop.estimation import riccati_step
-from glucoloop.estimation.riccati import RICCATI_STEPS, carried_on, is_covariance, triangle, whole
+from glucoloop.estimation.riccati import RICCATI_STEPS, is_covariance, next_covariance, triangle, whole
 
 
 def a_model(seed, n=6, radius=0.95):
@@ -38,7 +38,7 @@ def test_it_takes_steps_of_the_riccati_equation(seed):
     P = expected = np.eye(6) * 3.0
     for _ in range(RICCATI_STEPS):
         expected = riccati_step(expected, Phi, C, Q, R)
-    np.testing.assert_allclose(whole(carried_on(triangle(jnp.asarray(P)), Phi, C, Q, R)), expected, rtol=1e-12)
+    np.testing.assert_allclose(whole(next_covariance(triangle(jnp.asarray(P)), Phi, C, Q, R)), expected, rtol=1e-12)
 
 
 @pytest.mark.long
@@ -46,11 +46,11 @@ def test_it_takes_steps_of_the_riccati_equation(seed):
 def test_it_comes_to_rest_at_the_steady_covariance_and_follows_a_model_that_changes(seed):
     Phi, C, Q, R = a_model(seed)
     packed = triangle(jnp.asarray(steady(Phi, C, Q, R)))
-    np.testing.assert_allclose(carried_on(packed, Phi, C, Q, R), packed, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(next_covariance(packed, Phi, C, Q, R), packed, rtol=1e-9, atol=1e-9)
     other = 0.9 * Phi
     away = np.abs(whole(packed) - steady(other, C, Q, R)).max()
     for _ in range(8):
-        packed = carried_on(packed, other, C, Q, R)
+        packed = next_covariance(packed, other, C, Q, R)
     assert np.abs(whole(packed) - steady(other, C, Q, R)).max() < 1e-3 * away
 
 

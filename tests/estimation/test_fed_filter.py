@@ -11,7 +11,7 @@ import glucoloop as gl
 from glucoloop.control.profile_mpc import design_profile_mpc
 from glucoloop.control.profile_settings import ProfileMPCSettings
 from glucoloop.models.profiled import GutCompartments
-from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS
+from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model, nonlinear_model
 from glucoloop.therapy import Profile
 
@@ -23,7 +23,7 @@ CONTROLLER = design_profile_mpc(
     PROFILE,
     ProfileMPCSettings(sensor_error_mg_dl=6.0, measurement_variance=2.0),
     PARKER_1999_LIMITS,
-    USUAL_BOLUS_LIMITS,
+    DEFAULT_BOLUS_LIMITS,
 )
 FILTER, MODEL = CONTROLLER.filter, CONTROLLER.model
 predict = jax.jit(lambda estimate, insulin: FILTER.predict(MODEL, estimate, insulin))

@@ -55,7 +55,7 @@ def test_the_margin_reaches_the_gain_of_a_system_that_is_too_slow_for_the_record
 @pytest.mark.long
 def test_what_is_given_is_kept():
     record = first_order(-5.0, 300.0)
-    paper = {"memory": 36, "laguerre_pole": 0.84, "laguerre_functions": 2, "under_the_skin": False}
+    paper = {"memory": 36, "laguerre_pole": 0.84, "laguerre_functions": 2, "subcutaneous": False}
     found = identify_record(record, "least-squares", basal_insulin_mU_min=25.0, **paper)
     assert (found.model.memory, found.laguerre_pole, found.laguerre_coefficients.size) == (36, 0.84, 2)
     assert float(found.model.gain) > -4.0  # such functions miss what comes after three hours
@@ -73,7 +73,7 @@ def test_the_papers_patient_keeps_the_papers_functions(noise):
     for insulin in (pulses, lively):
         record = gl.excite(person, insulin, sensor)
         basis = chosen_basis(record, bases_given(record, "least-squares", None, None, "usual", None))
-        assert (basis.memory, basis.pole, basis.functions, basis.under_the_skin) == (36, 0.84, 2, False)
+        assert (basis.memory, basis.pole, basis.functions, basis.subcutaneous) == (36, 0.84, 2, False)
 
 
 def skin_record(hours, insulin, noise, seed, half_min=210.0):
@@ -98,7 +98,7 @@ def covers_or_is_refused(found):
     return abs(float(found.model.gain) + 5.0) < found.reliability.gain_margin or bool(found.doubts())
 
 
-@pytest.mark.parametrize("keywords", [{}, {"under_the_skin": True}, {"memory": 72}])
+@pytest.mark.parametrize("keywords", [{}, {"subcutaneous": True}, {"memory": 72}])
 def test_pulses_whose_responses_outlast_the_memory_are_refused(keywords):
     for pace in (72, 288):
         record = skin_record(48, np.asarray(design_csrs(pace, 20.0, 576)), 1.2, pace)

@@ -140,7 +140,7 @@ class Gaps:
 
     cohort: Cohort
     controller: object
-    fold: RunningMetrics
+    accumulator: RunningMetrics
     samples: int
 
     def run(self, onset, samples, value):
@@ -162,7 +162,7 @@ class Gaps:
         """For each gap, by how much more than the settling time the loop takes to find back; below 0: it is in time."""
         onset, samples = np.r_[np.inf, onset], np.r_[1.0, samples]
         run = self.run(onset, samples, value)
-        metrics = self.fold.finish(run.fold, samples=self.samples, sample_time_min=5.0, meal_t_min=50.0)
+        metrics = self.accumulator.finish(run.accumulator, samples=self.samples, sample_time_min=5.0, meal_t_min=50.0)
         assert metrics.settled_2pct[0]
         glucose = run.glucose_mg_dl[:, 1:]
         away = np.abs(glucose - run.glucose_mg_dl[:, :1]) > BACK_MG_DL
@@ -187,7 +187,9 @@ def gaps(name, guard, horizon_min):
     grid = sample_grid(horizon_min, 5.0)
     controller = with_guard(catalogue_controller(name), GuardSettings() if guard else None, PARKER_1999_LIMITS)
     nominal = patient()
-    fold = RunningMetrics(setpoint_mg_dl=float(nominal.setpoint_mg_dl), inside_min=tuple(grid.inside_min.tolist()))
+    accumulator = RunningMetrics(
+        setpoint_mg_dl=float(nominal.setpoint_mg_dl), inside_min=tuple(grid.inside_min.tolist())
+    )
     cohort = Cohort(
         nominal,
         PEOPLE.patient,
@@ -195,13 +197,13 @@ def gaps(name, guard, horizon_min):
         sensor_with_gap(np.float64(1.0), np.float64(1.0), 0.0),
         LimitedPump(),
         grid,
-        fold,
+        accumulator,
         setpoint_mg_dl=float(nominal.setpoint_mg_dl),
         meals=eaten([Meal(50.0, 50.0)]),
         varied_controller=given_profile(controller, PEOPLE.profile),
         varied_sensor=sensor_with_gap(np.ones(2), np.ones(2), 0.0),
     )
-    return Gaps(cohort=cohort, controller=controller, fold=fold, samples=grid.samples)
+    return Gaps(cohort=cohort, controller=controller, accumulator=accumulator, samples=grid.samples)
 
 
 EVERY_LENGTH, EVERY_ONSET = (of.ravel() for of in np.meshgrid(np.arange(1, 49), np.arange(72)))

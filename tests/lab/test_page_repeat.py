@@ -13,7 +13,7 @@ from glucoloop.cli.app import command_of, main
 from glucoloop.cli.request import request_of
 from glucoloop.report import Repeat
 from glucoloop.report.template import render
-from glucoloop.situations.request import asked_for
+from glucoloop.situations.request import request_from
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
 from glucoloop.units import MG_DL_PER_MMOL_L, u_h_from_mu_min
@@ -104,7 +104,7 @@ def test_the_program_the_file_and_the_command_tell_the_same_run(in_node, corpus)
         assert names["run"].tree(whole=True) == whole
         _, _, *words = shlex.split(answer["command"])
         request = request_of(command_of("run").given(words), command_of("run").options)
-        assert asked_for(Run, request.tree).tree(whole=True) == whole
+        assert request_from(Run, request.tree).tree(whole=True) == whole
 
 
 @pytest.mark.long

@@ -25,11 +25,11 @@ INSIDE = (1.0, 2.0, 3.0, 4.0, 5.0)
 
 def folded(trace, limits=PARKER_1999_LIMITS, lowest=60.0, precision="float64"):
     """What the fold makes of the samples of a trace."""
-    fold = RunningMetrics(
+    accumulator = RunningMetrics(
         setpoint_mg_dl=trace.setpoint_mg_dl, limits=limits, lowest_glucose_mg_dl=lowest, inside_min=INSIDE
     )
-    tally = _tallied(fold, trace)
-    return fold.finish(
+    tally = _tallied(accumulator, trace)
+    return accumulator.finish(
         tally,
         samples=trace.t_min.shape[0],
         sample_time_min=5.0,
@@ -39,7 +39,7 @@ def folded(trace, limits=PARKER_1999_LIMITS, lowest=60.0, precision="float64"):
 
 
 @jax.jit
-def _tallied(fold, trace):
+def _tallied(accumulator, trace):
     fine = trace.fine_glucose_mg_dl
     happened = Sampled(
         x=trace.states[:-1],
@@ -51,8 +51,8 @@ def _tallied(fold, trace):
         lowest_valid_mg_dl=jnp.broadcast_to(trace.lowest_valid_mg_dl, trace.glucose_mg_dl.shape),
         inside_mg_dl=fine[1:].reshape(trace.t_min.shape[0], len(INSIDE), *fine.shape[1:]),
     )
-    start = fold.init(fine[0], trace.basal_insulin_mU_min)
-    return jax.lax.scan(lambda tally, e: (fold.step(tally, *e), None), start, (happened, trace.t_min))[0]
+    start = accumulator.init(fine[0], trace.basal_insulin_mU_min)
+    return jax.lax.scan(lambda tally, e: (accumulator.step(tally, *e), None), start, (happened, trace.t_min))[0]
 
 
 @pytest.fixture(scope="module")

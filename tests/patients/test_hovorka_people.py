@@ -199,5 +199,5 @@ def test_native_code_carries_people_as_finer_steps_carry_each(published, open_pu
         fine = np.asarray(trace.fine_glucose_mg_dl)
         at_samples = np.append(trace.glucose_mg_dl, fine[-1])
         np.testing.assert_allclose(run.glucose_mg_dl[:, i], at_samples, rtol=0.0, atol=0.02)
-        assert run.fold["least"][i] == pytest.approx(fine.min(), abs=0.05)
-        assert run.fold["most"][i] == pytest.approx(fine.max(), abs=0.05)
+        assert run.accumulator["least"][i] == pytest.approx(fine.min(), abs=0.05)
+        assert run.accumulator["most"][i] == pytest.approx(fine.max(), abs=0.05)

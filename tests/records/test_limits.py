@@ -23,9 +23,9 @@ def test_too_many_objects_in_json_are_refused(refused):
 @pytest.mark.parametrize(
     ("name", "most", "what"),
     [
-        ("_MOST_GROUPS", 10, "objects and lists"),
-        ("_MOST_VALUES", 10, "values"),
-        ("MOST_ROWS", 10, "entries"),
+        ("_MAX_GROUPS", 10, "objects and lists"),
+        ("_MAX_VALUES", 10, "values"),
+        ("MAX_ROWS", 10, "entries"),
     ],
 )
 def test_bounds_of_json(monkeypatch, refused, name, most, what):
@@ -33,7 +33,7 @@ def test_bounds_of_json(monkeypatch, refused, name, most, what):
     assert f" {what}, and at most {most} can be read; divide it" in refused(FILES["nightscout"])
 
 
-@pytest.mark.parametrize(("name", "what"), [("MOST_ROWS", "lines"), ("_MOST_CELLS", "cells")])
+@pytest.mark.parametrize(("name", "what"), [("MAX_ROWS", "lines"), ("_MAX_CELLS", "cells")])
 def test_bounds_of_tables(monkeypatch, refused, name, what):
     monkeypatch.setattr(file_text, name, 20)
     assert f" {what}, and at most 20 can be read; leave some out, or divide it" in refused(clarity(30))
@@ -45,7 +45,7 @@ def test_too_many_sections_of_carelink_are_refused(refused):
 
 
 def test_too_many_elements_of_xml_are_refused(monkeypatch, refused):
-    monkeypatch.setattr(file_text, "_MOST_GROUPS", 10)
+    monkeypatch.setattr(file_text, "_MAX_GROUPS", 10)
     assert refused(FILES["ohio"]).endswith("elements of XML, and at most 10 can be read; divide it")
 
 

@@ -16,7 +16,7 @@ from glucoloop.report.trial_report import (
     WorstPerson,
     ranges_pct,
 )
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.stress.study import NO_FAULT
 from glucoloop.tuning.surface import TuningSurface
 from made_trace import trace_of
@@ -293,7 +293,7 @@ def make_stress(make_stress_row):
             "rows": rows,
             "reasons": reasons,
         }
-        return Findings(plain | fields)
+        return Results(plain | fields)
 
     return make
 
@@ -324,7 +324,7 @@ def league():
         there = person if number else person[:0]
         people = {"person": there, "able": there >= 0, **{name: rng.uniform(0, 90, there.size) for name in METRICS}}
         results.append(ShardResult(line, shard, "native", "", "" if number else "its <gain> is 0", people))
-    return asked, LeagueSearch(asked).found(results)
+    return asked, LeagueSearch(asked).results_of(results)
 
 
 @pytest.fixture(scope="session")

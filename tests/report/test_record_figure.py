@@ -7,13 +7,13 @@ from glucoloop.metrics.readings import Readings, day_profile, numbers_of
 from glucoloop.report.record_figure import plot_records
 from glucoloop.report.record_goals import GOALS
 from glucoloop.report.record_groups import ReportedRecord
-from glucoloop.report.record_page import MOST_IN_FULL
+from glucoloop.report.record_page import MAX_IN_FULL
 from monitor_records import with_gaps
 
 
 @pytest.fixture(scope="module")
 def records():
-    made = [Readings.of(*with_gaps(4, seed)) for seed in range(MOST_IN_FULL + 1)]
+    made = [Readings.of(*with_gaps(4, seed)) for seed in range(MAX_IN_FULL + 1)]
     return [ReportedRecord(f"cost of ${place}$", of, numbers_of(of)) for place, of in enumerate(made)]
 
 
@@ -34,4 +34,4 @@ def test_curves_and_bars_are_what_was_computed(records):
 
 def test_a_figure_has_as_many_records_as_the_page(records):
     figure = plot_records(records, GOALS["pregnancy"])
-    assert len(figure.axes) == 2 * MOST_IN_FULL
+    assert len(figure.axes) == 2 * MAX_IN_FULL

@@ -13,7 +13,7 @@ from glucoloop.metrics.readings.profile import day_profile
 from glucoloop.metrics.readings.series import Readings
 from glucoloop.report.record_goals import GOALS
 from glucoloop.report.record_groups import ReportedRecord
-from glucoloop.report.record_page import MOST_IN_FULL, record_page
+from glucoloop.report.record_page import MAX_IN_FULL, record_page
 from monitor_records import with_gaps
 
 
@@ -110,7 +110,7 @@ def test_several_stand_side_by_side():
 
 def test_of_many_there_is_a_row_each():
     short = record(days=2, notes=())
-    many = [dataclasses.replace(short, label=f"person {number}") for number in range(MOST_IN_FULL + 1)]
+    many = [dataclasses.replace(short, label=f"person {number}") for number in range(MAX_IN_FULL + 1)]
     page = record_page(many, GOALS["adult"])
     assert "Daily glucose profiles" not in page
     assert re.findall(r"person \d", words(page))[-7:] == [one.label for one in many]

@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from glucoloop.control import MPCTuning
-from glucoloop.studies.tuning.study import MOST_ROWS, Searched, surface_page
+from glucoloop.studies.tuning.study import MAX_ROWS, Searched, surface_page
 from glucoloop.tuning.grid import tuning_grid
 
 
@@ -61,6 +61,6 @@ def test_a_tuning_beside_the_grid_makes_no_row_of_its_own(surface_of):
 def test_a_long_list_is_cut_but_shows_the_printed_tuning(surface_of):
     tunings = tuning_grid(range(1, 16), range(15, 31))
     page = page_of(surface_of(tunings, 1.0 + np.arange(len(tunings))), tunings[-1])
-    assert f"The first {MOST_ROWS} of 240 tunings" in page
+    assert f"The first {MAX_ROWS} of 240 tunings" in page
     assert page.count('<td class="value">30</td>') >= 1
     assert '<tr class="printed">' in page

@@ -27,16 +27,16 @@ from glucoloop.reproduction.parker1999.comparison import (
 from glucoloop.reproduction.parker1999.study import (
     FIGURES,
     WHOLE,
-    Results,
+    ReproductionResults,
     chosen,
+    compared_results,
     drawn,
     entry_tables,
-    findings,
     found,
     page,
     tables,
 )
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 
 POINT = "setpoint-81"
 # Tables I and II as printed on p. 155: undershoot, settling time, whether (17)-(19) hold.
@@ -155,14 +155,14 @@ class TestVerdict:
         ]
         rows = [replace(row, entry=replace(row.entry, unit="mg/dl")) for row in rows]
         request = Reproduction(operating_point=(POINT,))
-        [table] = tables(request, Findings({}, extra=Results({}, rows, ())))
+        [table] = tables(request, Results({}, extra=ReproductionResults({}, rows, ())))
         console = Console(width=100, record=True, file=io.StringIO())
         console.print(table)
         text = " ".join(console.export_text().split())
         assert "10 mg/dl 10.5; +0.50; yes" in text
         assert "10 mg/dl 20; +10.00; no" in text
         assert "551+: glucose has not settled by the end of the run." in text
-        [table] = tables(request, Findings({}, extra=Results({}, rows[:2], ())))
+        [table] = tables(request, Results({}, extra=ReproductionResults({}, rows[:2], ())))
         console.print(table)
         assert "551+" not in console.export_text().split("no", 1)[1]
 
@@ -270,7 +270,7 @@ def files(study):
 
 def files_of(study, part):
     """The files of a part of the paper."""
-    result = findings({POINT: study}, part, 3)
+    result = compared_results({POINT: study}, part, 3)
     return {**result.files("report.json"), **drawn(Reproduction(seed=3), result)}
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from glucoloop.identification import FirstOrderModel
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.pumps import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.therapy import Profile
 
 
@@ -23,7 +23,7 @@ class Designed:
     noise_variance: float = 1.45
     sample_time_min: float = 5.0
     limits: DoseLimits = PARKER_1999_LIMITS
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS
 
     @property
     def profile(self):

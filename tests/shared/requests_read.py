@@ -3,7 +3,7 @@
 from glucoloop.cli.app import command_of
 from glucoloop.cli.request import request_of
 from glucoloop.component.code import loaded
-from glucoloop.situations.request import asked_for
+from glucoloop.situations.request import request_from
 from glucoloop.studies.catalogue import STUDIES
 
 
@@ -20,4 +20,4 @@ def typed(command, *arguments):
 
 def asked(command, *arguments):
     """What is asked for, complete."""
-    return asked_for(root_of(command), typed(command, *arguments).tree)
+    return request_from(root_of(command), typed(command, *arguments).tree)

@@ -160,8 +160,8 @@ def plain_scan(loop, x, insulin, key, moments, told):
     return jnp.append(glucose, loop.plant.patient.glucose_mg_dl(last.x)), insulin, inside.min()
 
 
-def day_cohort(nominal, virtual, controller, fold=None, **options):
-    fold = Lowest() if fold is None else fold
+def day_cohort(nominal, virtual, controller, accumulator=None, **options):
+    accumulator = Lowest() if accumulator is None else accumulator
     return Cohort(
         nominal,
         virtual.patient,
@@ -169,7 +169,7 @@ def day_cohort(nominal, virtual, controller, fold=None, **options):
         IdealSensor(),
         LimitedPump(),
         DAY,
-        fold,
+        accumulator,
         setpoint_mg_dl=SETPOINT,
         meals=eaten(MEALS),
         **options,
@@ -197,7 +197,7 @@ def test_portable_arithmetic_changes_glucose_by_rounding_alone(day, nominal, var
 
 
 def finished(run):
-    return METRICS.finish(run.fold, samples=DAY.samples, sample_time_min=5.0, meal_t_min=405.0)
+    return METRICS.finish(run.accumulator, samples=DAY.samples, sample_time_min=5.0, meal_t_min=405.0)
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +256,7 @@ def test_everybody_is_himself_among_others(day, varied):
     again = cohort.run(some, threads=2)
     np.testing.assert_array_equal(again.glucose_mg_dl, run.glucose_mg_dl[:, numbers])
     np.testing.assert_array_equal(again.insulin_mU_min, run.insulin_mU_min[:, numbers])
-    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[numbers]), again.fold, run.fold)
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[numbers]), again.accumulator, run.accumulator)
 
 
 @pytest.mark.long
@@ -334,7 +334,7 @@ def test_each_person_is_a_plain_scan_of_his_own_loop(noisy, nominal, varied, mpc
         for run in runs.values():
             np.testing.assert_allclose(run.glucose_mg_dl[:, i], glucose, rtol=0.0, atol=1e-9)
             np.testing.assert_allclose(run.insulin_mU_min[:, i], insulin, rtol=0.0, atol=1e-9)
-            np.testing.assert_allclose(run.fold[0][i], lowest, rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(run.accumulator[0][i], lowest, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.long
@@ -343,7 +343,7 @@ def test_both_engines_agree(noisy):
     assert [made[engine].engine for engine in ("native", "xla")] == ["native", "xla"]
     np.testing.assert_allclose(runs["native"].glucose_mg_dl, runs["xla"].glucose_mg_dl, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(runs["native"].insulin_mU_min, runs["xla"].insulin_mU_min, rtol=0.0, atol=1e-9)
-    for a, b in zip(*(jax.tree.leaves(run.fold) for run in runs.values()), strict=True):
+    for a, b in zip(*(jax.tree.leaves(run.accumulator) for run in runs.values()), strict=True):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
 
 

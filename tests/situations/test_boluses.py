@@ -5,7 +5,7 @@ import pytest
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.pumps import bolus_limits
-from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, boluses_into_a_vein
+from glucoloop.situations.run import INTRAVENOUS_BOLUS, Run, intravenous_boluses
 from glucoloop.situations.situation import configured
 
 KEYS = {"patient": "hovorka-2004", "controller": "basal-bolus"}
@@ -30,6 +30,6 @@ def test_limits_that_exclude_one_another_are_refused():
 
 
 def test_boluses_into_a_vein_are_noted_and_under_the_skin_are_not():
-    assert boluses_into_a_vein(configured(Run, KEYS)) == ()
-    assert boluses_into_a_vein(configured(Run, controller=["mpc", "pid"])) == ()
-    assert boluses_into_a_vein(configured(Run, controller=["mpc", "basal-bolus"])) == (BOLUS_INTO_A_VEIN,)
+    assert intravenous_boluses(configured(Run, KEYS)) == ()
+    assert intravenous_boluses(configured(Run, controller=["mpc", "pid"])) == ()
+    assert intravenous_boluses(configured(Run, controller=["mpc", "basal-bolus"])) == (INTRAVENOUS_BOLUS,)

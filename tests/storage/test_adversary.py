@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from glucoloop.situations.situation import configured
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.storage.resumable import Work
 from glucoloop.storage.rows import rows_folder
 from glucoloop.studies.adversary import ADVERSARY
@@ -49,7 +49,7 @@ def test_a_finished_search_tells_its_summary(begun):
         folder.finish({**dict.fromkeys(ADVERSARY.files, b""), "adversary.json": b'{"searches": []}'})
     with adversary_folder(begun, ASKED) as folder:
         assert folder.finished
-        assert Findings.read(begun / ADVERSARY.summary).plain == {"searches": []}
+        assert Results.read(begun / ADVERSARY.summary).plain == {"searches": []}
 
 
 @pytest.mark.parametrize("change", [{"errors_pct": [20.0]}, {"search_seed": 2}, {"generations": 4}, {"sequences": 5}])

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from glucoloop import Refusal
 from glucoloop.cli.study_command import _StudyRun
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 
 
 def tables(asked, found):
@@ -30,7 +30,7 @@ WHOLE = {"version": "0", "rows": [{"name": "a", "value": 1.5}], "notes": ["A not
 def read(tmp_path, plain):
     place = tmp_path / "test.json"
     place.write_text(plain if isinstance(plain, str) else json.dumps(plain))
-    return Findings.read(place)
+    return Results.read(place)
 
 
 def test_whole_findings_are_shown_again(tmp_path, capsys):
@@ -63,4 +63,4 @@ def test_a_file_of_no_findings_is_refused(tmp_path, text):
 
 def test_a_bug_stays_a_bug(capsys):
     with pytest.raises(KeyError):
-        RUN.print_results(Findings({"rows": [{}]}), {}, "")
+        RUN.print_results(Results({"rows": [{}]}), {}, "")

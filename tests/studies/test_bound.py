@@ -47,7 +47,7 @@ def hedged():
         return HedgedDoses(
             question="begins",
             error=0.05,
-            told_after_min=after_min,
+            distinguished_after_min=after_min,
             deviation_mg_dl=1.5 * size,
             meal=dataclasses.replace(plan(size), fine_t_min=np.arange(101.0) / 2.0, t_min=np.arange(0.0, 50.0, 2.5)),
             other=plan(1.5 * size),
@@ -98,7 +98,7 @@ def test_table(plans, hedged, monkeypatch):
     asked = configured(BoundRequest)
     console = Console(width=200, record=True)
     with console.capture() as captured:
-        console.print(*study.tables(asked, study.found(asked, print)))
+        console.print(*study.tables(asked, study.results_of(asked, print)))
     lines = captured.get().splitlines()
 
     def row(start):

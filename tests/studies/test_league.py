@@ -12,7 +12,7 @@ from glucoloop.control.catalogue import CONTROLLERS
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.situation import configured
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach
 from glucoloop.studies.league.numbers import (
     ALL,
@@ -140,7 +140,7 @@ def test_the_best_on_average_need_not_be_best_for_the_worst_off():
     assert found["overall"]["difference"] == pytest.approx(steady.mean() - bold.mean())
     interval = stats.ttest_rel(steady, bold).confidence_interval(0.95)
     assert (found["overall"]["low"], found["overall"]["high"]) == pytest.approx(tuple(interval))
-    assert found["overall"]["told_apart"]
+    assert found["overall"]["distinguished"]
     assert (found["worst_off"]["best"], found["worst_off"]["people"]) == ("steady", 10)
     assert found["worst_off"]["gri"]["bold"] == pytest.approx(80.0)
     assert found["worst_off"]["gri"]["steady"] == pytest.approx(np.sort(steady)[-10:].mean())
@@ -149,15 +149,15 @@ def test_the_best_on_average_need_not_be_best_for_the_worst_off():
 
 def test_equals_are_not_told_apart_and_best_for_nobody():
     found = ranked(one=np.arange(60.0), other=np.arange(60.0))
-    assert not found["overall"]["told_apart"]
-    assert not found["worst_off"]["told_apart"]
+    assert not found["overall"]["distinguished"]
+    assert not found["worst_off"]["distinguished"]
     assert found["for_whom"] == {"one": 0, "other": 0}
 
 
 def test_few_of_the_worst_off_are_not_told_apart():
     found = ranked(one=np.zeros(40), other=np.full(40, 50.0))
-    assert found["overall"]["told_apart"]
-    assert (found["worst_off"]["people"], found["worst_off"]["told_apart"]) == (4, False)
+    assert found["overall"]["distinguished"]
+    assert (found["worst_off"]["people"], found["worst_off"]["distinguished"]) == (4, False)
 
 
 def test_the_interval_of_the_worst_off_holds_what_more_people_show():
@@ -166,7 +166,7 @@ def test_the_interval_of_the_worst_off_holds_what_more_people_show():
     worst = ranked(one=one, other=other)["worst_off"]
     many = [worst_mean(rng.normal(mean, 5.0, (100_000, 1)))[0] for mean in (40.0, 46.0)]
     assert worst["low"] < many[1] - many[0] < worst["high"]
-    assert worst["told_apart"]
+    assert worst["distinguished"]
 
 
 def test_who_is_not_known_under_all_controllers_is_not_ranked():
@@ -186,7 +186,7 @@ def test_a_controller_that_harms_is_named_with_its_worst_cell():
     found = line_table(table, table.select(LINE).unique(maintain_order=True), "ref", 1.0).to_dicts()
     [harm] = harms(found, "ref")
     assert (harm["controller"], harm["scenario"], harm["harmed_below_54"]) == ("c", "week", 2)
-    [sentence] = sentences(asked(), Findings({"rows": [], "rankings": [], "harms": [harm], "absent": []}))
+    [sentence] = sentences(asked(), Results({"rows": [], "rankings": [], "harms": [harm], "absent": []}))
     assert sentence.startswith("c: the cell with the most harm is ")
     assert "Of 10 people, 2 are below 54 mg/dl, and nobody is below 70 mg/dl," in sentence
     assert "at the 95th percentile" in sentence
@@ -212,7 +212,7 @@ def test_no_harm_is_the_most_that_is_shared_or_none(below_54, below_70, which, w
         lines += [people_of("ref", 10, scenario), people_of("c", 10, scenario, **harm)]
     table = pl.concat(lines)
     found = line_table(table, table.select(LINE).unique(maintain_order=True), "ref", 1.0).to_dicts()
-    [sentence] = sentences(asked(), Findings({"rows": [], "rankings": [], "harms": harms(found, "ref"), "absent": []}))
+    [sentence] = sentences(asked(), Results({"rows": [], "rankings": [], "harms": harms(found, "ref"), "absent": []}))
     assert sentence.startswith(f"c: {which} is ")
     assert who in sentence
     assert ("Below 54 mg/dl that is" in sentence) == any(below_54)
@@ -374,7 +374,7 @@ def test_no_controller_is_better_than_the_best_doses_of_the_same_people():
     kept = [kind.row(row, results[:number]) for number, row in enumerate(cells)]
     again = [*kept[:-3], *search.missing(kept[:-3])]  # as after Ctrl-C between the two of one person
     assert kind.table(again).equals(table)
-    found = search.found(again)
+    found = search.results_of(again)
     assert len(found.plain["nearest"]) == 2 * 3
     assert all(row["gri_above_start"] >= 0.0 for row in found.plain["nearest"])
     assert "Distance to what could be reached" in page(league, found)

@@ -76,7 +76,7 @@ def test_a_rate_counts_as_falling_no_faster_than_the_pump_can():
 
 def found(progress=lambda loops: None, **given):
     """What a nonsense test found, as it is read back."""
-    return study.found(Verification(**given), progress).plain
+    return study.results_of(Verification(**given), progress).plain
 
 
 @pytest.mark.parametrize("patient", ["parker-1999", "hovorka-2004"])

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from glucoloop.situations.situation import configured
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.search import NO_SCORES, Bound, SearchEngine, judged
 from glucoloop.studies.robust.study import plot_robust, tables
@@ -30,7 +30,7 @@ class Engine(SearchEngine):
     """A search whose references and check are known."""
 
     def __init__(self):
-        self.asked, self.bounds = ASKED, [Bound("peak-median", 95.0)]
+        self.config, self.bounds = ASKED, [Bound("peak-median", 95.0)]
         self.references = {"mpc-se": {**SCORES, "undershoot_p95_mg_dl": 13.0, "peak_median_mg_dl": 92.0}}
         self.subjects = type("Subjects", (), {"infeasible": 0})
         self._loops = {}
@@ -48,7 +48,7 @@ class Engine(SearchEngine):
 
 @pytest.fixture(scope="module")
 def found():
-    return Engine().found(list(candidates()))
+    return Engine().results_of(list(candidates()))
 
 
 def test_front_is_drawn_with_its_marks(found):
@@ -76,7 +76,7 @@ def test_tables_hold_the_front_and_the_others(found):
     )
     console = Console(width=200, record=True)
     with console.capture() as captured:
-        console.print(*tables(configured(Search, at_most=["peak-median=95"], top=3), Findings(found.plain)))
+        console.print(*tables(configured(Search, at_most=["peak-median=95"], top=3), Results(found.plain)))
     first, second = captured.get().split("Never seen before")
     rows = [line.split() for line in first.splitlines()]
     assert [row[0] for row in rows if row[:1] in (["chosen"], ["mpc-se"])] == ["chosen", "mpc-se"]

@@ -23,7 +23,7 @@ from glucoloop.studies.robust.study import notes
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0
-FIXED = {name: 1.0 for name, of in RANGES.items() if of.unasked}
+FIXED = {name: 1.0 for name, of in RANGES.items() if of.by_default}
 
 
 @pytest.fixture(scope="module", autouse=True)

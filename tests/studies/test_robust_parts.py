@@ -16,7 +16,7 @@ from glucoloop.tuning.settings import SAMPLERS
 
 def test_ranges_are_read_as_they_are_written():
     for tuned in RANGES.values():
-        assert parse_range(tuned.text, tuned) == dataclasses.replace(tuned, unasked=True)
+        assert parse_range(tuned.text, tuned) == dataclasses.replace(tuned, by_default=True)
         assert (tuned.at(0.0), tuned.at(1.0)) == (tuned.low, tuned.high)
     assert parse_range(".1:2", RANGES["move_weight"]) == Tuned("move_weight", 0.1, 2.0, log=True)
     assert parse_range(" 7.5 ", RANGES["caution_weight"]) == 7.5

@@ -82,7 +82,7 @@ def happened(**others):
 
 
 def broken_by(sampled, lowest=GLUCOSE):
-    held = Promises(sound=sound).held(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
+    held = Promises(sound=sound).fulfilled(sampled, jnp.asarray(lowest), sampled.before.reported_mU_min)
     assert tuple(held) == PROMISES
     return {name for name, holds in held.items() if not bool(holds)}
 
@@ -135,7 +135,7 @@ def test_a_fall_may_begin_at_the_last_request_where_the_pump_reports_more():
     """After a request of 20 mU/min, of which the pump reports twice as much."""
     for command, broken in ((3.31, set()), (3.29, {promises.RATE}), (56.6, set()), (56.8, {promises.RATE})):
         sampled = happened(command=command, word=40.0)
-        held = Promises(sound=sound).held(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
+        held = Promises(sound=sound).fulfilled(sampled, jnp.asarray(GLUCOSE), jnp.asarray(20.0))
         assert {name for name, holds in held.items() if not bool(holds)} == broken
 
 
@@ -287,7 +287,7 @@ def closed():
 
 def found(progress=lambda loops: None, **given):
     """What a campaign of the controller `basal` found, as it is read back."""
-    return study.found(Verification(seed=5, controllers=("basal",), **given), progress).plain
+    return study.results_of(Verification(seed=5, controllers=("basal",), **given), progress).plain
 
 
 @pytest.mark.long

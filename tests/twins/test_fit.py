@@ -36,7 +36,7 @@ def test_the_true_parameters_lie_within_the_intervals(twins):
 
 def test_what_the_record_does_not_tell_is_said(twins):
     twin, _ = twins[0]
-    assert "V_I" in twin.not_told
+    assert "V_I" in twin.unidentified
     assert any("next to nothing of" in sentence for sentence in twin.warnings())
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glucoloop.tuning.oscillation import CROSSINGS_PER_MEAL, TURNS_PER_MEAL
-from meal_aware.claims import CLAIMS, MOST_ADDED, OVER_RUNS, spread
+from meal_aware.claims import CLAIMS, MAX_ADDED, OVER_RUNS, spread
 from meal_aware.measures import LATE_MIN, SWING_MG_DL
 from meal_aware.situations import ALL_SITUATIONS, CONTROLLERS, GROUPS, MISMATCHES, OURS, Extent
 
@@ -26,7 +26,7 @@ def test_every_claim_is_about_a_situation_that_is_run(written, at_samples):
     for claim in CLAIMS:
         assert bool(claim.rows) == (claim.situation in GROUPS)
         assert {rows[name] for name in claim.rows} <= {claim.situation}
-        assert claim.over_runs in {*OVER_RUNS, MOST_ADDED}
+        assert claim.over_runs in {*OVER_RUNS, MAX_ADDED}
         assert claim.kind in ("at-most", "at-least")
         assert claim.measure in (at_samples([1.0]) if claim.rows else written([1.0])).numbers
         assert not isinstance(claim.bound, str) or claim.bound in CONTROLLERS

@@ -29,7 +29,7 @@ OVER_RUNS: Final[Mapping[str, Callable[[Floats], float]]] = {
     "number below 60": lambda values: float(np.sum(values < 60.0)),
 }
 """Functions of the values of a measure over the runs, which a claim is about."""
-MOST_ADDED: Final = "most above the first situation"
+MAX_ADDED: Final = "most above the first situation"
 """The most by which a run of another situation exceeds the same run of the first one."""
 
 
@@ -47,7 +47,7 @@ class Claim:
     """Name of a situation, or of a group of situations."""
     measure: str
     over_runs: str
-    """Name in `OVER_RUNS`, or `MOST_ADDED`."""
+    """Name in `OVER_RUNS`, or `MAX_ADDED`."""
     rows: tuple[str, ...] = ()
     """Names of situations of the group, from whose runs the number comes; for several, that of the worst one."""
 
@@ -59,7 +59,7 @@ class Claim:
     def number(self, runs: Sequence[Runs]) -> float:
         """The number that the bound is about, from the runs of a controller in each of the situations."""
         first, *others = each = [one.numbers[self.measure] for one in runs]
-        if self.over_runs == MOST_ADDED:
+        if self.over_runs == MAX_ADDED:
             return max(float(np.max(values - first)) for values in others)
         worst = min if self.kind == "at-least" else max
         return worst(float(OVER_RUNS[self.over_runs](values)) for values in each)

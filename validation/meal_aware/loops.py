@@ -45,7 +45,7 @@ from meal_aware.situations import (
     NamedSituation,
 )
 
-_MOST_TOGETHER: Final = 50
+_MAX_TOGETHER: Final = 50
 
 
 def close_loops(
@@ -116,7 +116,7 @@ def _surroundings(made: Situation, variance: jax.Array) -> Surroundings:
 def _together(extent: Extent) -> int:
     """Number of runs that are simulated together; it is compiled in, so it is the same in every situation."""
     runs = extent.seeds + 1  # one without noise
-    blocks = -(-runs // _MOST_TOGETHER)
+    blocks = -(-runs // _MAX_TOGETHER)
     return -(-runs // blocks)
 
 

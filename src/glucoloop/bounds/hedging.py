@@ -30,8 +30,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.bounds.course import RunModel, course_of
 from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, collected, first_free_sample
+from glucoloop.bounds.trajectory import RunModel, trajectory_of
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import Patient
@@ -40,7 +40,7 @@ from glucoloop.refusal import Refusal
 
 Values = npt.NDArray[np.float64]
 
-TOLD_ERRORS: Final = (0.25, 0.05)
+DISTINGUISHED_ERRORS: Final = (0.25, 0.05)
 """Errors of the test at which worlds count as told apart. At the first some controllers know the world, at the second
 nearly all do.
 """
@@ -60,7 +60,7 @@ class HedgedDoses:
     """The fact that is known late: whether the meal ``begins``, or whether it ``ends``."""
     error: float
     """Error of the best test at the moment at which the worlds count as told apart."""
-    told_after_min: float
+    distinguished_after_min: float
     """Time from the start of the meal until the worlds are told apart; infinite if that is not within the run."""
     deviation_mg_dl: float
     """Least value that was found for the largest deviation from the setpoint in the worse world."""
@@ -81,7 +81,7 @@ def hedged_doses(
     noise_variance: float,
     pump_limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    errors: Sequence[float] = TOLD_ERRORS,
+    errors: Sequence[float] = DISTINGUISHED_ERRORS,
     dead_time_min: float = 0.0,
     sample_time_min: float = 5.0,
 ) -> Iterator[HedgedDoses]:
@@ -124,7 +124,7 @@ def hedged_doses(
         raise Refusal(f"a dead time of {dead_time_min:g} min is not possible; give a finite value, 0 or more")
     meal = scenario.meals[0]
     larger = Meal(LARGER * meal.carbs_g, meal.t_min)
-    worlds = course_of(patient, scenario, sample_time_min, [[meal], [], [larger]])
+    worlds = trajectory_of(patient, scenario, sample_time_min, [[meal], [], [larger]])
     if not worlds.at_rest:
         raise Refusal(
             "the patient does not rest at the setpoint, so that insulin changes before the meal is known; "
@@ -180,7 +180,7 @@ def _hedged(
     plan = DosePlan.of_course(both, limits, first_free_sample(both.grid.t_min, meal.t_min), apart)
     minimum = plan.least(np.full(both.samples, basal), "deviation")
     calm = plan.calm(minimum, "deviation")
-    told_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf
+    distinguished_after_min = both.grid.t_min[apart] - meal.t_min if apart < both.samples else math.inf
     in_worlds = [
         collected(
             both.of_members(member),
@@ -188,7 +188,7 @@ def _hedged(
             plan.doses(calm.v)[:, member],
             minimum,
             minimum.iterations + calm.iterations,
-            float(told_after_min),
+            float(distinguished_after_min),
             "deviation",
         )
         for member in range(2)
@@ -196,7 +196,7 @@ def _hedged(
     return HedgedDoses(
         question=question,
         error=error,
-        told_after_min=float(told_after_min),
+        distinguished_after_min=float(distinguished_after_min),
         deviation_mg_dl=minimum.value,
         meal=in_worlds[0],
         other=in_worlds[1],

@@ -43,8 +43,8 @@ from jax.typing import ArrayLike
 
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
-from glucoloop.bounds.course import course_of
 from glucoloop.bounds.optimal_doses import check_known_after, stages
+from glucoloop.bounds.trajectory import trajectory_of
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.formulas import glycemia_risk_index
@@ -57,7 +57,7 @@ Values = npt.NDArray[np.float64]
 
 PLANNED_MIN: Final = 720.0
 """Time for which doses are planned at once."""
-CARRIED_OUT_MIN: Final = 360.0
+PLAN_MIN: Final = 360.0
 """Longest time for which a plan is carried out."""
 _LOW_MG_DL, _HIGH_MG_DL = 72.0, 178.0
 _DEARER_BELOW: Final = 10.0
@@ -71,9 +71,9 @@ By that width a step is moved into the range too.
 """
 _PULL: Final = 2e-4
 """Price of a squared mg/dl from the setpoint: 30 mg/dl for all the time count as 0.2 of the index."""
-_MOST_STEPS: Final = 60
-_LEAST_GAIN: Final = 1e-3
-_LEAST_LAMBDA, _FIRST_LAMBDA, _LARGEST_LAMBDA = 1e-6, 1e-2, 1e6
+_MAX_STEPS: Final = 60
+_MIN_GAIN: Final = 1e-3
+_MIN_LAMBDA, _FIRST_LAMBDA, _LARGEST_LAMBDA = 1e-6, 1e-2, 1e6
 """Weights of the size of a step, in multiples of the mean square of the derivatives with respect to a dose."""
 _WELL, _BADLY = 0.7, 0.3
 """Shares of the gain that was foretold, above which lambda falls, and below which it grows."""
@@ -146,10 +146,10 @@ def least_risk_doses(
     scenario = Scenario() if scenario is None else scenario
     check_sample_time(sample_time_min)
     check_known_after(known_after_min)
-    fasting = course_of(patient, scenario, sample_time_min, [()])
+    fasting = trajectory_of(patient, scenario, sample_time_min, [()])
     samples, rest_mU_min = fasting.samples, fasting.resting_mU_min or 1.0
     known = _known(stages(scenario, fasting, known_after_min), fasting.grid)
-    run = course_of(patient, scenario, sample_time_min, [*known.values(), scenario.meals])
+    run = trajectory_of(patient, scenario, sample_time_min, [*known.values(), scenario.meals])
     planned = min(samples, math.ceil(PLANNED_MIN / sample_time_min))
     start = None if start_mU_min is None else _start(start_mU_min, samples)
     doses = np.concatenate([np.ones(samples) if start is None else start / rest_mU_min, np.ones(planned)])
@@ -169,18 +169,18 @@ def least_risk_doses(
         states, inside = _followed(truly, doses[now])
         glucose.append(np.asarray(inside)[: then - first].ravel())
         state, steps = states[then - first - 1], steps + number
-    found, insulin = np.concatenate(glucose), rest_mU_min * doses[:samples]
+    result, insulin = np.concatenate(glucose), rest_mU_min * doses[:samples]
     if start is not None:
         given = run.of_members(len(known)).glucose_mg_dl(start[:, None])[:, 0]
-        if _index(given) < _index(found):
-            found, insulin = given, start
+        if _index(given) < _index(result):
+            result, insulin = given, start
     return LeastRiskDoses(
         t_min=fasting.grid.t_min,
         insulin_mU_min=insulin,
         fine_t_min=fasting.grid.fine_t_min,
-        glucose_mg_dl=found,
+        glucose_mg_dl=result,
         known_after_min=known_after_min,
-        gri=_index(found),
+        gri=_index(result),
         steps=steps,
     )
 
@@ -195,10 +195,10 @@ def _start(start_mU_min: ArrayLike, samples: int) -> Values:
     return start
 
 
-def _known(told: list[tuple[tuple[Meal, ...], int]], grid: SampleGrid) -> dict[int, tuple[Meal, ...]]:
+def _known(announcements: list[tuple[tuple[Meal, ...], int]], grid: SampleGrid) -> dict[int, tuple[Meal, ...]]:
     """Meals that are known to each plan, by the first of its samples."""
-    news = {0: (), **{first: meals for meals, first in told if first < grid.samples}}
-    longest = math.ceil(CARRIED_OUT_MIN / grid.sample_time_min)
+    news = {0: (), **{first: meals for meals, first in announcements if first < grid.samples}}
+    longest = math.ceil(PLAN_MIN / grid.sample_time_min)
     known: dict[int, tuple[Meal, ...]] = {}
     for first, then in zip(news, [*news, grid.samples][1:], strict=True):
         known |= dict.fromkeys(range(first, then, longest), news[first])
@@ -213,8 +213,8 @@ def _during(exogenous: Exogenous, now: slice) -> Exogenous:
         beyond = [(0, now.stop - now.start - len(values)), *[(0, 0)] * (values.ndim - 1)]
         return np.pad(values, beyond, mode="edge")
 
-    found: Exogenous = jax.tree.map(during, exogenous)
-    return found
+    result: Exogenous = jax.tree.map(during, exogenous)
+    return result
 
 
 @pytree
@@ -237,8 +237,8 @@ def _followed(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
         return after, (after, inside[:, 0])
 
     along = (ahead.rest_mU_min * doses[:, None], ahead.exogenous)
-    found: tuple[jax.Array, jax.Array] = jax.lax.scan(one, ahead.state, along)[1]
-    return found
+    result: tuple[jax.Array, jax.Array] = jax.lax.scan(one, ahead.state, along)[1]
+    return result
 
 
 @compiled_by_class
@@ -249,8 +249,8 @@ def _linearised(ahead: _Ahead, doses: jax.Array) -> tuple[jax.Array, jax.Array]:
         inside = _followed(ahead, doses)[1].ravel()
         return inside, inside
 
-    found: tuple[jax.Array, jax.Array] = jax.jacfwd(glucose, has_aux=True)(doses)
-    return found
+    result: tuple[jax.Array, jax.Array] = jax.jacfwd(glucose, has_aux=True)(doses)
+    return result
 
 
 def _least(ahead: _Ahead, start: Values, counted: int) -> tuple[Values, int]:
@@ -287,18 +287,18 @@ def _search(ahead: _Ahead, doses: Values, counted: int, weights: tuple[float, fl
         now, scale = np.einsum("ij,j->i", A, doses), math.sqrt(np.einsum("ij,ij->", A, A) / doses.size)
         gain, trial = 0.0, doses
         while not gain > 0.0 and damping < _LARGEST_LAMBDA:
-            held = math.sqrt(damping) * scale
-            rows, values = np.vstack([A, held * free]), np.concatenate([now + wanted, held * doses])
+            dead_time_min = math.sqrt(damping) * scale
+            rows, values = np.vstack([A, dead_time_min * free]), np.concatenate([now + wanted, dead_time_min * doses])
             trial = nnls(rows, values, maxiter=30 * doses.size)[0]
             inside = np.asarray(_followed(ahead, trial)[1]).ravel()[:points]
             gain = float(np.mean(price - _price(inside, ahead.setpoint_mg_dl, weights)[0]))
             moved = np.einsum("ij,j->i", A, trial) - now
             share = gain / max(float(np.sum(moved * (wanted - moved / 2.0))), 1e-12)
             damping *= 0.2 if share > _WELL else 1.0 if share > _BADLY else 5.0
-            damping = max(_LEAST_LAMBDA, damping)
+            damping = max(_MIN_LAMBDA, damping)
         if gain > 0.0:
             doses = trial
-        if not gain >= _LEAST_GAIN or step == _MOST_STEPS:
+        if not gain >= _MIN_GAIN or step == _MAX_STEPS:
             break
     return doses, step
 

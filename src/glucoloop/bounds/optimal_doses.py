@@ -23,8 +23,8 @@ import numpy.typing as npt
 from jax.typing import ArrayLike
 
 from glucoloop.arguments import checked, on_host
-from glucoloop.bounds.course import RunModel, course_of
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
+from glucoloop.bounds.trajectory import RunModel, trajectory_of
 from glucoloop.control.tuning import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
@@ -45,7 +45,7 @@ OBJECTIVES: Final = {
 """Objectives that a plan can minimise, each with its meaning."""
 IN_ADVANCE: Final = -math.inf
 """Value of `known_after_min` for meals that are all known from the start."""
-MOST_SAMPLES: Final = 600
+MAX_SAMPLES: Final = 600
 """Largest number of doses of a plan; a plan of so many takes minutes."""
 
 TOLERANCE_MG_DL: Final = 1e-4
@@ -54,7 +54,7 @@ _STATIONARY_MG_DL: Final = 2e-3
 _STATIONARY_SHARE: Final = 5e-3
 _SLACK_MG_DL: Final = 5e-4  # the shown plan comes so close to the bound
 _CALM: Final = 1e-5  # weight of squares in the second minimisation
-_HELD: Final = 10.0  # weight there of each mg/dl beyond the slack; with 1, squares outweighed it
+_SLACK_WEIGHT: Final = 10.0  # weight there of each mg/dl beyond the slack; with 1, squares outweighed it
 
 
 @dataclass(frozen=True)
@@ -157,11 +157,11 @@ def optimal_doses(
     check_sample_time(sample_time_min)
     check_known_after(known_after_min)
     check_samples(scenario.horizon_min, sample_time_min)
-    fasting = course_of(patient, scenario, sample_time_min, [()])
+    fasting = trajectory_of(patient, scenario, sample_time_min, [()])
     doses = np.full(fasting.samples, _allowed(fasting.resting_mU_min, pump_limits))
     minimum, iterations, known = None, 0, fasting
     for meals, first in stages(scenario, fasting, known_after_min):
-        known = course_of(patient, scenario, sample_time_min, [meals])
+        known = trajectory_of(patient, scenario, sample_time_min, [meals])
         start = doses if start_mU_min is None else np.concatenate([doses[:first], np.asarray(start_mU_min)[first:]])
         plan = DosePlan.of_course(known, pump_limits, first)
         minimum = plan.least(start, objective, undershoot_weight)
@@ -170,7 +170,7 @@ def optimal_doses(
         iterations += minimum.iterations + calm.iterations
     if minimum is None:  # nothing is eaten
         minimum = DosePlan.of_course(known, pump_limits, known.samples).least(doses, objective, undershoot_weight)
-    eaten = course_of(patient, scenario, sample_time_min, [scenario.meals])
+    eaten = trajectory_of(patient, scenario, sample_time_min, [scenario.meals])
     return collected(eaten, scenario, doses, minimum, iterations, known_after_min, objective)
 
 
@@ -192,10 +192,10 @@ def check_known_after(known_after_min: float) -> None:
 
 def check_samples(horizon_min: float, sample_time_min: float) -> None:
     """Refuse a run that is too long for one plan."""
-    if horizon_min / sample_time_min > MOST_SAMPLES:
+    if horizon_min / sample_time_min > MAX_SAMPLES:
         raise Refusal(
             f"a plan of {horizon_min / sample_time_min:.0f} doses is too long; at samples of {sample_time_min:g} min "
-            f"give a horizon of at most {MOST_SAMPLES * sample_time_min:g} min"
+            f"give a horizon of at most {MAX_SAMPLES * sample_time_min:g} min"
         )
 
 
@@ -204,13 +204,13 @@ def first_free_sample(t_min: Values, known_at_min: float) -> int:
     return int(np.searchsorted(t_min, known_at_min - 1e-9))
 
 
-def stages(scenario: Scenario, course: RunModel, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
+def stages(scenario: Scenario, trajectory: RunModel, known_after_min: float) -> list[tuple[tuple[Meal, ...], int]]:
     """Meals known at each stage and the first dose that may react to them; all doses are given if no meal is left."""
     stages: dict[int, tuple[Meal, ...]] = {}
-    if not course.at_rest:
+    if not trajectory.at_rest:
         stages[0] = ()
     for number, meal in enumerate(scenario.meals, start=1):
-        first = first_free_sample(course.grid.t_min, max(0.0, meal.t_min + known_after_min))
+        first = first_free_sample(trajectory.grid.t_min, max(0.0, meal.t_min + known_after_min))
         stages[first] = scenario.meals[:number]
     return [(meals, first) for first, meals in stages.items()]
 
@@ -224,15 +224,15 @@ def _allowed(resting_mU_min: float, limits: DoseLimits) -> float:
 class DosePlan:
     """Doses of one circumstance or several, as one vector within the limits of a pump."""
 
-    course: RunModel
+    trajectory: RunModel
     limits: Limits
     place: Indices
     """(samples, members) position of each dose in the vector; circumstances share doses until they are told apart."""
 
     @classmethod
-    def of_course(cls, course: RunModel, limits: DoseLimits, first: int, apart: int | None = None) -> DosePlan:
+    def of_course(cls, trajectory: RunModel, limits: DoseLimits, first: int, apart: int | None = None) -> DosePlan:
         """Plan whose doses before `first` are fixed; several circumstances share those before `apart`."""
-        n, members = course.samples, course.members
+        n, members = trajectory.samples, trajectory.members
         apart = n if apart is None else apart
         place = np.arange(n * members).reshape(n, members)
         place[:apart] = place[:apart, :1]
@@ -246,7 +246,7 @@ class DosePlan:
             if free[now]:
                 D[now, now], D[now, before] = 1.0, -1.0
         if free[0]:
-            D[0, 0], d[0] = 1.0, _allowed(course.resting_mU_min, limits)
+            D[0, 0], d[0] = 1.0, _allowed(trajectory.resting_mU_min, limits)
         within = Limits(
             low=float(limits.min_mU_min),
             high=float(limits.max_mU_min),
@@ -255,7 +255,7 @@ class DosePlan:
             d=d,
             free=free,
         )
-        return cls(course=course, limits=within, place=place)
+        return cls(trajectory=trajectory, limits=within, place=place)
 
     def vector(self, doses: Values) -> Values:
         """The vector of doses ``(samples,)``, the same for all members, within the limits."""
@@ -269,7 +269,7 @@ class DosePlan:
 
     def _clipped(self, doses: Values) -> Values:
         limits, clipped = self.limits, np.array(doses, float)
-        before = np.clip(self.course.resting_mU_min, limits.low, limits.high)
+        before = np.clip(self.trajectory.resting_mU_min, limits.low, limits.high)
         for i in range(clipped.shape[0]):
             near = np.clip(clipped[i], before - limits.most, before + limits.most)
             clipped[i] = before = np.clip(near, limits.low, limits.high)
@@ -277,11 +277,11 @@ class DosePlan:
 
     def deviation(self, v: Values) -> Values:
         """Deviations of all members from the setpoint, one member after the other."""
-        return (self.course.glucose_mg_dl(self.doses(v)) - self.course.setpoint_mg_dl).T.ravel()
+        return (self.trajectory.glucose_mg_dl(self.doses(v)) - self.trajectory.setpoint_mg_dl).T.ravel()
 
     def jacobian(self, v: Values) -> Values:
         """Derivative of the deviations, ``(points * members, samples * members)``."""
-        by_member = self.course.sensitivity(self.doses(v))
+        by_member = self.trajectory.sensitivity(self.doses(v))
         points, members, _ = by_member.shape
         J = np.zeros((members * points, v.size))
         for member in range(members):
@@ -296,21 +296,23 @@ class DosePlan:
         tolerance = TOLERANCE_MG_DL
         if measure.weight is not None:
             tolerance *= max(1.0, 1e-4 * measure.value(self.deviation(v), np.zeros(1)))
-        found = self._minimise(measure, v, tolerance)
+        result = self._minimise(measure, v, tolerance)
         # moves count only to make the plan unique
-        return replace(found, value=measure.value(found.g, np.zeros(1)))
+        return replace(result, value=measure.value(result.g, np.zeros(1)))
 
-    def calm(self, found: Minimum, objective: str) -> Minimum:
+    def calm(self, result: Minimum, objective: str) -> Minimum:
         """The plan with the least squares among all that come nearly as close as a minimum."""
         measure = self._measure(objective, 1.0)
         if measure.weight is not None:  # there is but one
-            return found
-        low, high = measure.excess(found.g)
+            return result
+        low, high = measure.excess(result.g)
         if measure.joint:
             high = low
         caps = (low + _SLACK_MG_DL, high + _SLACK_MG_DL)
-        calm = Measure(cost=(_HELD, _HELD), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM)
-        return self._minimise(calm, found.v, TOLERANCE_MG_DL / 10.0)
+        calm = Measure(
+            cost=(_SLACK_WEIGHT, _SLACK_WEIGHT), cap_mg_dl=caps, weight=_CALM * self._at_samples(), moves=_CALM
+        )
+        return self._minimise(calm, result.v, TOLERANCE_MG_DL / 10.0)
 
     def _measure(self, objective: str, undershoot_weight: float) -> Measure:
         if objective == "deviation":
@@ -323,16 +325,16 @@ class DosePlan:
 
     def _at_samples(self) -> Values:
         """Indicator of the points that are samples, 1 there and 0 between them, for all members."""
-        weight = np.zeros(self.course.grid.fine_t_min.size)
-        weight[: -1 : self.course.grid.inside_min.size] = 1.0
-        return np.tile(weight, self.course.members)
+        weight = np.zeros(self.trajectory.grid.fine_t_min.size)
+        weight[: -1 : self.trajectory.grid.inside_min.size] = 1.0
+        return np.tile(weight, self.trajectory.members)
 
     def _minimise(self, measure: Measure, v: Values, tolerance: float) -> Minimum:
         return minimise(self.deviation, self.jacobian, measure, self.limits, v, tolerance=tolerance)
 
 
 def collected(
-    course: RunModel,
+    trajectory: RunModel,
     scenario: Scenario,
     doses: Values,
     minimum: Minimum,
@@ -341,18 +343,18 @@ def collected(
     objective: str,
 ) -> OptimalDoses:
     """Collect the results of a plan in a record."""
-    glucose = course.glucose_mg_dl(doses[:, None])[:, 0]
-    t_min, setpoint = course.grid.fine_t_min, course.setpoint_mg_dl
+    glucose = trajectory.glucose_mg_dl(doses[:, None])[:, 0]
+    t_min, setpoint = trajectory.grid.fine_t_min, trajectory.setpoint_mg_dl
     from_min = scenario.meals[0].t_min if scenario.meals else 0.0
     settling = of_glucose(Settling(), t_min, glucose, setpoint, from_min)
     stationary = max(_STATIONARY_MG_DL, _STATIONARY_SHARE * minimum.value)
     return OptimalDoses(
-        t_min=course.grid.t_min,
+        t_min=trajectory.grid.t_min,
         insulin_mU_min=doses,
         fine_t_min=t_min,
         glucose_mg_dl=glucose,
         setpoint_mg_dl=setpoint,
-        basal_insulin_mU_min=course.resting_mU_min,
+        basal_insulin_mU_min=trajectory.resting_mU_min,
         known_after_min=known_after_min,
         objective=objective,
         bound=minimum.value,

@@ -36,7 +36,7 @@ Values = npt.NDArray[np.float64]
 _QP_ITERATIONS: Final = 100
 _QP_TOLERANCE: Final = 1e-12  # asked for, since the proximal term is small beside the rest; not always reached
 _QP_SOUND: Final = 1e-7
-_LEAST_LAMBDA, _LARGEST_LAMBDA = 1e-8, 1e6
+_MIN_LAMBDA, _LARGEST_LAMBDA = 1e-8, 1e6
 _REACH: Final = 1.0
 _MANY_ROWS: Final = 2500
 """Number of rows above which only the constraints that matter are kept; the cost of a program grows with its rows."""
@@ -138,16 +138,16 @@ def minimise(
     rows = _Rows()
     while iterations < most_iterations:
         J = jacobian(v) * limits.free
-        foretold = decrease = 0.0
+        predicted = decrease = 0.0
         while iterations < most_iterations:
             iterations += 1
             dv = _step(measure, limits, v, g, J, damping, rows)
             if dv is None:
                 damping *= 100.0
                 continue
-            foretold = value - _model(measure, limits, v, g, J, dv)
+            predicted = value - _model(measure, limits, v, g, J, dv)
             g_new, new = evaluate(v + dv)
-            if value - new < 0.7 * foretold:
+            if value - new < 0.7 * predicted:
                 # What the linearisation did not foresee at the end of the step is reckoned with in another.
                 again = _step(measure, limits, v, g_new - J @ dv, J, damping, rows)
                 if again is not None:
@@ -155,18 +155,18 @@ def minimise(
                     if new_again < new:
                         dv, g_new, new = again, g_again, new_again
             decrease = value - new
-            if decrease >= 0.1 * foretold or foretold <= tolerance or damping > _LARGEST_LAMBDA:
+            if decrease >= 0.1 * predicted or predicted <= tolerance or damping > _LARGEST_LAMBDA:
                 break
             damping *= 10.0
         else:
             break
         if decrease > 0.0:
             v, g, value = v + dv, g_new, new
-        if foretold <= tolerance or damping > _LARGEST_LAMBDA:
+        if predicted <= tolerance or damping > _LARGEST_LAMBDA:
             break
-        if decrease > 0.7 * foretold:
-            damping = max(damping / 10.0, _LEAST_LAMBDA)
-    optimality = _foretold_by_lp(measure, limits, v, g, jacobian(v) * limits.free)
+        if decrease > 0.7 * predicted:
+            damping = max(damping / 10.0, _MIN_LAMBDA)
+    optimality = _predicted_by_lp(measure, limits, v, g, jacobian(v) * limits.free)
     return Minimum(v=v, g=g, value=value, optimality=optimality, iterations=iterations)
 
 
@@ -254,15 +254,15 @@ def _step(
     return dv * limits.free
 
 
-def _foretold_by_lp(measure: Measure, limits: Limits, v: Values, g: Values, J: Values) -> float:
+def _predicted_by_lp(measure: Measure, limits: Limits, v: Values, g: Values, J: Values) -> float:
     from scipy.optimize import linprog
 
     G, h = _rows(measure, limits, v, g, J)
     finite = np.isfinite(h)
     gradient = measure.moves * (limits.D * limits.free).T @ (limits.D @ v - limits.d) + J.T @ (measure.weights(g) * g)
     bounds = [(-_REACH, _REACH) if free else (0.0, 0.0) for free in limits.free] + [(0.0, None)] * 2
-    found = linprog(np.concatenate([gradient, _cost(measure)]), G[finite], h[finite], bounds=bounds, method="highs")
-    if not found.success:
+    result = linprog(np.concatenate([gradient, _cost(measure)]), G[finite], h[finite], bounds=bounds, method="highs")
+    if not result.success:
         return float("inf")
     at = np.concatenate([np.zeros(v.size), measure.excess(g)])
-    return max(0.0, float(_cost(measure) @ at[-2:]) - float(found.fun))
+    return max(0.0, float(_cost(measure) @ at[-2:]) - float(result.fun))

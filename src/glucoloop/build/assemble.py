@@ -24,9 +24,9 @@ from glucoloop.patients import Patient
 from glucoloop.patients.population import VirtualPeople
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import closed_loop
-from glucoloop.simulation.cohort import Cohort, CohortRun, Fold, People
+from glucoloop.simulation.cohort import Accumulator, Cohort, CohortRun, People
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.minute_inputs import HeldOfPeople
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.plant import Integrator, SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
@@ -140,7 +140,7 @@ class PeopleLoop:
         controller: Controller,
         example: AtRest,
         grid: SampleGrid,
-        fold: Fold,
+        accumulator: Accumulator,
         *,
         meals: Eaten | None,
         own_announcements: bool = False,
@@ -153,7 +153,7 @@ class PeopleLoop:
         precision: str = "float64",
         products: str = FUSED,
         record_decisions: bool = False,
-        held: Sequence[str] = (),
+        minute_inputs: Sequence[str] = (),
         stepped: bool = False,
         rescue: RescueCarbs | None = None,
     ) -> None:
@@ -169,7 +169,7 @@ class PeopleLoop:
             surroundings.sensor,
             surroundings.pump,
             grid,
-            fold,
+            accumulator,
             setpoint_mg_dl=situation.target_mg_dl,
             meals=meals,
             announced=situation.announce_meals,
@@ -184,7 +184,7 @@ class PeopleLoop:
             precision=precision,
             products=products,
             record_decisions=record_decisions,
-            held=held,
+            minute_inputs=minute_inputs,
             stepped=stepped,
             rescue=situation.rescue_carbs if rescue is None else rescue,
         )
@@ -210,13 +210,13 @@ class PeopleLoop:
         meals: Eaten | None = None,
         announced_g: Array | None = None,
         announced_min: Array | None = None,
-        held: HeldOfPeople | None = None,
+        minute_inputs: PeopleMinuteInputs | None = None,
     ) -> People:
         """People prepared for a run of the cohort, with the keys ``(people,)`` of their sensors.
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
         `announced_g` and `announced_min`, ``(meals, people)``, are the carbohydrate that is announced of the meals [g]
-        and the times at which it is, by default what is eaten and when eating begins; `held` is exercise and what
+        and the times at which it is, by default what is eaten and when eating begins; `minute_inputs` is exercise and what
         rhythms change, in a loop made for them.
         """
         number = people.basal_insulin_mU_min.shape[0]
@@ -238,7 +238,7 @@ class PeopleLoop:
             meals=meals,
             announced_g=announced_g,
             announced_min=announced_min,
-            held=held,
+            minute_inputs=minute_inputs,
         )
 
     def run(self, people: AtRest, key: jax.Array, *, threads: int = 1, **brought: Any) -> CohortRun:

@@ -24,7 +24,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import Patient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import fit_step, identify, linear_model, nonlinear_model
 from glucoloop.situations.case import Case
@@ -47,7 +47,7 @@ class SituationDesignCase:
     """Noise variance of the readings."""
     dead_time_samples: int
     """Dead time that the controller knows, 0 if it does not know it."""
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS
     """Limits of a bolus of the pump."""
     person: Profile | None = None
     """Profile of the person; None for one of whom only the basal rate and the setpoint are known."""
@@ -190,37 +190,37 @@ def paced_situation(situation: Situation, case: Case) -> Situation:
 
 def nominal_model(situation: Situation, case: Case) -> Identification:
     """The model of a case, identified from the nominal patient; refused if no controller should be designed on it."""
-    found = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
-    reasons = found.doubts()
+    result = identified_model(situation, case, situation.nominal, functools.partial(kept_result, identify))
+    reasons = result.doubts()
     if reasons and not situation.allow_unusual:
-        asked = case.identified
-        variance = asked.noise_variance
+        identification = case.identified
+        variance = identification.noise_variance
         noise = f"with noise of variance {variance:g}" if variance else "without noise"
         usual = situation.patient.identification(situation.sample_time_min)["memory"]
         problem = f"no controller should be designed on the model that is identified {noise}. {' '.join(reasons)}"
         mend = "identify it with less noise, like --model 'noise_variance=0'"
-        if asked.memory is not None and asked.memory < usual:
-            short = f"A memory of {asked.memory} samples is short for {situation.patient.called}"
+        if identification.memory is not None and identification.memory < usual:
+            short = f"A memory of {identification.memory} samples is short for {situation.patient.called}"
             problem += f" {short} ({usual} are usual)"
             mend = "leave it out"
         raise Refusal(problem, mend, f"{CONFIRM_OPTION} to use it all the same")
-    return found
+    return result
 
 
 def identified_model(
     situation: Situation, case: Case, patient: Patient, identified: Callable[..., Identification] = identify
 ) -> Identification:
     """The model of a case, identified from the pulse experiment on a patient."""
-    asked = case.identified
+    identification = case.identified
     return identified(
         patient,
-        record_sensor(situation, asked.noise_variance or 0.0),
+        record_sensor(situation, identification.noise_variance or 0.0),
         record_key(situation.seed),
-        memory=asked.memory or 0,
+        memory=identification.memory or 0,
         amplitude_mU_min=pulse_of(situation, float(patient.basal_insulin_mU_min)),
-        laguerre_pole=asked.laguerre_pole or 0.0,
-        laguerre_functions=asked.laguerre_functions or None,
-        under_the_skin=situation.patient.under_the_skin,
+        laguerre_pole=identification.laguerre_pole or 0.0,
+        laguerre_functions=identification.laguerre_functions or None,
+        subcutaneous=situation.patient.subcutaneous,
         sample_time_min=situation.sample_time_min,
     )
 

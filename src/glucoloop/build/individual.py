@@ -37,7 +37,7 @@ from glucoloop.identification import (
     laguerre_coefficients,
     laguerre_functions,
     laguerre_realisation,
-    skin_coefficients,
+    subcutaneous_coefficients,
 )
 from glucoloop.identification.gain_and_lag import identify_gain_and_lag
 from glucoloop.models.state_space import LinearModel
@@ -62,9 +62,9 @@ SHARE_OF_BASAL: Final = 0.25
 """Amplitude of the pulses in basal rates. Larger ones leave the range in which the nominal response may be scaled."""
 PACE_MIN: Final = 180.0
 """Time from one pulse to the next, the paper's memory."""
-HELD_MIN: Final = 30.0
+HOLD_MIN: Final = 30.0
 """Length of a pulse. With pulses of a single sample, as in the paper, the small response would be lost in noise."""
-_LEAST_VARIANCE: Final = 0.01
+_MIN_VARIANCE: Final = 0.01
 _DOUBLINGS: Final = 12
 """Number of doublings, exact to rounding for filters that forget within two days."""
 
@@ -113,10 +113,10 @@ def _records(
 
 def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Design:
     """Linear MPC on a model identified from each person's own pulse experiment."""
-    asked = case.identified
-    memory, functions = asked.memory or 0, asked.laguerre_functions
+    identification = case.identified
+    memory, functions = identification.memory or 0, identification.laguerre_functions
     steps = np.asarray(design_csrs(memory, 1.0))
-    read = _records(situation, example, asked.noise_variance or 0.0)
+    read = _records(situation, example, identification.noise_variance or 0.0)
     late = situation.dead_time_samples if case.known_dead_time else 0
     settings: Any = case.controller
     tuning = settings.longer(late)
@@ -131,11 +131,11 @@ def linear_mpc(situation: Situation, case: Case, example: VirtualPeople) -> Desi
         response = cross_correlation(steps, deviation, memory)
         smooth, network = response, None
         if functions:
-            pole = asked.laguerre_pole or 0.0
-            if situation.patient.under_the_skin:
+            pole = identification.laguerre_pole or 0.0
+            if situation.patient.subcutaneous:
                 columns = filtered_input(steps, pole, functions)
                 coefficients = jnp.asarray(
-                    skin_coefficients(columns - columns.mean(axis=0), deviation, pole, functions, memory)
+                    subcutaneous_coefficients(columns - columns.mean(axis=0), deviation, pole, functions, memory)
                 )
             else:
                 coefficients = laguerre_coefficients(response, pole, functions)
@@ -180,8 +180,8 @@ def mpc_se(situation: Situation, case: Case, example: VirtualPeople) -> Design:
 
     def design(people: VirtualPeople) -> Controller:
         basal = jnp.asarray(people.basal_insulin_mU_min)
-        found = gains(chosen(people.patient, varies), jnp.asarray(people.rest), basal)
-        Phi, Gamma, C, gain, rest = (np.asarray(part) for part in found)
+        result = gains(chosen(people.patient, varies), jnp.asarray(people.rest), basal)
+        Phi, Gamma, C, gain, rest = (np.asarray(part) for part in result)
         return mpc_se_of_people(
             FilteredModels(Phi=Phi, Gamma=Gamma, C=C, kalman_gain=gain, rest=rest),
             settings,
@@ -258,9 +258,9 @@ def individual_meal_mpc(situation: Situation, case: Case, example: VirtualPeople
 
 def pulses(sample_time_min: float) -> Floats:
     """Pulses of the record ``(samples,)``, of height 1: up and then down, each held for half an hour."""
-    pace, held = (max(1, round(minutes / sample_time_min)) for minutes in (PACE_MIN, HELD_MIN))
+    pace, window = (max(1, round(minutes / sample_time_min)) for minutes in (PACE_MIN, HOLD_MIN))
     starts = np.asarray(design_csrs(pace, 1.0))
-    return np.convolve(starts, np.ones(held))[: starts.size]
+    return np.convolve(starts, np.ones(window))[: starts.size]
 
 
 def by_record(situation: Situation, example: VirtualPeople, sensor_lag_min: float = 0.0) -> Known:
@@ -275,14 +275,14 @@ def by_record(situation: Situation, example: VirtualPeople, sensor_lag_min: floa
         away = SHARE_OF_BASAL * basal * shape[:, None]
         glucose = read(people, basal + away)
         # somebody without a basal rate has no record, and is taken for the nominal person
-        found = identify_gain_and_lag(
+        result = identify_gain_and_lag(
             np.where(people.feasible, away, 0.0),
             glucose - np.asarray(people.patient.setpoint_mg_dl),
             response,
             sample_time_min=situation.sample_time_min,
-            noise_variance=max(situation.noise_variance, _LEAST_VARIANCE),
+            noise_variance=max(situation.noise_variance, _MIN_VARIANCE),
         )
-        return np.asarray(found.gain), np.asarray(found.lag)
+        return np.asarray(result.gain), np.asarray(result.lag)
 
     return known
 

@@ -51,8 +51,8 @@ MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Time after which the action of a bolus has ended, as the usual insulin on board has it."""
 SAMPLE_TIME_MIN: Final = 5.0
-LEAST_U: Final = 0.25
-MOST_U: Final = 50.0
+MIN_U: Final = 0.25
+MAX_U: Final = 50.0
 _HALVINGS: Final = 16
 _UNLIMITED: Final = 1e9
 _STEP_MU: Final = 1e-6
@@ -94,17 +94,17 @@ class _NoFold:
         return state
 
 
-_FOUND: Final[dict[tuple[str, ...], Any]] = {}
-_MOST_FOUND: Final = 64
+_CACHE: Final[dict[tuple[str, ...], Any]] = {}
+_CACHE_SIZE: Final = 64
 
 
 def _kept(key: tuple[str, ...], make: Callable[[], Any]) -> Any:
     """Object that was made for a key; the last ones are kept, since each case of a trial asks for the same people."""
-    found = _FOUND.pop(key) if key in _FOUND else make()
-    _FOUND[key] = found
-    if len(_FOUND) > _MOST_FOUND:
-        del _FOUND[next(iter(_FOUND))]
-    return found
+    result = _CACHE.pop(key) if key in _CACHE else make()
+    _CACHE[key] = result
+    if len(_CACHE) > _CACHE_SIZE:
+        del _CACHE[next(iter(_CACHE))]
+    return result
 
 
 def with_profiles(situation: Situation, people: VirtualPeople, products: str = FUSED) -> VirtualPeople:
@@ -122,8 +122,8 @@ def with_profiles(situation: Situation, people: VirtualPeople, products: str = F
         return Titration(situation.nominal, example, meal_model=situation.gut, products=products)
 
     def profile() -> Profile:
-        found: Titration = _kept((*loop, *varies), titration)
-        return found.profile(people)
+        result: Titration = _kept((*loop, *varies), titration)
+        return result.profile(people)
 
     return dataclasses.replace(people, profile=_kept((*loop, *varies, digest), profile))
 
@@ -178,7 +178,7 @@ class Titration:
             block = np.arange(start, min(start + _BLOCK, n))
             some = people.at(np.resize(block, _BLOCK))
             ratio[block], correction[block] = (
-                found[: block.size] for found in (self._carb_ratio(some), self._correction(some))
+                result[: block.size] for result in (self._carb_ratio(some), self._correction(some))
             )
         return dataclasses.replace(people.profile, carb_ratio_g_U=ratio, correction_mg_dl_U=correction)
 
@@ -217,10 +217,10 @@ class Titration:
             higher: npt.NDArray[np.bool_] = glucose[-1] > glucose[0]
             return higher
 
-        low, high = np.full(people.feasible.size, LEAST_U), np.full(people.feasible.size, MOST_U)
-        found = people.feasible & above(low) & ~above(high)
+        low, high = np.full(people.feasible.size, MIN_U), np.full(people.feasible.size, MAX_U)
+        result = people.feasible & above(low) & ~above(high)
         for _ in range(_HALVINGS):
             middle = np.sqrt(low * high)
             too_little = above(middle)
             low, high = np.where(too_little, middle, low), np.where(too_little, high, middle)
-        return np.where(found, MEAL_G / np.sqrt(low * high), np.nan)
+        return np.where(result, MEAL_G / np.sqrt(low * high), np.nan)

@@ -70,8 +70,8 @@ def command_of(name: str) -> Command:
             raise Refusal(f"there is no option {name} before a command; see glucoloop --help")
         raise Refusal(f"there is no command {name!r}; {known_names(name, names())}")
     module, _, attribute = COMMANDS[name].place.partition(":")
-    found: Command = getattr(importlib.import_module(module), attribute)
-    return found
+    results: Command = getattr(importlib.import_module(module), attribute)
+    return results
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

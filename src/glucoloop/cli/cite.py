@@ -33,9 +33,9 @@ _PROGRAM: Final = "glucoloop"
 
 def _cite(typed: Given) -> None:
     """Print the entries, each once, with a comment that says what it is for."""
-    asked = typed.get("what", ())
+    config = typed.get("what", ())
     whose: dict[str, list[str]] = {_PROGRAM: ["the program"]}
-    for what, sources in (pair for text in asked for pair in _parts_of(str(text))):
+    for what, sources in (pair for text in config for pair in _parts_of(str(text))):
         for source in sources:
             users = whose.setdefault(source, [])
             if what not in users:
@@ -84,8 +84,8 @@ def _parts_of_file(path: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield f"population {leaf}", (leaf,)
         if key in settings and leaf != NONE:
             for item in leaf if isinstance(leaf, list) else [leaf]:
-                found = cited_parts(settings[key].kind.catalogue.read(_without_computed(item)))
-                yield from (_described(part) for part in found if part.sources or not _is_own(part))
+                results = cited_parts(settings[key].kind.catalogue.read(_without_computed(item)))
+                yield from (_described(part) for part in results if part.sources or not _is_own(part))
     if "metrics" in used:
         yield from (_described(part) for part in METRICS.values() if part.always and part.sources)
 
@@ -105,22 +105,22 @@ def _described(part: type[Part]) -> tuple[str, tuple[str, ...]]:
 
 def _settings() -> Mapping[str, Setting]:
     """Settings of all studies whose values are parts, by name."""
-    found: dict[str, Setting] = {}
+    results: dict[str, Setting] = {}
     for entry in STUDIES.values():
         request: type[Part] | None = getattr(loaded(entry.place), "request", None)
         if request is not None:
-            found.update((name, setting) for name, setting in request.settings().items() if setting.is_part)
-    return found
+            results.update((name, setting) for name, setting in request.settings().items() if setting.is_part)
+    return results
 
 
 def _named(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     kinds = catalogues()
-    found = [parts.find(name) for parts in kinds.values() if name in parts.names()]
-    yield from map(_described, found)
+    results = [parts.find(name) for parts in kinds.values() if name in parts.names()]
+    yield from map(_described, results)
     populations = {population for part in kinds["patient"].values() for population in part.populations}
     if name in populations:
         yield f"population {name}", (name,) if name in known_references() else ()
-    elif not found:
+    elif not results:
         every = [*populations, *(known for parts in kinds.values() for known in parts.names())]
         known = known_names(name, every, where="glucoloop list shows every part")
         raise Refusal(f"there is no file, folder or part {name!r}; {known}")

@@ -33,8 +33,8 @@ class Command:
 
     def given(self, arguments: Sequence[str]) -> Given:
         """The options that were given, by key; Refusal for an unknown one, one without a value, or one given twice."""
-        found = vars(_Parser(f"glucoloop {self.name}", self.options).parse_args(arguments))
-        return {key: value for key, value in found.items() if value is not None}
+        results = vars(_Parser(f"glucoloop {self.name}", self.options).parse_args(arguments))
+        return {key: value for key, value in results.items() if value is not None}
 
     def help(self) -> str:
         """Help: what the command does, its options by heading, and the names of those that are seldom needed."""

@@ -46,8 +46,8 @@ def sentence(error: BaseException) -> str | None:
         return _with_results("there is not enough memory for this; ask for fewer people, days, samples or rows")
     if _is_of_jax(error, "Unable to initialize backend") or _is_of_jax(error, "Unknown backend"):
         platforms = os.environ.get("JAX_PLATFORMS")
-        asked = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
-        return f"JAX cannot start{asked}: {one_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
+        config = "" if platforms is None else f" as JAX_PLATFORMS={platforms} asks"
+        return f"JAX cannot start{config}: {one_line(error)}; unset JAX_PLATFORMS, or set it to cpu"
     if type(error).__module__.partition(".")[0] in ("dask", "distributed") or isinstance(error, CancelledError):
         why = one_line(error) or type(error).__name__
         return (

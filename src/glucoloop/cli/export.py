@@ -12,7 +12,7 @@ from glucoloop.cli.request import completed, notes_without_effect, request_of
 from glucoloop.cli.screen import note, print_json, print_text, print_value, stage, where_written
 from glucoloop.refusal import Refusal
 from glucoloop.situations.request import read_root
-from glucoloop.situations.run import boluses_into_a_vein
+from glucoloop.situations.run import intravenous_boluses
 from glucoloop.studies.exported import Export
 
 HELP: Final = (
@@ -46,13 +46,13 @@ def _export(typed: Given) -> None:
         raise Refusal("an exported controller is a folder; name one with --out")
     with output.folder("run.toml", "controller.c") as folder:
         assert folder is not None
-        asked = completed(request, Export)
-        without_effect = notes_without_effect(asked)
-        note((*boluses_into_a_vein(asked), *without_effect))
+        config = completed(request, Export)
+        without_effect = notes_without_effect(config)
+        note((*intravenous_boluses(config), *without_effect))
         from glucoloop.cli.exported import print_rungs, report, write
 
         with stage("Designing the controller, and writing it in C"):
-            made, rungs = write(asked, folder, without_effect)
+            made, rungs = write(config, folder, without_effect)
         files = folder.paths()
     if output.json:
         print_json(report(made, rungs, without_effect), files)
@@ -75,11 +75,11 @@ def _check(typed: Given) -> None:
     if not configuration.is_file():
         raise Refusal(f"{folder} holds no run.toml; give a folder that `glucoloop export --out` wrote")
     chosen: Given = {key: typed[key] for key in typed if key in ("samples", "target")}
-    asked = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
+    config = completed(request_of({"config": str(configuration), **chosen}, OPTIONS), Export)
     from glucoloop.cli.exported import check, print_rungs
 
     with stage("Checking"):
-        rungs = check(asked, folder)
+        rungs = check(config, folder)
     if typed.get("json"):
         from glucoloop.storage.files import with_version
 

@@ -28,12 +28,12 @@ from glucoloop.studies.exported import Export, exported_controller, name_of
 class Made:
     """A designed controller and its C."""
 
-    def __init__(self, asked: Export) -> None:
-        self.asked, case = asked, asked.case
-        self.model = model_for(asked, case)
-        self.controller = controller_of(asked, case, **model_arguments(self.model))
+    def __init__(self, config: Export) -> None:
+        self.config, case = config, config.case
+        self.model = model_for(config, case)
+        self.controller = controller_of(config, case, **model_arguments(self.model))
         self.settled = computed_settings(self.controller)
-        self.exported = exported_controller(asked, case, self.controller, stepper_of(asked, 0))
+        self.exported = exported_controller(config, case, self.controller, stepper_of(config, 0))
 
     @functools.cached_property
     def computing(self) -> tuple[Init, Step]:
@@ -46,29 +46,29 @@ class Made:
     def recorded(self, samples: int, seed: int) -> SampleRecord:
         """Samples of a closed loop, with the decisions of the controller's C on this computer."""
         init, step = self.computing
-        return record(self.exported, self.controller, self.asked, init, step, samples=samples, seed=seed)
+        return record(self.exported, self.controller, self.config, init, step, samples=samples, seed=seed)
 
 
-def write(asked: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[Made, list[Rung]]:
+def write(config: Export, folder: OutputFolder, notes: Sequence[str]) -> tuple[Made, list[Rung]]:
     """Design a controller, write it in C, run the quick checks, and write the folder; returns it and the checks."""
-    made, chip = Made(asked), chip_of(asked.target)
+    made, chip = Made(config), chip_of(config.target)
     exported = made.exported
-    chips, of_loop = [] if chip is None else [chip], made.recorded(asked.samples, asked.seed)
+    chips, of_loop = [] if chip is None else [chip], made.recorded(config.samples, config.seed)
     rungs = list(ladder(exported, of_loop, chips, samples=INTERPRETED[exported.source.form], deep=False))
     for file, text in code_files(exported, of_loop, chip).items():
         folder.write(file, text)
     folder.write("controller.csv", numbers_table(made.controller))
-    name, guarded = name_of(asked, asked.case), asked.case.guard is not None
+    name, guarded = name_of(config, config.case), config.case.guard is not None
     checks = [rung.as_dict() for rung in rungs]
-    folder.write("README.md", readme(exported, name, asked.sample_time_min, chip, checks, guarded=guarded))
+    folder.write("README.md", readme(exported, name, config.sample_time_min, chip, checks, guarded=guarded))
     folder.write("PROOF.md", proof(exported, name, checks))
     folder.write("SAFETY.md", safety_report(exported, name, checks, guarded=guarded))
     folder.write("manifest.json", json_text(with_version(report(made, rungs, notes))) + "\n")
-    used, given = asked.tree(whole=True), asked.tree()
+    used, given = config.tree(whole=True), config.tree()
     used["controller"][0].update({"settled": made.settled} if made.settled else {})
     if made.model is not None:
         folder.write("model.json", made.model.text())
-        if isinstance(asked.case.model, FilePart):
+        if isinstance(config.case.model, FilePart):
             used["controller"][0]["model"] = given["model"] = {"name": FilePart.name, "path": "model.json"}
     folder.write("run.toml", toml_text(used, "export --config run.toml --out DIR", given))
     return made, rungs
@@ -78,7 +78,7 @@ def report(made: Made, rungs: Sequence[Rung], notes: Sequence[str]) -> dict[str,
     """Plain values for JSON."""
     exported, source = made.exported, made.exported.source
     return {
-        "config": made.asked.tree(whole=True),
+        "config": made.config.tree(whole=True),
         "settled": made.settled,
         "design": source.design,
         "form": source.form,
@@ -90,20 +90,20 @@ def report(made: Made, rungs: Sequence[Rung], notes: Sequence[str]) -> dict[str,
     }
 
 
-def check(asked: Export, folder: Path) -> list[Rung]:
+def check(config: Export, folder: Path) -> list[Rung]:
     """Design the controller of a folder again, and run the whole ladder."""
-    made = Made(asked)
+    made = Made(config)
     exported, name = made.exported, "the design of the folder gives its C file again"
     same = read_text(folder / "controller.c", "a controller") == exported.source.code
-    found = f"design {exported.source.design[:16]}"
+    results = f"design {exported.source.design[:16]}"
     if not same:
-        found = (
+        results = (
             "controller.c is another file than the one that this version of glucoloop writes on this computer; "
             "a design made on another kind of processor may differ in its last digits"
         )
-    chips, of_loop = chips_for(chip_of(asked.target)), made.recorded(asked.samples, asked.seed)
+    chips, of_loop = chips_for(chip_of(config.target)), made.recorded(config.samples, config.seed)
     return [
-        Rung(name, same, found, {}),
+        Rung(name, same, results, {}),
         *ladder(exported, of_loop, chips, samples=CHECKED[exported.source.form], deep=True),
     ]
 
@@ -112,4 +112,4 @@ def print_rungs(rungs: Sequence[Rung]) -> None:
     """Print one line for each check."""
     for rung in rungs:
         verdict = {True: "holds", False: "does not hold", None: "not run"}[rung.holds]
-        print_text(f"{verdict:>13}  {rung.check}: {rung.found}.")
+        print_text(f"{verdict:>13}  {rung.check}: {rung.finding}.")

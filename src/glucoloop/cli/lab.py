@@ -9,7 +9,7 @@ from glucoloop.cli.command import Command
 from glucoloop.cli.option import CommandOption, Given
 from glucoloop.cli.output_file import OVERWRITE_FILE, file_to_write, write_file
 from glucoloop.cli.screen import print_text
-from glucoloop.patients.settings import USUAL_PATIENT
+from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 
 HELP: Final = (
@@ -54,7 +54,7 @@ def _lab(given: Given) -> None:
 
     language = given.get("language")
     code = None if language is None else read_text(Path(language), "a module with texts")
-    text = page(None if population is None else (patient or USUAL_PATIENT.name, population), code).encode()
+    text = page(None if population is None else (patient or DEFAULT_PATIENT.name, population), code).encode()
     write_file(place, text)
     print_text(
         f"Wrote {place}, {len(text) / 1000:.0f} kB. Open it in a browser: it needs neither a server nor the network."

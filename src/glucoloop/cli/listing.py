@@ -33,15 +33,15 @@ _REQUESTS: Final = {
 
 def _list(typed: Given) -> None:
     """Print a description of each part."""
-    asked = typed.get("what")
-    patient = next((name for name, part in PATIENTS.items() if asked in part.populations), None)
+    config = typed.get("what")
+    patient = next((name for name, part in PATIENTS.items() if config in part.populations), None)
     if patient is None:
-        parts = listed(asked, _REQUESTS)
+        parts = listed(config, _REQUESTS)
         text = listing(parts, width_of_text())
     else:
         from glucoloop.situations.population import described_population
 
-        described, lines = described_population(str(asked), patient)
+        described, lines = described_population(str(config), patient)
         parts = [described]
         width = width_of_text()
         text = "\n".join(textwrap.fill(line, width, subsequent_indent="    ", break_on_hyphens=False) for line in lines)

@@ -27,7 +27,7 @@ HELP: Final = (
     "  glucoloop query trial 'select corr(F_LC, minimum_mg_dl) from people' --json\n\n"
     "  glucoloop query trial 'from people where minimum_mg_dl < 54' --csv"
 )
-_MOST_SHOWN: Final = 1000
+_MAX_SHOWN: Final = 1000
 _LONGEST_CELL: Final = 10_000
 
 
@@ -47,8 +47,8 @@ def _query(typed: Given) -> None:
         if sql is None and typed.get("json"):
             print_value(tables.views)
             return
-        held = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
-        answer = Answer(["Table", "What it holds", "Columns"], held) if sql is None else tables.query(sql)
+        views = ((name, VIEWS[name], ", ".join(columns)) for name, columns in tables.views.items())
+        answer = Answer(["Table", "What it holds", "Columns"], views) if sql is None else tables.query(sql)
         if typed.get("csv"):
             print_rows(answer.columns, answer.rows)
         elif typed.get("json"):
@@ -64,18 +64,18 @@ def _print_table(answer: Answer) -> None:
 
     from glucoloop.report.columns import FittingTable
 
-    shown = list(itertools.islice(answer.rows, _MOST_SHOWN + 1))
+    shown = list(itertools.islice(answer.rows, _MAX_SHOWN + 1))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for position, name in enumerate(answer.columns):
         numbers = shown and isinstance(shown[0][position], int | float)
         table.add_column(name, justify="right" if numbers else "left")
-    for row in shown[:_MOST_SHOWN]:
+    for row in shown[:_MAX_SHOWN]:
         table.add_row(*_cells(row))
     show(FittingTable(table))
     if not shown:
         note(["No row answers the question."])
-    if len(shown) > _MOST_SHOWN:
-        note([f"The first {_MOST_SHOWN} rows; --csv prints all."])
+    if len(shown) > _MAX_SHOWN:
+        note([f"The first {_MAX_SHOWN} rows; --csv prints all."])
     if any(len(str(value)) > _LONGEST_CELL for row in shown for value in row):
         note([f"The first {_LONGEST_CELL} letters of a longer text; --csv prints it whole."])
 

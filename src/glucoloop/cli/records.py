@@ -68,7 +68,7 @@ _ANSWERS: Final = (
     CommandOption("scans", "--scans", "Keep scans beside the readings that a sensor stores.", panel=_READING),
 )
 _NETWORK: Final = "Network"
-_MOST_DIGITS: Final = 9
+_MAX_DIGITS: Final = 9
 _NIGHTSCOUT: Final = "nightscout"
 _SITE: Final = (
     CommandOption(
@@ -113,7 +113,7 @@ def _fetched(given: Given) -> DeviceRecord:
         if option.key in given and option.key != "time_zone":
             raise Refusal(f"{option.flag} is for files, and not for a site; leave it out")
     days = given.get("days", "14")
-    if not days.isdecimal() or len(days) > _MOST_DIGITS:
+    if not days.isdecimal() or len(days) > _MAX_DIGITS:
         raise Refusal(f"--days is {days!r}; give a whole number of days")
     from glucoloop.records.nightscout_site import TOKEN_VARIABLE, read_nightscout
 
@@ -143,11 +143,13 @@ def _print_record(record: DeviceRecord) -> None:
 
     from glucoloop.report.columns import FittingTable
 
-    told = _described(record)
-    print_text(f"{told['rows_used']} of {told['rows']} rows are used, from {told['first']} to {told['last']}.")
+    summary = _described(record)
+    print_text(
+        f"{summary['rows_used']} of {summary['rows']} rows are used, from {summary['first']} to {summary['last']}."
+    )
     table = Table("Column", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("Values", justify="right")
-    for name, count in told["values"].items():
+    for name, count in summary["values"].items():
         table.add_row(name, str(count))
     show(FittingTable(table))
     for note in record.notes:

@@ -15,9 +15,9 @@ from glucoloop.cli.option import DEAD_TIME, NOISE, SET, CommandOption, Given, op
 from glucoloop.cli.screen import note, stage
 from glucoloop.component.grammar import NAME, NONE, GivenValue, Tree, as_table, as_tables, given, over, plain, put
 from glucoloop.component.part import Part
-from glucoloop.patients.settings import USUAL_PATIENT
+from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
-from glucoloop.situations.request import asked_for
+from glucoloop.situations.request import request_from
 
 if TYPE_CHECKING:
     from glucoloop.storage.folder import OutputFolder
@@ -142,7 +142,7 @@ def _laid_over(lower: Tree, upper: Tree) -> Tree:
     if isinstance(patient, Mapping) and NAME in patient and "population" not in upper:
         before = plain(as_table(tree.get("patient")))
         name = before.get(NAME) if isinstance(before, Mapping) else None
-        if (name or USUAL_PATIENT.name) != plain(patient[NAME]):
+        if (name or DEFAULT_PATIENT.name) != plain(patient[NAME]):
             tree.pop("population", None)
     cases = upper.pop("controller", None)
     if cases is not None:
@@ -212,28 +212,28 @@ def _beside(tree: Mapping[str, Any], path: Path) -> Tree:
         is_text = isinstance(plain(leaf), str)
         return GivenValue(str(path.parent / leaf.value), leaf.where, text=False) if is_text else leaf
 
-    found = dict(tree)
-    if "data" in found:
-        found["data"] = in_folder(found["data"])
+    results = dict(tree)
+    if "data" in results:
+        results["data"] = in_folder(results["data"])
     for key in ("population", "scenario"):
-        if ".toml" in str(plain(found.get(key))):
-            found[key] = in_folder(found[key])
-    if "model" in found:
+        if ".toml" in str(plain(results.get(key))):
+            results[key] = in_folder(results[key])
+    if "model" in results:
         from glucoloop.models.settings import MODELS
 
-        model = found["model"]
+        model = results["model"]
         if isinstance(plain(model), str) and plain(model) != NONE:
             model = MODELS.tree(model.value, model.where)
         if isinstance(model, Mapping) and "path" in model:
             model = {**model, "path": in_folder(model["path"])}
-        found["model"] = model
-    if "controller" in found:
-        cases = found["controller"]
-        found["controller"] = [
+        results["model"] = model
+    if "controller" in results:
+        cases = results["controller"]
+        results["controller"] = [
             _beside(case, path) if isinstance(case, Mapping) and "model" in case else case
             for case in map(as_table, cases if isinstance(cases, list) else [cases])
         ]
-    return found
+    return results
 
 
 def completed(request: Request, root: type[P]) -> P:
@@ -242,19 +242,19 @@ def completed(request: Request, root: type[P]) -> P:
         from glucoloop.cli.jax_cache import keep_compiled
 
         keep_compiled()  # before the patient's rest is computed
-        asked = asked_for(root, request.tree)
+        config = request_from(root, request.tree)
         if request.used is not None:
             with contextlib.suppress(Refusal):  # a file that does not stand alone
-                _note_changes(request, asked_for(root, request.of_file).tree(whole=True))
-    return asked
+                _note_changes(request, request_from(root, request.of_file).tree(whole=True))
+    return config
 
 
-def notes_without_effect(asked: Part) -> tuple[str, ...]:
+def notes_without_effect(config: Part) -> tuple[str, ...]:
     """Notes on what was given of a complete request and changes nothing, by the names of options."""
     from glucoloop.situations.unused import without_effect
 
-    flags = {option.key: option.flag for option in options_of(type(asked))}
-    return without_effect(asked, lambda setting: flags.get(setting.name, setting.name))
+    flags = {option.key: option.flag for option in options_of(type(config))}
+    return without_effect(config, lambda setting: flags.get(setting.name, setting.name))
 
 
 def _note_changes(request: Request, now: Mapping[str, Any]) -> None:

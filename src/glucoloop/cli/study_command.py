@@ -28,7 +28,7 @@ from glucoloop.studies.study import PlainStudy, SearchStudy, Study, TrialStudy
 from glucoloop.text import how_many
 
 if TYPE_CHECKING:
-    from glucoloop.storage.findings import Findings
+    from glucoloop.storage.results import Results
     from glucoloop.storage.resumable import ResumableFolder, Work
     from glucoloop.storage.trials.folder import TrialFolder
 
@@ -88,25 +88,25 @@ class _StudyRun:
     study: Study
     output: Output
     module: Any
-    asked: Any
+    config: Any
     without_effect: tuple[str, ...]
     """Notes on what was given and changes nothing."""
 
     @classmethod
     def of(cls, study: Study, request: Request) -> _StudyRun:
         """Complete the request, and import the module that does the work."""
-        asked = completed(request, study.request)
+        config = completed(request, study.request)
         module: Any = importlib.import_module(study.module)
-        run = cls(study, request.output, module, asked, notes_without_effect(asked))
-        note(map(in_shown_units, (*run.sentences("notes", asked), *run.without_effect)))
+        run = cls(study, request.output, module, config, notes_without_effect(config))
+        note(map(in_shown_units, (*run.sentences("notes", config), *run.without_effect)))
         return run
 
-    def with_notes(self, found: Findings) -> Findings:
+    def with_notes(self, results: Results) -> Results:
         """Findings whose notes begin with those on what changes nothing, for JSON and the files."""
         if not self.without_effect:
-            return found
-        notes = [*self.without_effect, *found.plain.get("notes", ())]
-        return dataclasses.replace(found, plain={**found.plain, "notes": notes})
+            return results
+        notes = [*self.without_effect, *results.plain.get("notes", ())]
+        return dataclasses.replace(results, plain={**results.plain, "notes": notes})
 
     def work(self, what: str, may_change: Iterable[str] = ()) -> Work:
         """Work that a folder keeps."""
@@ -115,15 +115,15 @@ class _StudyRun:
         return Work(
             command=self.study.name,
             what=what,
-            keys=self.asked.tree(whole=True),
-            given=self.asked.tree(),
+            keys=self.config.tree(whole=True),
+            given=self.config.tree(),
             final=_final(self.study),
             may_change=frozenset(may_change),
         )
 
-    def carry_out(self, opened: AbstractContextManager[F], compute: Callable[[F], Findings]) -> Findings:
+    def carry_out(self, opened: AbstractContextManager[F], compute: Callable[[F], Results]) -> Results:
         """Begin, or go on with, the work of a folder and finish it; after Ctrl-C, print how much is kept."""
-        from glucoloop.storage.findings import Findings
+        from glucoloop.storage.results import Results
 
         folder: F | None = None
         try:
@@ -131,39 +131,39 @@ class _StudyRun:
                 note(folder.notes)
                 if folder.finished:
                     note([f"{folder.path} was finished before; nothing is computed again."])
-                    return Findings.read(folder.path / self.study.summary)
+                    return Results.read(folder.path / self.study.summary)
                 if folder.done:
                     note([f"{folder.progress} of {folder.path} are there already; going on."])
-                found = self.with_notes(compute(folder))
-                folder.finish(self.files_of(found))
-                return found
+                results = self.with_notes(compute(folder))
+                folder.finish(self.files_of(results))
+                return results
         except KeyboardInterrupt:
             if folder is None:
                 raise
             interrupted(f"interrupted; {folder.progress} are kept, the same command goes on")
 
-    def files_of(self, found: Findings) -> dict[str, bytes]:
+    def files_of(self, results: Results) -> dict[str, bytes]:
         """Files of what was found, of its tables as LaTeX, and of its pages and figures, by name."""
         from glucoloop.report.latex import latex_tables
 
         name = self.study.name
         with stage("Drawing"):
-            tables = latex_tables(self.module.tables(self.asked, found), name, f"glucoloop {name}")
-            drawn: Mapping[str, bytes] = self.module.drawn(self.asked, found)
-            return {**found.files(self.study.summary), TABLES: tables.encode(), **drawn}
+            tables = latex_tables(self.module.tables(self.config, results), name, f"glucoloop {name}")
+            drawn: Mapping[str, bytes] = self.module.drawn(self.config, results)
+            return {**results.files(self.study.summary), TABLES: tables.encode(), **drawn}
 
-    def print_results(self, found: Findings, files: Mapping[str, str], written: str | None = None) -> None:
+    def print_results(self, results: Results, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
-        with found.refusing_damage():
-            untold = tuple(text for text in found.plain.get("notes", ()) if text not in self.without_effect)
+        with results.refusing_damage():
+            untold = tuple(text for text in results.plain.get("notes", ()) if text not in self.without_effect)
             notes = tuple(map(in_shown_units, untold))
-            tables = tuple(self.module.tables(self.asked, found))
-            conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.asked, found)))
-            how_to_go_on = tuple(self.sentences("how_to_go_on", found, files))
+            tables = tuple(self.module.tables(self.config, results))
+            conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.config, results)))
+            how_to_go_on = tuple(self.sentences("how_to_go_on", results, files))
         if self.output.json:
-            print_json(found.plain, files, untold)
+            print_json(results.plain, files, untold)
             return
-        with found.refusing_damage():
+        with results.refusing_damage():
             for table in tables:
                 show(table)
         place = where_written(self.output.out, files) if written is None else written
@@ -172,8 +172,8 @@ class _StudyRun:
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
         """Sentences by a function that the module may lack."""
-        found: Iterable[str] = getattr(self.module, function)(*arguments) if hasattr(self.module, function) else ()
-        return found
+        results: Iterable[str] = getattr(self.module, function)(*arguments) if hasattr(self.module, function) else ()
+        return results
 
 
 def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
@@ -184,24 +184,24 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
     run = _StudyRun.of(study, request)
     module = run.module
 
-    work, trial, start = run.work("trial"), module.trial_of(run.asked), time.monotonic()
+    work, trial, start = run.work("trial"), module.trial_of(run.config), time.monotonic()
     if request.output.overwrite:
         from glucoloop.cohorts.engine import prepare
 
         with stage("Designing controllers"):
             prepare(trial)  # what cannot be designed must not cost earlier work
 
-    def compute(folder: TrialFolder) -> Findings:
+    def compute(folder: TrialFolder) -> Results:
         before = folder.people_done()
         where.compute(folder)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            found: Findings = module.found(run.asked, folder)
-            return found
+            results: Results = module.results(run.config, folder)
+            return results
 
-    found = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
+    results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
     files = _paths(out, *work.final, work.configuration)
-    run.print_results(found, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
+    run.print_results(results, files, f"Wrote {', '.join(files)} and {how_many(trial.shards, 'shard')} to {out}.")
 
 
 def _run_search(study: SearchStudy, request: Request) -> None:
@@ -213,19 +213,19 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         _refuse_unusable(study, out, RowsFolder, study.results, overwrite=output.overwrite)
     run = _StudyRun.of(study, request)
     module = run.module
-    row_kind = module.rows(run.asked)
+    row_kind = module.rows(run.config)
 
-    def search(rows: list[Any], add: Callable[[Any], None]) -> Findings:
+    def search(rows: list[Any], add: Callable[[Any], None]) -> Results:
         with stage("Preparing"):
-            prepared = module.search(run.asked)
+            prepared = module.search(run.config)
         total, before = map(row_kind.amount, (row_kind.wanted, len(rows)))
         with counted(total, before, row_kind.unit or row_kind.what, rate_over_s=row_kind.rate_over_s) as more:
             for number, row in enumerate(prepared.missing(rows[:]), start=len(rows)):
                 add(row)
                 more(row_kind.work(number))
         with stage("Summing up"):
-            found: Findings = prepared.found(rows)
-            return found
+            results: Results = prepared.results(rows)
+            return results
 
     if out is None:
         rows: list[Any] = []
@@ -233,8 +233,8 @@ def _run_search(study: SearchStudy, request: Request) -> None:
         return
     work = run.work("search", study.extent)
     opened = rows_folder(out, work, row_kind, overwrite=output.overwrite)
-    found = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
-    run.print_results(found, _paths(out, *work.final, row_kind.file, work.configuration))
+    results = run.carry_out(opened, lambda folder: search(folder.rows, folder.add))
+    run.print_results(results, _paths(out, *work.final, row_kind.file, work.configuration))
 
 
 def _run_plain(study: PlainStudy, request: Request) -> None:
@@ -245,26 +245,26 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         else contextlib.nullcontext() as folder
     ):
         run = _StudyRun.of(study, request)
-        asked = run.asked
+        config = run.config
         module = run.module
-        shown: Any = counted(module.amount(asked), 0, study.unit) if study.unit else stage("Preparing")
+        shown: Any = counted(module.amount(config), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
-            found = run.with_notes(module.found(asked, progress))
+            results = run.with_notes(module.results(config, progress))
         if folder is not None:
             from glucoloop.situations.toml import toml_text
 
             configuration = f"{study.name}.toml"
-            text = toml_text(asked.tree(whole=True), f"{study.name} --config {configuration}", asked.tree())
-            for name, data in {configuration: text.encode(), **run.files_of(found)}.items():
+            text = toml_text(config.tree(whole=True), f"{study.name} --config {configuration}", config.tree())
+            for name, data in {configuration: text.encode(), **run.files_of(results)}.items():
                 folder.write(name, data)
             files = folder.paths()
-    run.print_results(found, files, None if study.keeps_files else "")
-    if found.plain.get("interrupted"):
-        amount, unit = module.amount(asked), study.unit
+    run.print_results(results, files, None if study.keeps_files else "")
+    if results.plain.get("interrupted"):
+        amount, unit = module.amount(config), study.unit
         interrupted(
-            f"interrupted; of {amount} {unit} {found.plain[unit]} were checked to the end; their results follow"
+            f"interrupted; of {amount} {unit} {results.plain[unit]} were checked to the end; their results follow"
         )
-    if not (found.plain.get("holds", True) and found.plain.get("complete", True)):
+    if not (results.plain.get("holds", True) and results.plain.get("complete", True)):
         sys.exit(1)
 
 

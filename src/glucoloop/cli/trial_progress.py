@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _NUMBER: Final = declared_setting(
     WORKERS.flag, Annotated[int, About("Number of workers.", at_least=1, at_most=4096)], Default(None)
 )
-_MOST_LABELS: Final = 5
+_MAX_LABELS: Final = 5
 """Largest number of cases that are named one by one."""
 
 
@@ -88,7 +88,7 @@ def _begun(trial: Trial) -> str:
     """Sentence on the work that begins; its first results may take minutes."""
     controllers = {case.controller.called: case.controller for case in trial.cases}
     labels = ", ".join(case.label for case in trial.cases)
-    which = labels if len(trial.cases) <= _MOST_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
+    which = labels if len(trial.cases) <= _MAX_LABELS else f"{len(trial.cases)} cases of {', '.join(controllers)}"
     slow = [name for name, controller in controllers.items() if controller.slow]
     begun = f"Designing and compiling for {how_many(trial.people, 'person', 'people')} under {which}"
     return f"{begun}; compiling {' and '.join(slow)} takes up to a minute." if slow else f"{begun}."

@@ -58,16 +58,16 @@ def quantiles_of_counts(
     ends = np.cumsum(counts, axis=1, dtype=np.float64)
     total = ends[:, -1]
     rows = np.arange(counts.shape[0])
-    found = np.full((len(probabilities), counts.shape[0]), np.nan)
+    result = np.full((len(probabilities), counts.shape[0]), np.nan)
     for row, probability in enumerate(probabilities):
         place = probability * total
         # The first bin whose end reaches the place, and which holds somebody.
         number = np.argmax((ends >= place[:, None]) & (counts > 0), axis=1)
         inside = counts[rows, number]
         share = (place - (ends[rows, number] - inside)) / np.maximum(inside, 1)
-        found[row] = edges[number] + (edges[number + 1] - edges[number]) * share
-    found[:, total == 0] = np.nan
-    return found
+        result[row] = edges[number] + (edges[number + 1] - edges[number]) * share
+    result[:, total == 0] = np.nan
+    return result
 
 
 def times_pct(counts: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.float64]]:

@@ -45,19 +45,19 @@ def in_blocks(
     results: list[T] = []
 
     def take(computed: Iterable[T]) -> list[T]:
-        for part, number in zip(computed, asked, strict=True):
+        for part, number in zip(computed, sizes, strict=True):
             results.append(part)
             done(number)
         return results
 
     parts = [values[start : start + size] for start in range(0, values.size, size)]
-    blocks, asked = [np.resize(part, size) for part in parts], [part.size for part in parts]
+    blocks, sizes = [np.resize(part, size) for part in parts], [part.size for part in parts]
     threads = min(threads or 2 * (os.cpu_count() or 1), len(blocks))
     if threads <= 1:
-        return take(map(run, blocks, asked))
+        return take(map(run, blocks, sizes))
     with ThreadPoolExecutor(threads) as pool:
         try:
-            return take(pool.map(run, blocks, asked))
+            return take(pool.map(run, blocks, sizes))
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             raise

@@ -19,7 +19,7 @@ from glucoloop.build.titration import with_profiles
 from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges
 from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import LEAST_BLOCK, Trial, fingerprint, profile_columns
+from glucoloop.cohorts.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
 from glucoloop.meals import Scenario
@@ -28,9 +28,9 @@ from glucoloop.metrics import Metrics, RunningMetrics
 from glucoloop.patients.population import VirtualPeople, of_people, virtual_people
 from glucoloop.refusal import Refusal
 from glucoloop.simulation import Trace
-from glucoloop.simulation.cohort import Fold
+from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.minute_inputs import HeldOfPeople
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
 
 Array = npt.NDArray[Any]
@@ -71,7 +71,7 @@ class PreparedTrial:
     """A trial whose controllers are designed."""
 
     trial: Trial
-    fold: RunningMetrics
+    accumulator: RunningMetrics
     cases: Mapping[str, PreparedCase]
 
     @property
@@ -86,7 +86,7 @@ class PreparedTrial:
 
 
 _PREPARED: Final[dict[str, PreparedTrial]] = {}
-_MOST_PREPARED: Final = 2
+_MAX_PREPARED: Final = 2
 _COUNTED_AT_ONCE: Final = 1 << 17
 """Numbers that are counted together, about, so that what is computed of them stays in the processor's cache."""
 
@@ -97,15 +97,15 @@ def prepare(trial: Trial) -> PreparedTrial:
     Refusal if a controller cannot be designed.
     """
     key = fingerprint(trial)
-    found = _PREPARED.pop(key, None) or _prepare(trial)
-    _PREPARED[key] = found
-    if len(_PREPARED) > _MOST_PREPARED:
+    result = _PREPARED.pop(key, None) or _prepare(trial)
+    _PREPARED[key] = result
+    if len(_PREPARED) > _MAX_PREPARED:
         del _PREPARED[next(iter(_PREPARED))]
-    return found
+    return result
 
 
 def _prepare(trial: Trial) -> PreparedTrial:
-    fold, example = fold_of(trial), people_of(trial, [trial.first_person])
+    accumulator, example = fold_of(trial), people_of(trial, [trial.first_person])
     prepared: dict[str, PreparedCase] = {}
     for by_label in shared_surroundings(trial, trial.cases):
         # these cases differ only in their label, sensor and pump
@@ -114,7 +114,7 @@ def _prepare(trial: Trial) -> PreparedTrial:
         loop = loop_of(
             trial,
             controller,
-            fold,
+            accumulator,
             example,
             controllers_of=own_controllers(trial, case, controller, example, individual=trial.design == "individual"),
             surroundings=by_label[case.label],
@@ -124,7 +124,7 @@ def _prepare(trial: Trial) -> PreparedTrial:
         prepared |= {
             label: PreparedCase(controller, loop, surroundings, shared) for label, surroundings in by_label.items()
         }
-    return PreparedTrial(trial=trial, fold=fold, cases=prepared)
+    return PreparedTrial(trial=trial, accumulator=accumulator, cases=prepared)
 
 
 def people_of(trial: Trial, person: npt.ArrayLike) -> VirtualPeople:
@@ -142,7 +142,7 @@ def fold_of(trial: Trial) -> RunningMetrics:
 
 
 def loop_of(
-    trial: Trial, controller: Controller, fold: Fold, example: AtRest | None = None, **others: Any
+    trial: Trial, controller: Controller, accumulator: Accumulator, example: AtRest | None = None, **others: Any
 ) -> PeopleLoop:
     """The loop of a controller in the situation of a trial: that of its cells, and of searches and tests of people.
 
@@ -155,10 +155,10 @@ def loop_of(
         "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
-        "held": held_of(trial, np.array([trial.first_person])).names,
+        "held": minute_inputs_of(trial, np.array([trial.first_person])).names,
     }
     example = people_of(trial, [trial.first_person]) if example is None else example
-    return PeopleLoop(trial, controller, example, trial.grid, fold, **{**usual, **others})
+    return PeopleLoop(trial, controller, example, trial.grid, accumulator, **{**usual, **others})
 
 
 def run_people(
@@ -180,7 +180,7 @@ def run_people(
         raise Refusal("nobody was asked for; give the number of at least one person")
     of_case, trial, grid = prepared.cases[label], prepared.trial, prepared.trial.grid
     counts, drawn_together = _Counts(trial), block_size(of_case.loop.engine)
-    few = max(LEAST_BLOCK, 1 << (number.size - 1).bit_length())
+    few = max(MIN_BLOCK, 1 << (number.size - 1).bit_length())
 
     def run(block: npt.NDArray[np.int64], n: int) -> PeopleResult:
         with one_at_a_time:
@@ -200,11 +200,11 @@ def run_people(
                 kept.append((glucose[:, :n].astype(np.float32), insulin[:, :n].astype(np.float32)))
             done(n * len(glucose) / grid.samples)
 
-        fold, end, _ = of_case.loop.cohort.follow(people, take, number=block.size)
+        accumulator, end, _ = of_case.loop.cohort.follow(people, take, number=block.size)
         counts.end(end, feasible)
         with one_at_a_time:
-            metrics: Metrics = prepared.fold.finish(
-                fold,
+            metrics: Metrics = prepared.accumulator.finish(
+                accumulator,
                 samples=grid.samples,
                 sample_time_min=grid.sample_time_min,
                 meal_t_min=np.floor(days.first_min() / grid.sample_time_min) * grid.sample_time_min,
@@ -330,14 +330,14 @@ def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
         "meals": days.eaten if trial.plan.varies else None,
         "announced_g": days.announced_g if own else None,
         "announced_min": days.announced_min if own else None,
-        "held": held_of(trial, days.person),
+        "held": minute_inputs_of(trial, days.person),
     }
 
 
-def held_of(trial: Trial, person: npt.NDArray[np.int64]) -> HeldOfPeople:
+def minute_inputs_of(trial: Trial, person: npt.NDArray[np.int64]) -> PeopleMinuteInputs:
     """Exercise of people of a trial, and what its rhythms change in them, from the beginning of the warm-up on."""
     grid = dataclasses.replace(trial.grid, start_min=trial.start_min or 0.0)
-    return HeldOfPeople(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)
+    return PeopleMinuteInputs(grid.whole, trial.bouts_of(person), trial.rhythms, trial.seed, person)
 
 
 def _joined(parts: list[PeopleResult]) -> PeopleResult:

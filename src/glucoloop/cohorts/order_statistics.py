@@ -73,12 +73,12 @@ def quantiles(parts: Parts, counts: Sequence[int], probabilities: Sequence[float
     sides = np.floor(places).astype(int), np.ceil(places).astype(int)
     ranks = [np.union1d(*pair).tolist() if count else [] for count, *pair in zip(counts, *sides, strict=True)]
     by_rank = (_gathered if max(counts, default=0) <= _FEW else _searched)(parts, ranks)
-    found = np.full(places.shape, np.nan)
+    result = np.full(places.shape, np.nan)
     for row, value in enumerate(by_rank):
         if value:
             low, high = (np.array([value[rank] for rank in side[row].tolist()]) for side in sides)
-            found[row] = low + (high - low) * (places[row] - sides[0][row])
-    return found
+            result[row] = low + (high - low) * (places[row] - sides[0][row])
+    return result
 
 
 def _gathered(parts: Parts, ranks: Sequence[Sequence[int]]) -> list[dict[int, float]]:
@@ -122,5 +122,5 @@ def _ordered(values: Floats) -> npt.NDArray[np.uint64]:
 def _numbers(ordered: Sequence[int]) -> list[float]:
     """The numbers of which `_ordered` made these whole numbers."""
     whole = np.array(ordered, np.uint64)
-    found: list[float] = np.where(whole & _SIGN, whole ^ _SIGN, ~whole).view(np.float64).tolist()
-    return found
+    result: list[float] = np.where(whole & _SIGN, whole ^ _SIGN, ~whole).view(np.float64).tolist()
+    return result

@@ -37,8 +37,8 @@ class PeopleRows:
 
         It is False throughout where that was not measured, in folders of an earlier version.
         """
-        found = self.metrics.get("time_below_validity_pct", np.zeros(self.person.shape))
-        ever: npt.NDArray[np.bool_] = found > 0.0
+        result = self.metrics.get("time_below_validity_pct", np.zeros(self.person.shape))
+        ever: npt.NDArray[np.bool_] = result > 0.0
         return ever
 
 

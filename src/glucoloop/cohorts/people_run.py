@@ -29,7 +29,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.closed_loop import sample_grid, scenario_without_effect, usual_limits
 from glucoloop.simulation.cohort import CohortRun
-from glucoloop.simulation.minute_inputs import HeldOfPeople
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.situations.situation import Situation
 
 Array = npt.NDArray[Any]
@@ -108,31 +108,31 @@ def simulate_people(
     grid = sample_grid(scenario.horizon_min, controller.sample_time_min, scenario.start_min, scenario.warm_up_min)
     setpoint = float(np.asarray(people.patient.setpoint_mg_dl).flat[0])
     for name in ("setpoint_mg_dl", "initial_glucose_mg_dl"):
-        asked = getattr(scenario, name)
-        if asked is not None and asked != setpoint:
+        value = getattr(scenario, name)
+        if value is not None and value != setpoint:
             raise Refusal(
-                f"the scenario's {name} is {asked:g}, but the people rest at {setpoint:g} mg/dl; "
-                f"draw them with setpoint_mg_dl={asked:g}"
+                f"the scenario's {name} is {value:g}, but the people rest at {setpoint:g} mg/dl; "
+                f"draw them with setpoint_mg_dl={value:g}"
             )
     usual = usual_limits(people.patient)
     limits = usual if limits is None else limits
-    fold = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
-    meals, announced_carbs_g, told_min = (
+    accumulator = RunningMetrics(setpoint_mg_dl=setpoint, limits=limits, inside_min=tuple(grid.inside_min.tolist()))
+    meals, announced_carbs_g, announced_at_min = (
         eaten(scenario.meals),
         announced_g(scenario.meals),
         announced_min(scenario.meals, scenario.announced_before_min),
     )
-    as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(told_min, meals.t_min)
+    as_eaten = np.array_equal(announced_carbs_g, meals.carbs_g) and np.array_equal(announced_at_min, meals.t_min)
     announced_otherwise = scenario.announced and not as_eaten
 
-    def held_by(person: npt.NDArray[np.int64]) -> HeldOfPeople:
+    def minute_inputs_by(person: npt.NDArray[np.int64]) -> PeopleMinuteInputs:
         bouts = draw_bouts(scenario.exercise, seed, person).later(grid.warm_up_min) if scenario.exercise else None
         at_clock = dataclasses.replace(grid, start_min=scenario.start_min or 0.0)
-        return HeldOfPeople(at_clock.whole, bouts, scenario.rhythms, seed, person)
+        return PeopleMinuteInputs(at_clock.whole, bouts, scenario.rhythms, seed, person)
 
     loop = PeopleLoop(
         Situation(
-            patient=patient_entry(people.name).partial({}, asked=people.name),
+            patient=patient_entry(people.name).partial({}, display_name=people.name),
             setpoint_mg_dl=setpoint,
             announce_meals=scenario.announced,
             announce_before_min=scenario.announced_in_min or 0.0,
@@ -140,7 +140,7 @@ def simulate_people(
         controller,
         people,
         grid,
-        fold,
+        accumulator,
         meals=meals,
         own_announcements=announced_otherwise,
         controllers_of=with_profile_of_each(controller),
@@ -151,21 +151,21 @@ def simulate_people(
         start_min=scenario.start_min,
         engine=engine,
         precision=precision,
-        held=held_by(people.draw.person[:1]).names,
+        minute_inputs=minute_inputs_by(people.draw.person[:1]).names,
         rescue=scenario.rescue,
     )
 
     def run(place: npt.NDArray[np.intp], n: int) -> CohortRun:
         del n  # what fills the last block up is cut off at the end
         some = people.at(place)
-        told: dict[str, Any] = dict.fromkeys(("announced_g", "announced_min"))
+        announced: dict[str, Any] = dict.fromkeys(("announced_g", "announced_min"))
         if announced_otherwise:
-            told = {
+            announced = {
                 name: np.repeat(values[:, None], place.size, axis=1)
-                for name, values in zip(told, (announced_carbs_g, told_min), strict=True)
+                for name, values in zip(announced, (announced_carbs_g, announced_at_min), strict=True)
             }
-        people_held = held_by(some.draw.person)
-        return loop.run(some, keys_of_people(seed, some.draw.person), held=people_held, **told)
+        people_minute_inputs = minute_inputs_by(some.draw.person)
+        return loop.run(some, keys_of_people(seed, some.draw.person), minute_inputs=people_minute_inputs, **announced)
 
     runs = in_blocks(run, np.arange(people.feasible.size), block_size(loop.engine), threads)
     number = people.feasible.size
@@ -176,8 +176,8 @@ def simulate_people(
     first_meal = min((meal.t_min for meal in scenario.meals if meal.t_min >= 0.0), default=0.0)
     first_meal = float(np.floor(first_meal / grid.sample_time_min) * grid.sample_time_min)
     return PeopleRun(
-        metrics=fold.finish(
-            jax.tree.map(lambda *parts: joined(list(parts)), *(part.fold for part in runs)),
+        metrics=accumulator.finish(
+            jax.tree.map(lambda *parts: joined(list(parts)), *(part.accumulator for part in runs)),
             samples=grid.samples,
             sample_time_min=grid.sample_time_min,
             meal_t_min=first_meal,

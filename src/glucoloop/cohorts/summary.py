@@ -21,7 +21,7 @@ from glucoloop.metrics.control_variability import CELLS, grid_counts
 from glucoloop.refusal import Refusal
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
-MOST_NAMED: Final = 1000
+MAX_NAMED: Final = 1000
 """Largest number of people that are listed by number; beyond it they are only counted."""
 WORST: Final = 10
 LOW_MG_DL: Final = (70, 60, 54)
@@ -48,7 +48,7 @@ class AffectedPeople:
     def add(self, person: npt.NDArray[np.int64]) -> None:
         """Include more people."""
         self.count += person.size
-        self.person += person[: max(0, MOST_NAMED - len(self.person))].tolist()
+        self.person += person[: max(0, MAX_NAMED - len(self.person))].tolist()
 
 
 @dataclass(frozen=True)
@@ -102,16 +102,16 @@ class _Case:
         for limit in LOW_MG_DL:
             self.ever_below[limit] += int((minimum < limit).sum())
         rows = np.flatnonzero(known)[np.argsort(minimum, kind="stable")[:WORST]]
-        found = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
-        self.worst = heapq.nsmallest(WORST, [*self.worst, *found], key=lambda one: one[:2])
+        result = [(float(people.metrics["minimum_mg_dl"][i]), int(people.person[i]), _row(people, i)) for i in rows]
+        self.worst = heapq.nsmallest(WORST, [*self.worst, *result], key=lambda one: one[:2])
 
-    def plain(self, found: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    def plain(self, result: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
         people = next(iter(self.moments.values())).count
         return {
             "metrics": {
                 name: _share(round(moment.mean * moment.count), moment.count)
                 if name in self.yes_or_no
-                else _spread(moment, found[name], people)
+                else _spread(moment, result[name], people)
                 for name, moment in self.moments.items()
             },
             "ever_below": {f"{limit}_mg_dl": _share(count, people) for limit, count in self.ever_below.items()},
@@ -138,17 +138,17 @@ def summarise_people(shards: Shards, *, max_insulin_mU_min: float) -> TrialSumma
         beyond.add(first.person[first.feasible & (first.basal_insulin_mU_min > max_insulin_mU_min)])
     if not cases:
         raise Refusal("there is nobody to summarise; finish a shard first")
-    found = _quantiles(shards, cases)
+    result = _quantiles(shards, cases)
     return TrialSummary(
         plain={
             "people": people,
             "able": people - infeasible.count,
             "unable": dataclasses.asdict(infeasible),
             "basal_beyond_pump": dataclasses.asdict(beyond),
-            "controllers": {label: case.plain(found[label]) for label, case in cases.items()},
+            "controllers": {label: case.plain(result[label]) for label, case in cases.items()},
         },
         cvga_counts={label: case.cvga for label, case in cases.items()},
-        distributions=_distributions(shards, found),
+        distributions=_distributions(shards, result),
     )
 
 
@@ -164,23 +164,23 @@ def _quantiles(shards: Shards, cases: Mapping[str, _Case]) -> dict[str, dict[str
         for case in cases.values()
         for name, moment in case.moments.items()
     ]
-    found = iter(quantiles(parts, counts, list(QUANTILES.values())).tolist())
+    result = iter(quantiles(parts, counts, list(QUANTILES.values())).tolist())
     return {
-        label: {name: dict(zip(QUANTILES, next(found), strict=True)) for name in case.moments}
+        label: {name: dict(zip(QUANTILES, next(result), strict=True)) for name in case.moments}
         for label, case in cases.items()
     }
 
 
 def _distributions(
-    shards: Shards, found: Mapping[str, Mapping[str, Mapping[str, float]]]
+    shards: Shards, result: Mapping[str, Mapping[str, Mapping[str, float]]]
 ) -> dict[str, dict[str, Histogram]]:
     """Histograms between edges that all controllers share, from the quantiles of each."""
-    counted: dict[str, dict[str, Histogram]] = {label: {} for label in found}
+    counted: dict[str, dict[str, Histogram]] = {label: {} for label in result}
     for metric in DISTRIBUTIONS:
-        ends = np.array([[metrics[metric]["p1"], metrics[metric]["p99"]] for metrics in found.values()])
+        ends = np.array([[metrics[metric]["p1"], metrics[metric]["p99"]] for metrics in result.values()])
         low, high = (ends[:, 0].min(), ends[:, 1].max()) if np.isfinite(ends).all() else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
-        for label in found:
+        for label in result:
             counted[label][metric] = Histogram(edges, np.zeros(_BINS, np.int64))
     for shard in shards():
         for label, histograms in counted.items():
@@ -219,7 +219,7 @@ def _share(count: int, total: int) -> dict[str, float]:
     return {"people": count, "share_pct": 100.0 * count / total if total else float("nan")}
 
 
-def _spread(moment: Moments, found: Mapping[str, float], people: int) -> dict[str, float]:
+def _spread(moment: Moments, result: Mapping[str, float], people: int) -> dict[str, float]:
     mean, least, greatest = (moment.mean, moment.least, moment.greatest) if moment.count else (float("nan"),) * 3
     having = {} if moment.count == people else {"people": moment.count}
-    return {"mean": mean, "sd": moment.sd, "min": least, **found, "max": greatest, **having}
+    return {"mean": mean, "sd": moment.sd, "min": least, **result, "max": greatest, **having}

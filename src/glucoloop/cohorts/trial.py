@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 from glucoloop.component.effects import INDIVIDUAL
 from glucoloop.component.grammar import Tree
 from glucoloop.component.setting import Default
-from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MOST_DAYS, MOST_PEOPLE
+from glucoloop.limits import LARGEST_COUNTER, LONGEST_RUN_MIN, MAX_DAYS, MAX_PEOPLE
 from glucoloop.patients.settings import patient_entry
 from glucoloop.refusal import Refusal
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, WORK_PANEL, Option
 from glucoloop.situations.run import FedSituation
-from glucoloop.situations.scenarios import USUAL_DAY
+from glucoloop.situations.scenarios import DEFAULT_DAY
 from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY, MIN_PER_WEEK
 
@@ -46,13 +46,13 @@ _meals = functools.partial(Option, panel=PATIENT_PANEL)
 _work = functools.partial(Option, panel=WORK_PANEL)
 _SHARDS_WANTED: Final = 16
 _BLOCK: Final = 1024
-LEAST_BLOCK: Final = 64
+MIN_BLOCK: Final = 64
 """Number of people in a block of a long run or with a slow controller: the vectors that native code takes in turn."""
 _BLOCK_PATIENT_DAYS: Final = 8192
-_LEAST_SHARD: Final = 2 * _BLOCK
-_LEAST_LONG: Final = 4 * LEAST_BLOCK
+_MIN_SHARD: Final = 2 * _BLOCK
+_MIN_LONG: Final = 4 * MIN_BLOCK
 """Number of people in the least shard of a run of more than four weeks, and in one with a slow controller."""
-_MOST_SHARDS: Final = 1024
+_MAX_SHARDS: Final = 1024
 """Number of shards from which on those of a run of more than four weeks have more people."""
 
 
@@ -78,7 +78,7 @@ class Trial(FedSituation):
     kind: ClassVar = "trial"
     few_cases: ClassVar = False
 
-    people: Annotated[int, _people("Number of people.", at_least=1, at_most=MOST_PEOPLE)] = 1000
+    people: Annotated[int, _people("Number of people.", at_least=1, at_most=MAX_PEOPLE)] = 1000
     population: Annotated[
         Any,
         _people(
@@ -97,7 +97,7 @@ class Trial(FedSituation):
         ),
     ] = 0
     days: Annotated[
-        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS)
+        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MAX_DAYS)
     ] = None
     duration_min: Annotated[
         float | None,
@@ -111,7 +111,7 @@ class Trial(FedSituation):
             flag="--meal",
             metavar="G@TIME",
         ),
-    ] = USUAL_DAY
+    ] = DEFAULT_DAY
     design: Annotated[
         Literal["nominal", "individual"],
         Option(
@@ -207,13 +207,13 @@ class Trial(FedSituation):
         from glucoloop.patients.population import Population, is_preset
         from glucoloop.situations.population import population_keys
 
-        found = super().tree(whole=whole)
-        if "population" in found and isinstance(self.population, Population):
+        result = super().tree(whole=whole)
+        if "population" in result and isinstance(self.population, Population):
             preset = is_preset(self.population)
-            found["population"] = self.population.name if preset else population_keys(self.population)
+            result["population"] = self.population.name if preset else population_keys(self.population)
         if whole and self.days is None and self.duration_min is None:
-            found["days"] = 1
-        return found
+            result["days"] = 1
+        return result
 
     def with_cases(self, cases: tuple[Case, ...], **other: Any) -> Trial:
         """A trial of other cases, which have guards and models of their own, in the same situation."""
@@ -225,7 +225,7 @@ class Trial(FedSituation):
         """Texts of the meals of the plan, of the usual ones those within a run that is shorter than a day."""
         from glucoloop.situations.meal_text import parse_meal, same_meals
 
-        if self.duration_min is None or self.meals != same_meals(USUAL_DAY):
+        if self.duration_min is None or self.meals != same_meals(DEFAULT_DAY):
             return self.meals
         return tuple(text for text in self.meals if parse_meal(text).t_min < self.duration_min)
 
@@ -287,9 +287,9 @@ class Trial(FedSituation):
         many. A person's results do not depend on it.
         """
         if any(case.controller.slow for case in self.cases):
-            return LEAST_BLOCK
+            return MIN_BLOCK
         most = _BLOCK_PATIENT_DAYS * MIN_PER_DAY / max(MIN_PER_DAY, self.horizon_min + self.warm_up_min)
-        return min(_BLOCK, max(LEAST_BLOCK, 1 << int(math.log2(most))))
+        return min(_BLOCK, max(MIN_BLOCK, 1 << int(math.log2(most))))
 
     @property
     def people_a_shard(self) -> int:
@@ -324,13 +324,13 @@ def usual_shard_people(people: int, horizon_min: float, *, traced: int = 0, slow
     shards. With a slow controller it is 256 people, so that the first results are kept within seconds.
     """
     days = max(1.0, horizon_min / MIN_PER_DAY)
-    wanted, least = min(SHARD_PATIENT_DAYS / days, max(_LEAST_SHARD, people / _SHARDS_WANTED)), _BLOCK
+    wanted, least = min(SHARD_PATIENT_DAYS / days, max(_MIN_SHARD, people / _SHARDS_WANTED)), _BLOCK
     if horizon_min > LONGEST_COUNTED_MIN:
-        wanted, least = max(wanted, min(people / _MOST_SHARDS, _BLOCK)), _LEAST_LONG
+        wanted, least = max(wanted, min(people / _MAX_SHARDS, _BLOCK)), _MIN_LONG
     if traced:
-        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), LEAST_BLOCK
+        wanted, least = min(TRACED_PATIENT_DAYS / days, wanted), MIN_BLOCK
     if slow:
-        wanted, least = min(_LEAST_LONG, wanted), min(_LEAST_LONG, least)
+        wanted, least = min(_MIN_LONG, wanted), min(_MIN_LONG, least)
     return max(least, 1 << round(math.log2(max(1.0, wanted))))
 
 

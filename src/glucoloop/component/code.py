@@ -23,8 +23,8 @@ _CODE: dict[str, tuple[str, str]] = {}
 
 def outside_code(config: object) -> dict[str, str]:
     """Digests of the code of other packages that a configuration names, of which glucoloop's version says nothing."""
-    found = dict(_CODE[name] for name in _outside_parts(config))
-    return {f"code of {package}": digest for package, digest in sorted(found.items())}
+    result = dict(_CODE[name] for name in _outside_parts(config))
+    return {f"code of {package}": digest for package, digest in sorted(result.items())}
 
 
 def names_code(config: object) -> bool:
@@ -124,9 +124,9 @@ def loaded(value: str) -> Any:
         if _from_here and str(Path.cwd()) not in sys.path:
             added = str(Path.cwd())
             sys.path.append(added)
-        found: Any = importlib.import_module(module)
+        result: Any = importlib.import_module(module)
         for part in attribute.split("."):
-            found = getattr(found, part)
+            result = getattr(result, part)
     except AttributeError:
         raise Refusal(f"{module} has no {attribute}; name what it defines, like {module}:NAME") from None
     except Exception as error:  # whatever somebody else's module does when it is imported
@@ -134,4 +134,4 @@ def loaded(value: str) -> Any:
     finally:
         if added:
             sys.path.remove(added)
-    return found
+    return result

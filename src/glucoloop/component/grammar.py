@@ -173,11 +173,11 @@ def put(tree: Tree, path: str, value: str, where: str) -> Tree:
             raise Refusal(f"{where}: {first} is {plain(inner)!r} and no part, so it has no setting {rest!r}")
         return {**tree, first: put(dict(inner), rest, value, where)}
     tables = as_tables(inner, first)
-    at, rest = _found(tables, first, rest, where)
+    at, rest = _place_of(tables, first, rest, where)
     return {**tree, first: [put(one, rest, value, where) if i == at else one for i, one in enumerate(tables)]}
 
 
-def _found(tables: list[Any], setting: str, path: str, where: str) -> tuple[int, str]:
+def _place_of(tables: list[Any], setting: str, path: str, where: str) -> tuple[int, str]:
     """Place of a part in the list of a setting, and the path within it."""
     which, _, rest = path.partition(".")
     names = [str(plain(table.get("label", table.get(NAME, "")))) for table in tables]

@@ -16,26 +16,26 @@ from glucoloop.component.setting import Setting, choices_text, known_names, valu
 from glucoloop.refusal import Refusal
 
 _NAME_WIDTH: Final = 18
-_MOST_PARTS: Final = 6
+_MAX_PARTS: Final = 6
 """Largest number of parts of a list that are named."""
 
 
-def listed(asked: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
+def listed(name_: str | None, requests: Mapping[str, str]) -> list[dict[str, Any]]:
     """Descriptions of all parts, of those of a kind, or of one by its name, as plain values.
 
     `requests` holds places ``module:Class`` of what else can be listed by name, such as the settings of a whole run.
     """
-    if asked is not None and asked in requests:
-        return [described(loaded(requests[asked]))]
+    if name_ is not None and name_ in requests:
+        return [described(loaded(requests[name_]))]
     kinds = catalogues()
     names = [(kind, name) for kind, parts in kinds.items() for name in parts.names()]
-    if asked is not None:
+    if name_ is not None:
         every = [name for _, name in names]
-        of_kind = [(kind, name) for kind, name in names if kind == asked.removesuffix("s")]
-        names = of_kind or [(kind, name) for kind, name in names if name == asked]
+        of_kind = [(kind, name) for kind, name in names if kind == name_.removesuffix("s")]
+        names = of_kind or [(kind, name) for kind, name in names if name == name_]
         if not names:
-            known = known_names(asked, every, where=f"the kinds are: {', '.join((*kinds, *requests))}")
-            raise Refusal(f"there is no part and no kind of parts {asked!r}; {known}")
+            known = known_names(name_, every, where=f"the kinds are: {', '.join((*kinds, *requests))}")
+            raise Refusal(f"there is no part and no kind of parts {name_!r}; {known}")
     return [described(kinds[kind].find(name)) for kind, name in names]
 
 
@@ -58,8 +58,8 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
         parts = setting.default.noise_free
         parts = [parts] if isinstance(parts, Part) else parts or ()
         named = [part_text(part.tree()) for part in parts]
-        more = f"; and {len(named) - _MOST_PARTS} more" if len(named) > _MOST_PARTS else ""
-        usual = {"": "; ".join(named[:_MOST_PARTS]) + more} if named else {}
+        more = f"; and {len(named) - _MAX_PARTS} more" if len(named) > _MAX_PARTS else ""
+        usual = {"": "; ".join(named[:_MAX_PARTS]) + more} if named else {}
         possible = f"{'parts' if setting.many else 'a part'} of the kind {setting.kind.kind}"
     elif setting.choices:
         possible = choices_text(setting.choices)
@@ -69,9 +69,9 @@ def _setting(part: type[Part], setting: Setting) -> dict[str, Any]:
         possible = "true or false" if setting.kind is bool else "a text"
     if setting.default.noisy is not None:
         usual["with noise"] = setting.default.noisy
-    under_the_skin = part.usual_of_route(SUBCUTANEOUS)
-    if setting.name in under_the_skin:
-        usual["under the skin"] = under_the_skin[setting.name]
+    subcutaneous = part.usual_of_route(SUBCUTANEOUS)
+    if setting.name in subcutaneous:
+        usual["under the skin"] = subcutaneous[setting.name]
     return {
         "name": setting.name,
         "summary": setting.summary,

@@ -25,8 +25,8 @@ def number_of(text: str) -> float:
 
 def parse_time_of_day(text: str) -> float:
     """Minutes after midnight from a text like 07:30."""
-    found = re.fullmatch(r"([0-9]{1,2}):([0-5][0-9])", text.strip())
-    minutes = math.nan if found is None else int(found[1]) * MIN_PER_H + int(found[2])
+    result = re.fullmatch(r"([0-9]{1,2}):([0-5][0-9])", text.strip())
+    minutes = math.nan if result is None else int(result[1]) * MIN_PER_H + int(result[2])
     if not minutes < MIN_PER_DAY:
         raise Refusal(f"{text!r} is no time of day; write it like 07:30, from 00:00 to 23:59")
     return minutes

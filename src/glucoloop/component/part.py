@@ -90,9 +90,9 @@ class Part:
     @classmethod
     def settings(cls) -> Mapping[str, Setting]:
         """Settings of the part by name, as its fields declare them; each has a description and a default."""
-        found: dict[str, Setting] | None = vars(cls).get("_settings")
-        if found is None:
-            found = {}
+        result: dict[str, Setting] | None = vars(cls).get("_settings")
+        if result is None:
+            result = {}
             hints = typing.get_type_hints(cls, include_extras=True)
             for field in dataclasses.fields(typing.cast(Any, cls)):
                 if WIRING in field.metadata:
@@ -100,9 +100,9 @@ class Part:
                 if field.default is dataclasses.MISSING:
                     raise TypeError(f"the setting {field.name} of {cls.__name__} has no default; give it one")
                 default = Default(field.default, field.metadata.get("noisy"))
-                found[field.name] = declared_setting(field.name, hints[field.name], default)
-            type.__setattr__(cls, "_settings", found)
-        return found
+                result[field.name] = declared_setting(field.name, hints[field.name], default)
+            type.__setattr__(cls, "_settings", result)
+        return result
 
     @classmethod
     def facts(cls) -> dict[str, Any]:
@@ -117,18 +117,18 @@ class Part:
     @classmethod
     def setting(cls, name: str) -> Setting:
         """A setting by name, also without the unit at its end; Refusal if there is no such setting."""
-        found = cls.settings().get(name)
-        if found is None:
+        result = cls.settings().get(name)
+        if result is None:
             alike = [setting for setting in cls.settings().values() if setting.name_without_unit == name]
             if len(alike) == 1:
                 return alike[0]
             whose = f"the {cls.kind} {cls.name}" if cls.name else _with_article(cls.kind)
             known = [known for known in cls.settings() if known not in cls.refused]
             raise Refusal(f"{whose} has no setting {name!r}; {known_names(name, known, where=ALL_SETTINGS)}")
-        return found
+        return result
 
     @classmethod
-    def partial(cls, given: Mapping[str, Any], where: str = "", asked: str = "") -> Self:
+    def partial(cls, given: Mapping[str, Any], where: str = "", display_name: str = "") -> Self:
         """The part with some settings given and the others to be completed; settings are not compared before.
 
         An unknown setting, and a value of another type or out of its bounds, are refused. `where` is the option or file
@@ -138,7 +138,7 @@ class Part:
         values = {name: cls.setting(name).check(value, where) for name, value in given.items()}
         for name, setting in cls.settings().items():
             object.__setattr__(made, name, _bare(values.get(name, setting.default.noise_free)))
-        return made._noted(values, where, asked)
+        return made._noted(values, where, display_name)
 
     def _noted(self, given: Mapping[str, Any], where: str, name: str) -> Self:
         for key, value in (("given", given), ("where", where), ("called", name or self.name)):
@@ -175,12 +175,12 @@ class Part:
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values, the same for TOML and JSON; with `whole` every setting."""
-        found: Tree = {NAME: self.called} if self.called else {}
+        result: Tree = {NAME: self.called} if self.called else {}
         for name, value in (self.values() if whole else self.given).items():
             if name not in self.refused:
                 left_out = value is None and not whole and self.setting(name).is_part
-                found[name] = NONE if left_out else _plain(value, whole)
-        return found
+                result[name] = NONE if left_out else _plain(value, whole)
+        return result
 
     @property
     def text(self) -> str:

@@ -25,7 +25,7 @@ class Tuned:
     high: float
     log: bool
     """Whether its logarithm is searched."""
-    unasked: bool = True
+    by_default: bool = True
     """Whether it is searched for even where no range is given."""
 
     def __post_init__(self) -> None:
@@ -64,7 +64,9 @@ def parse_range(text: str, usual: Tuned) -> Tuned | float:
     The usual range of the setting says whether its logarithm is searched.
     """
     unit = UNIT_BY_ENDING.get(ending_of(usual.name), "")
-    numbers = [float(found) for part in text.split(":") if (found := number_with_unit(part.strip(), unit)) is not None]
+    numbers = [
+        float(result) for part in text.split(":") if (result := number_with_unit(part.strip(), unit)) is not None
+    ]
     if len(numbers) != text.count(":") + 1 or len(numbers) > _ENDS or not all(map(math.isfinite, numbers)):
         raise Refusal(f"{usual.name} is {text!r}; write it like .1:2, or one number that is kept")
     if len(numbers) == 1:

@@ -43,7 +43,7 @@ class WithUnit(float):
 _NUMBER: Final = re.compile(rf"(?P<number>(?a:{NUMBER})|[-+]?(?:inf|nan))\s*(?P<unit>[A-Za-z(%][A-Za-z ²^2()/]*)?")
 LARGEST: Final = 1e30
 """Largest size of a number, so that no product of a few of them overflows."""
-_MOST_NAMES: Final = 12
+_MAX_NAMES: Final = 12
 ALL_SETTINGS: Final = "--help of the command has each, and glucoloop list"
 """Text on where all settings are described."""
 _SHORTEST_WORD: Final = 4
@@ -128,11 +128,11 @@ def value_text(value: Any) -> str:
 
 def number_with_unit(text: str, unit: str) -> float | None:
     """Number in a unit from its text, which may have that unit or another of its quantity; None if it has not."""
-    found = _NUMBER.fullmatch(text)
-    factor = None if found is None else factor_to(unit, found["unit"] or unit)
-    if found is None or factor is None:
+    result = _NUMBER.fullmatch(text)
+    factor = None if result is None else factor_to(unit, result["unit"] or unit)
+    if result is None or factor is None:
         return None
-    number = float(found["number"])
+    number = float(result["number"])
     return number if factor == 1.0 else WithUnit(number * factor, text)
 
 
@@ -191,8 +191,8 @@ class Setting:
             return {"true": True, "false": False}.get(text, text)
         if self.kind is int:
             return int(text) if re.fullmatch(r"[-+]?[0-9]{1,400}", text) else text
-        found = number_with_unit(text, self.unit) if self.kind is float else None
-        return text if found is None else found
+        result = number_with_unit(text, self.unit) if self.kind is float else None
+        return text if result is None else result
 
     def has_type(self, value: object) -> bool:
         """Whether a single value is of the type of the setting; 2.0 is no whole number, and True is no number."""
@@ -225,8 +225,8 @@ class Setting:
             amount = f"{value.text}, which is {amount}" if isinstance(value, WithUnit) else amount
             if about.finite and about.at_most == about.below == math.inf and LARGEST < abs(number) < math.inf:
                 mend = f"a number of a size up to {LARGEST:g}"
-            asked = None if isinstance(value, WithUnit) else about.quantity
-            likeness = None if asked is None else asked.looks_like(typing.cast(float, value))
+            quantity = None if isinstance(value, WithUnit) else about.quantity
+            likeness = None if quantity is None else quantity.looks_like(typing.cast(float, value))
             meant = "" if likeness is None else f"; {likeness}"
         return f"{self.name} is {amount}; give {mend}{meant}"
 
@@ -306,12 +306,12 @@ def known_names(unknown: str, known: Iterable[str], *, where: str = "") -> str:
     if not names:
         return "there are none"
     close = difflib.get_close_matches(unknown, names, n=1)
-    if len(names) <= _MOST_NAMES:
+    if len(names) <= _MAX_NAMES:
         return f"{f'did you mean {close[0]!r}? ' if close else ''}the known ones are: {', '.join(names)}"
     if not close and where:
         words = {word for word in unknown.casefold().split("_") if len(word) >= _SHORTEST_WORD}
         close = [name for name in names if words & set(name.casefold().split("_"))]
-        if not close or len(close) > _MOST_NAMES:
+        if not close or len(close) > _MAX_NAMES:
             return f"none of the {len(names)} known ones is like it; {where}"
     if not close:
         return f"the known ones are: {', '.join(names)}"

@@ -17,7 +17,7 @@ from glucoloop.limits import LONGEST_AHEAD_MIN
 
 MEALS: Final = 4
 """Announced meals that can be awaited at once; of a further one the oldest is taken to begin."""
-_MOST_CARBS_G: Final = 1000.0
+_MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 
 
@@ -40,10 +40,10 @@ def no_meals_to_come(observation: Observation) -> MealsToCome | None:
 
 def eaten_in_min(observation: Observation) -> jax.Array:
     """Time until the announced meal is eaten; 0 where no time or an impossible one is told."""
-    told = observation.announced_in_min
-    if told is None:
+    ahead_min = observation.announced_in_min
+    if ahead_min is None:
         return jnp.zeros_like(observation.announced_carbs_g)
-    return jnp.where((told >= 0.0) & (told <= LONGEST_AHEAD_MIN), told, 0.0)
+    return jnp.where((ahead_min >= 0.0) & (ahead_min <= LONGEST_AHEAD_MIN), ahead_min, 0.0)
 
 
 def hear(
@@ -55,7 +55,7 @@ def hear(
     """
     if to_come is None:
         return None, carbs_g
-    awaited = jnp.where((to_come.carbs_g > 0.0) & (to_come.carbs_g <= _MOST_CARBS_G), to_come.carbs_g, 0.0)
+    awaited = jnp.where((to_come.carbs_g > 0.0) & (to_come.carbs_g <= _MAX_CARBS_G), to_come.carbs_g, 0.0)
     left_min = jnp.where(to_come.in_min <= LONGEST_AHEAD_MIN, to_come.in_min - sample_time_min, 0.0)
     carbs = jnp.concatenate([carbs_g[None], awaited])
     in_min = jnp.concatenate([eaten_in_min(observation)[None], left_min])

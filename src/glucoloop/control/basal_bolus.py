@@ -24,12 +24,12 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
-from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
+from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import BasalBolusSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
 from glucoloop.unit_guess import CARB_RATIO, CORRECTION, INSULIN_RATE, refuse_unusual
@@ -52,7 +52,7 @@ class BasalBolusState:
     """Insulin of boluses in the second depot."""
     since_min: jax.Array
     """Time since the last bolus that was asked for."""
-    asked_mU: jax.Array
+    requested_mU: jax.Array
     """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
@@ -121,18 +121,18 @@ class BasalBolus:
     def init(self, observation: Observation) -> BasalBolusState:
         """State without boluses for a long time."""
         zero = jnp.zeros_like(observation.delivered_mU_min)
-        return BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, asked_mU=zero)
+        return BasalBolusState(first_mU=zero, second_mU=zero, since_min=zero + _LONG_AGO_MIN, requested_mU=zero)
 
     def step(self, state: BasalBolusState, observation: Observation) -> tuple[BasalBolusState, Decision]:
         """Include the bolus that was delivered, and decide on the next one."""
-        first, second = self._absorbed(state, bolus_since(observation, state.asked_mU, self.bolus))
+        first, second = self._absorbed(state, bolus_since(observation, state.requested_mU, self.bolus))
         known, on_board = is_known(observation), first + second
         above = observation.glucose_mg_dl - observation.setpoint_mg_dl
         wanted = above * (MU_PER_U / self.correction_factor())
         # Insulin on board is taken off a correction and never off the insulin for a meal, which is not digested yet.
         correction = jnp.where(wanted > 0.0, jnp.maximum(wanted - on_board, 0.0), wanted)
         correction = jnp.where(known & jnp.isfinite(wanted), correction, 0.0)
-        carbs = carbs_told(observation)
+        carbs = announced_carbs(observation)
         eats, for_meal = carbs > 0.0, carbs * (MU_PER_U / self.carb_ratio())
         high = known & (observation.glucose_mg_dl > self.correction_above_mg_dl)
         alone = high & (state.since_min >= self.correction_every_min)
@@ -143,7 +143,7 @@ class BasalBolus:
             first_mU=first,
             second_mU=second,
             since_min=jnp.where(bolus >= self.bolus.min_mU, self.sample_time_min, since),
-            asked_mU=bolus,
+            requested_mU=bolus,
         )
         basal = jnp.broadcast_to(jnp.asarray(self.basal_mU_min, bolus.dtype), bolus.shape)
         decision = decide(basal, delivered_since(observation, basal), self.limits, known)
@@ -166,7 +166,7 @@ def design_basal_bolus(
     insulin_on_board_min: float = 300.0,
     correction_above_mg_dl: float = 180.0,
     correction_every_min: float = 180.0,
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
     allow_unusual: bool = False,
 ) -> BasalBolus:
@@ -232,12 +232,12 @@ def design_basal_bolus(
         raise Refusal(
             f"corrections every {correction_every_min:g} min are not possible; give a finite time of 0 or more"
         )
-    asked = {
+    amounts = {
         "basal_mU_min": (basal_mU_min, INSULIN_RATE),
         "carb_ratio_g_U": (carb_ratio_g_U, CARB_RATIO),
         "correction_mg_dl_U": (correction_mg_dl_U, CORRECTION),
     }
-    for name, (amount, quantity) in asked.items():
+    for name, (amount, quantity) in amounts.items():
         if amount is not None and not allow_unusual and not is_traced(amount):
             refuse_unusual(amount, quantity, name)
     return BasalBolus(

@@ -42,7 +42,7 @@ CONTROLLERS: Final[Catalogue[ControllerPart]] = Catalogue(
     example="mpc-se, move_horizon=2",
     unnamed=True,
 )
-USUAL_CONTROLLER: Final = CONTROLLERS.usual
+DEFAULT_CONTROLLER: Final = CONTROLLERS.usual
 TUNABLE: Final = tuple(entry.name for entry in CONTROLLERS.values() if entry.tunable)
 """Controllers of which `glucoloop tune` tries a grid."""
 SEARCHED: Final = next(entry for entry in CONTROLLERS.values() if entry.searched)

@@ -11,7 +11,7 @@ from glucoloop.control.protocol import Decision, Observation, Status
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
 
 _SATURATED_MU_MIN: Final = 1e-9
-_MOST_CARBS_G: Final = 1000.0
+_MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 _LOWEST_MG_DL: Final = -1000.0
 """Lowest estimate of glucose that is used. A linear model goes below zero where it errs about much insulin; the error
@@ -41,18 +41,18 @@ def delivered_since(observation: Observation, previous_mU_min: jax.Array) -> jax
     return jnp.where(jnp.isfinite(observation.delivered_mU_min), observation.delivered_mU_min, previous_mU_min)
 
 
-def bolus_since(observation: Observation, asked_mU: jax.Array, limits: BolusLimits) -> jax.Array:
+def bolus_since(observation: Observation, requested_mU: jax.Array, limits: BolusLimits) -> jax.Array:
     """Bolus since the last sample: the reported one, or the requested one if the report is impossible."""
     word = observation.delivered_bolus_mU
     if word is None:
-        return asked_mU
-    return jnp.where((word >= 0.0) & (word <= limits.max_mU), word, asked_mU)
+        return requested_mU
+    return jnp.where((word >= 0.0) & (word <= limits.max_mU), word, requested_mU)
 
 
-def carbs_told(observation: Observation) -> jax.Array:
+def announced_carbs(observation: Observation) -> jax.Array:
     """Announced carbohydrate [g], or 0 where there is none or it is impossible."""
     carbs = observation.announced_carbs_g
-    return jnp.where((carbs > 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0)
+    return jnp.where((carbs > 0.0) & (carbs <= _MAX_CARBS_G), carbs, 0.0)
 
 
 def decide(

@@ -16,7 +16,7 @@ from glucoloop.component.effects import PROFILE, READINGS, Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
 from glucoloop.control.guard_doses import (
-    MOST_BOLUS_MU,
+    MAX_BOLUS_MU,
     Given,
     OwnLimits,
     first_given,
@@ -52,7 +52,7 @@ one of glucose and insulin has reason to keep are a bolus of 100 U, 1e5 mU, and 
 """
 _MARGIN: Final = 1.4
 """Factor on a person's correction factor, since insulin in two depots is left longer than the guard counts it."""
-_MOST_CARBS_G: Final = 1000.0
+_MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
 
 
@@ -199,8 +199,8 @@ class Guard:
         above = lowest - setpoint
         excess = seen.glucose_mg_dl - setpoint
         given = take_in(state.given, counted, counted_bolus, excess, jump, own, settings, every)
-        allowed = most(given, above, seen.held_min > 0.0, own, settings, self.limits.max_change_mU_min, every)
-        trusted = believed & (seen.held_min <= settings.held_min)
+        allowed = most(given, above, seen.unchanged_min > 0.0, own, settings, self.limits.max_change_mU_min, every)
+        trusted = believed & (seen.unchanged_min <= settings.unchanged_min)
         allowed = jnp.where(trusted, allowed, given.basal_mU_min)
         wanted = jnp.where(sound, decision.insulin_mU_min, given.basal_mU_min)
         unseen, long_unseen = seen.unseen_min > settings.gap_min, seen.unseen_min > settings.long_gap_min
@@ -218,14 +218,14 @@ class Guard:
 
         limited, bolus = wanted > allowed, None
         if decision.bolus_mU is not None:
-            asked = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
+            requested = jnp.where(sound, jnp.maximum(decision.bolus_mU, 0.0), 0.0)
             # A reading that is not believed calls for no insulin, but a meal does, which also ends a predicted low.
             eats = clean.announced_carbs_g > 0.0
             may = jnp.where(eats, lowest >= settings.low_mg_dl, trusted & ~suspended) & ~unseen
             change = self.limits.max_change_mU_min
             beside = largest_rate(given, dose, dose, change)
-            bolus = jnp.where(may, jnp.minimum(asked, most_bolus(given, beside, own, settings, change, every)), 0.0)
-            limited = limited | (asked > bolus)
+            bolus = jnp.where(may, jnp.minimum(requested, most_bolus(given, beside, own, settings, change, every)), 0.0)
+            limited = limited | (requested > bolus)
 
         status = decision.status
         for holds, kind in (
@@ -251,9 +251,9 @@ class Guard:
 
     def _healed(self, state: GuardState, intact: jax.Array) -> GuardState:
         """The state with every impossible number replaced, and the record of doses if it is not intact."""
-        held, suspended = state.setpoint_mg_dl, state.suspended
-        setpoint = jnp.where(self._is_setpoint(held), held, _ORDINARY_MG_DL)
-        basal = jnp.asarray(self.basal_mU_min, held.dtype)
+        setpoint_mg_dl, suspended = state.setpoint_mg_dl, state.suspended
+        setpoint = jnp.where(self._is_setpoint(setpoint_mg_dl), setpoint_mg_dl, _ORDINARY_MG_DL)
+        basal = jnp.asarray(self.basal_mU_min, setpoint_mg_dl.dtype)
         own, before = self._own_limits, self.limits.max_mU_min + self.limits.max_change_mU_min
         given = heal_given(state.given, intact, basal, own, self._highest_rate, before)
         bolus, largest = state.bolus_mU, largest_bolus(given.basal_mU_min, own, self.settings)
@@ -290,7 +290,7 @@ class Guard:
         word = observation.delivered_bolus_mU
         if state.bolus_mU is None or word is None:
             return state.bolus_mU
-        return jnp.where((word >= 0.0) & (word <= MOST_BOLUS_MU), word, state.bolus_mU)
+        return jnp.where((word >= 0.0) & (word <= MAX_BOLUS_MU), word, state.bolus_mU)
 
     def _is_setpoint(self, setpoint_mg_dl: jax.Array) -> jax.Array:
         lowest, highest = self.settings.lowest_reading_mg_dl, self.settings.highest_reading_mg_dl
@@ -329,7 +329,7 @@ def _clean(
         valid=believed,
         setpoint_mg_dl=setpoint,
         delivered_mU_min=delivered,
-        announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MOST_CARBS_G), carbs, 0.0),
+        announced_carbs_g=jnp.where((carbs >= 0.0) & (carbs <= _MAX_CARBS_G), carbs, 0.0),
         delivered_bolus_mU=bolus_mU,
         time_of_day_min=None if time is None else jnp.where((time >= 0.0) & (time < MIN_PER_DAY), time, 0.0),
         announced_in_min=None if observation.announced_in_min is None else eaten_in_min(observation),

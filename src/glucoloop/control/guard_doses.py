@@ -87,27 +87,27 @@ class Given:
     hour_bolus_mU: jax.Array | None = None
     """(samples, ...) boluses of the last hour, the oldest first; None where none are given."""
 
-    def agrees(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
+    def agrees(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> jax.Array:
         """Whether the check sum agrees with the record, up to rounding."""
         eps = jnp.where(self.check < 0.0, jnp.finfo(jnp.float32).eps, jnp.finfo(self.check.dtype).eps)
         rounding = 8.0 * (self.hour_mU_min.shape[0] + 5) * eps
-        difference = jnp.abs(jnp.abs(self.check) - self._sum(asked_mU_min, asked_bolus_mU))
+        difference = jnp.abs(jnp.abs(self.check) - self._sum(requested_mU_min, requested_bolus_mU))
         return difference <= rounding * jnp.abs(self.check)
 
-    def with_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
+    def with_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> Given:
         """The same record with its check sum."""
-        return dataclasses.replace(self, check=self._sum(asked_mU_min, asked_bolus_mU))
+        return dataclasses.replace(self, check=self._sum(requested_mU_min, requested_bolus_mU))
 
-    def with_first_check(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> Given:
+    def with_first_check(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> Given:
         """The same record with the check sum of a first state."""
-        return dataclasses.replace(self, check=-self._sum(asked_mU_min, asked_bolus_mU))
+        return dataclasses.replace(self, check=-self._sum(requested_mU_min, requested_bolus_mU))
 
-    def _sum(self, asked_mU_min: jax.Array, asked_bolus_mU: jax.Array | None) -> jax.Array:
+    def _sum(self, requested_mU_min: jax.Array, requested_bolus_mU: jax.Array | None) -> jax.Array:
         # It is above 0 for every record, so that a record of zeros has no check sum of zero.
-        total = 1.0 + self.counted + self.rate_mU_min + asked_mU_min + jnp.sum(self.hour_mU_min, axis=0)
-        if self.hour_bolus_mU is None or asked_bolus_mU is None:
+        total = 1.0 + self.counted + self.rate_mU_min + requested_mU_min + jnp.sum(self.hour_mU_min, axis=0)
+        if self.hour_bolus_mU is None or requested_bolus_mU is None:
             return total
-        return total + asked_bolus_mU + jnp.sum(self.hour_bolus_mU, axis=0)
+        return total + requested_bolus_mU + jnp.sum(self.hour_bolus_mU, axis=0)
 
 
 @pytree
@@ -201,23 +201,23 @@ def heal_given(
         rate_mU_min=jnp.where(intact, given.rate_mU_min, before_mU_min),
         doubted_mg_dl=jnp.where(jnp.abs(given.doubted_mg_dl) < _ABSURD, given.doubted_mg_dl, _ABSURD),
         check=given.check,
-        hour_bolus_mU=None if boluses is None else jnp.where(intact, boluses, MOST_BOLUS_MU),
+        hour_bolus_mU=None if boluses is None else jnp.where(intact, boluses, MAX_BOLUS_MU),
     )
 
 
 def largest_rate(
-    given: Given, asked_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
+    given: Given, requested_mU_min: jax.Array, reported_mU_min: jax.Array, max_change_mU_min: jax.Array | float
 ) -> jax.Array:
     """Largest rate that the pump can give in a sample: it is what counts, whatever the pump reports.
 
     It is the largest of what was asked for, what was reported, and what the pump comes down to from the rate before.
     """
-    return jnp.maximum(jnp.maximum(asked_mU_min, reported_mU_min), given.rate_mU_min - max_change_mU_min)
+    return jnp.maximum(jnp.maximum(requested_mU_min, reported_mU_min), given.rate_mU_min - max_change_mU_min)
 
 
 def largest_bolus(basal_mU_min: jax.Array, own: OwnLimits, settings: GuardSettings) -> jax.Array:
     """Largest bolus that a guard can have asked for [mU]: all that may be on board, at once."""
-    return jnp.minimum(own.max_on_board * settings.on_board_tau_min * basal_mU_min, MOST_BOLUS_MU)
+    return jnp.minimum(own.max_on_board * settings.on_board_tau_min * basal_mU_min, MAX_BOLUS_MU)
 
 
 def take_in(
@@ -261,7 +261,7 @@ def take_in(
 def most(
     given: Given,
     above_setpoint_mg_dl: jax.Array,
-    held: jax.Array,
+    unchanged: jax.Array,
     own: OwnLimits,
     settings: GuardSettings,
     max_change_mU_min: jax.Array | float,
@@ -277,7 +277,7 @@ def most(
     left_share = _left_share(settings, sample_time_min)
     surely = above_setpoint_mg_dl - jnp.maximum(given.doubted_mg_dl, 0.0) - settings.error_mg_dl
     target = jnp.minimum(surely * (1.0 / own.fall_mg_dl), own.max_on_board)
-    target = jnp.where(held, jnp.minimum(target, given.counted), target)
+    target = jnp.where(unchanged, jnp.minimum(target, given.counted), target)
     by_reading = _most_beyond(target, given, max_change_mU_min, left_share)
     little = jnp.minimum(settings.always_basal - 1.0, own.max_on_board)
     always = jnp.minimum(little, (little - left_share * given.counted) * (1.0 / (1.0 - left_share)))
@@ -304,7 +304,7 @@ def most_bolus(
     counted_rate = jnp.maximum(rate_mU_min, given.basal_mU_min)
     beyond, steep = (counted_rate - given.basal_mU_min) * given.per_basal, max_change_mU_min * given.per_basal
     # beyond, for n + 1 samples from now on, lowered by a further step at each
-    held, lowered, left, per_bolus = (
+    unchanged, lowered, left, per_bolus = (
         _column(values, beyond)
         for values in (
             _after(n, left_share, np.ones_like),
@@ -313,7 +313,7 @@ def most_bolus(
             sample_time_min / ((1.0 - left_share) * left_share**n),
         )
     )
-    on_board = left * given.counted + (1.0 - left_share) * (held * beyond - lowered * steep)
+    on_board = left * given.counted + (1.0 - left_share) * (unchanged * beyond - lowered * steep)
     at_once = (own.max_on_board - given.counted) * settings.on_board_tau_min
     spread = jnp.min((own.max_on_board - on_board) * per_bolus, axis=0)
     by_board = jnp.minimum(at_once, spread) * given.basal_mU_min
@@ -414,7 +414,7 @@ def _inverse(value: jax.Array) -> jax.Array:
     return jnp.where(some, 1.0 / jnp.where(some, value, 1.0), 0.0)
 
 
-MOST_BOLUS_MU: Final = 100_000.0
+MAX_BOLUS_MU: Final = 100_000.0
 """Largest bolus of any pump; a report beyond it is not believed."""
 _AGREE_SAMPLES: Final = 1e-9
 """Part of a sample that is the rounding of a sample time that divides an hour."""

@@ -38,11 +38,11 @@ class Seen:
     trend_mg_dl_min: jax.Array
     unseen_min: jax.Array
     """Time since a reading was believed."""
-    told_mg_dl: jax.Array
+    reported_mg_dl: jax.Array
     """Last reading of all, believed or not."""
     same_min: jax.Array
     """Time for which the reading has been the same while insulin should have changed it."""
-    held_min: jax.Array
+    unchanged_min: jax.Array
     """Time for which the reading has been the same."""
     jumped: jax.Array
     """Indicator, 1 if the last reading changed too fast to be believed, else 0."""
@@ -57,9 +57,9 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
         glucose_mg_dl=jnp.where(believed, glucose_mg_dl, setpoint_mg_dl),
         trend_mg_dl_min=zero,
         unseen_min=zero,
-        told_mg_dl=zero - _NEVER_MG_DL,
+        reported_mg_dl=zero - _NEVER_MG_DL,
         same_min=zero,
-        held_min=zero,
+        unchanged_min=zero,
         jumped=zero,
         awake=zero,
     )
@@ -67,10 +67,10 @@ def first_seen(glucose_mg_dl: jax.Array, believed: jax.Array, setpoint_mg_dl: ja
 
 def heal_seen(seen: Seen, setpoint_mg_dl: jax.Array, settings: GuardSettings) -> Seen:
     """Start again, with no reading believed yet, where any number of the state is impossible."""
-    glucose, trend, latest = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.told_mg_dl
+    glucose, trend, latest = seen.glucose_mg_dl, seen.trend_mg_dl_min, seen.reported_mg_dl
     sound = (glucose >= settings.lowest_reading_mg_dl) & (glucose <= settings.highest_reading_mg_dl)
     sound = sound & (jnp.abs(trend) <= _NEVER_MG_DL) & (jnp.abs(latest) <= _NEVER_MG_DL)
-    for time in (seen.unseen_min, seen.same_min, seen.held_min):
+    for time in (seen.unseen_min, seen.same_min, seen.unchanged_min):
         sound = sound & (time >= 0.0) & (time < math.inf)
     for flag in (seen.jumped, seen.awake):
         sound = sound & ((flag == 0.0) | (flag == 1.0))
@@ -113,11 +113,11 @@ def see(
     since_min = seen.unseen_min + sample_time_min
     rate = jnp.where(change < 0.0, settings.fastest_mg_dl_min * _FALLS, settings.fastest_mg_dl_min)
     # There is nothing to hold a first reading to but the setpoint, and the next reading.
-    again = jnp.abs(glucose_mg_dl - seen.told_mg_dl) <= settings.fastest_mg_dl_min * sample_time_min
+    again = jnp.abs(glucose_mg_dl - seen.reported_mg_dl) <= settings.fastest_mg_dl_min * sample_time_min
     first = again | near(glucose_mg_dl, setpoint_mg_dl, settings, sample_time_min)
     awake = seen.awake > 0.5
     slow = jnp.where(awake, jnp.abs(change) <= rate * since_min, first)
-    same = is_possible & (glucose_mg_dl == seen.told_mg_dl)
+    same = is_possible & (glucose_mg_dl == seen.reported_mg_dl)
     same_min = jnp.where(same, seen.same_min + jnp.where(pushed, sample_time_min, 0.0), 0.0)
     # A low reading is believed even if it does not move: to give insulin on a guess would be worse.
     moving = (same_min < settings.stuck_min) | (glucose_mg_dl < settings.low_mg_dl)
@@ -135,9 +135,11 @@ def see(
             glucose_mg_dl=jnp.where(believed, glucose_mg_dl, ahead),
             trend_mg_dl_min=jnp.where(believed, trend, fading),
             unseen_min=jnp.where(believed, 0.0, since_min),
-            told_mg_dl=jnp.where(is_possible, glucose_mg_dl, seen.told_mg_dl),
+            reported_mg_dl=jnp.where(is_possible, glucose_mg_dl, seen.reported_mg_dl),
             same_min=jnp.where(is_possible, same_min, seen.same_min),
-            held_min=jnp.where(is_possible, jnp.where(same, seen.held_min + sample_time_min, 0.0), seen.held_min),
+            unchanged_min=jnp.where(
+                is_possible, jnp.where(same, seen.unchanged_min + sample_time_min, 0.0), seen.unchanged_min
+            ),
             jumped=jnp.where(is_possible & awake, jnp.where(slow, 0.0, 1.0), seen.jumped),
             awake=jnp.where(believed, 1.0, seen.awake),
         ),

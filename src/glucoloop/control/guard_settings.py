@@ -99,7 +99,7 @@ class GuardSettings(Part, name="usual"):
     stuck_on_board: Annotated[
         float, _limit("Insulin on board, above or below that of the basal rate, that counts for this; in basal rates.")
     ] = 0.25
-    held_min: Annotated[
+    unchanged_min: Annotated[
         float, _waiting("Minutes for which a reading may stay unchanged before at most the basal rate is given.")
     ] = 10.0
     gap_min: Annotated[

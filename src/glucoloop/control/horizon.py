@@ -23,7 +23,7 @@ from glucoloop.refusal import Refusal
 
 Floats = npt.NDArray[np.float64]
 
-LEAST_SHARE: Final = 0.05
+MIN_SHARE: Final = 0.05
 """Least share of its gain that the response of a model has at the horizon.
 
 Linear MPC with 50 g of glucose, on models identified from hovorka-2004 and wilinska-2010 without noise: with 1.8 % (18
@@ -31,7 +31,7 @@ samples of wilinska-2010) glucose falls to 47 to 63 mg/dl for move weights of 0 
 from 5.4 % on a move weight of 1 or 3 keeps it at 76 or above. Without a move weight it still falls to 44 with 5.4 %, to
 65 with 11 %, and to 74 with 20 %.
 """
-USUAL_SHARE: Final = 0.3
+DEFAULT_SHARE: Final = 0.3
 """Share at the usual horizon, with which glucose stays at 84 mg/dl or above without a move weight. The paper's horizons
 of 7 and 8 samples see as much of its patient.
 """
@@ -66,7 +66,7 @@ def or_suited(tuning: Tuning | None, default: Tuning) -> tuple[Tuning, int]:
 def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tuning:
     """A tuning with a horizon that suits the model, but at least `usual`, if its own is 0, and unchanged otherwise.
 
-    A gain that is not below 0, or a response ``(N,)`` that at the horizon has less than `LEAST_SHARE` of it, is
+    A gain that is not below 0, or a response ``(N,)`` that at the horizon has less than `MIN_SHARE` of it, is
     refused.
     """
     if is_traced(response, gain):
@@ -74,10 +74,10 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
     check_gain(gain)
     share = _share(response, gain)
     if not tuning.prediction_horizon:
-        horizon = max(usual, tuning.move_horizon, _samples_until(USUAL_SHARE, share) or LONGEST_PREDICTION_HORIZON)
+        horizon = max(usual, tuning.move_horizon, _samples_until(DEFAULT_SHARE, share) or LONGEST_PREDICTION_HORIZON)
         tuning = dataclasses.replace(tuning, prediction_horizon=horizon)
     seen = float(share[min(tuning.prediction_horizon, share.size) - 1])
-    if not seen >= LEAST_SHARE:
+    if not seen >= MIN_SHARE:
         enough = least_horizon(response, gain)
         mend = (
             "design on another model"
@@ -87,7 +87,7 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
         raised = ", so that insulin seems to raise glucose" if seen < 0.0 else ""
         raise Refusal(
             f"a prediction horizon of {tuning.prediction_horizon} samples sees {100.0 * seen:.2g} % of the gain of "
-            f"insulin{raised}; a controller that sees less than {100.0 * LEAST_SHARE:g} % gives far too much or too "
+            f"insulin{raised}; a controller that sees less than {100.0 * MIN_SHARE:g} % gives far too much or too "
             f"little, so {mend}"
         )
     return tuning
@@ -95,13 +95,13 @@ def suited(tuning: Tuning, response: Any, gain: Any, *, usual: int = 1) -> Tunin
 
 def least_horizon(response: Any, gain: Any) -> int | None:
     """Shortest horizon that `suited` accepts, from which on every longer one is; None without any."""
-    return _samples_until(LEAST_SHARE, _share(response, gain))
+    return _samples_until(MIN_SHARE, _share(response, gain))
 
 
 def unseen(step_response: Floats, gain: Floats, horizon: int) -> Floats:
-    """Indicator ``(people,)`` of responses with less than `LEAST_SHARE` of their gain at the horizon."""
+    """Indicator ``(people,)`` of responses with less than `MIN_SHARE` of their gain at the horizon."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        seen = (gain < 0.0) & (step_response[horizon - 1] / gain >= LEAST_SHARE)
+        seen = (gain < 0.0) & (step_response[horizon - 1] / gain >= MIN_SHARE)
     hidden: Floats = ~seen
     return hidden
 

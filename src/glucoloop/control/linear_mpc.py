@@ -169,7 +169,7 @@ def design_linear_mpc(
         Model as identified, or delayed by a dead time that the controller is to know.
     tuning : MPCTuning, optional
         Tuning; by default that of the paper without noise, its horizon longer where the model is slower, so that at
-        its end the response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 is chosen in the same way.
+        its end the response has `horizon.DEFAULT_SHARE` of the gain. A horizon of 0 is chosen in the same way.
     limits : DoseLimits
         Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     constraints : {"clip", "qp"}
@@ -186,7 +186,7 @@ def design_linear_mpc(
     ------
     ValueError
         For an unknown way of handling constraints, a floor that is not possible, or a model that is not finite, whose
-        gain is not below 0, or whose response at the prediction horizon has less than `horizon.LEAST_SHARE` of it.
+        gain is not below 0, or whose response at the prediction horizon has less than `horizon.MIN_SHARE` of it.
 
     Examples
     --------
@@ -226,7 +226,7 @@ def linear_mpc_of_people(
     """Controllers of many people, who trail, each on the person's own step response ``(M, people)``.
 
     A realisation after n <= M samples has outputs ``(L, people)``; other arguments are those of `design_linear_mpc`.
-    The rate of a person whose response at the horizon has less than `horizon.LEAST_SHARE` of its gain is kept.
+    The rate of a person whose response at the horizon has less than `horizon.MIN_SHARE` of its gain is kept.
     """
     gain = step_response[-1]
     if realisation is not None:

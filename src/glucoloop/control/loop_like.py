@@ -23,12 +23,12 @@ from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
-from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.profile_settings import LoopLikeSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, Profile, insulin_left
 from glucoloop.units import MU_PER_U
@@ -41,7 +41,7 @@ CARB_DELAY_MIN: Final = 10.0
 """Time from eating to the beginning of absorption."""
 MOMENTUM_MIN: Final = 15.0
 """Time over which the slope of readings is taken, and over which it fades into the other effects."""
-MOST_RISE_MG_DL_MIN: Final = 4.0
+MAX_RISE_MG_DL_MIN: Final = 4.0
 """Largest slope upwards."""
 GROUPING_MIN: Final = 30.0
 """Time over which unexplained changes of glucose are added up."""
@@ -55,7 +55,7 @@ BOLUS_SHARE: Final = 0.4
 """Share of the correction that is given as an automatic bolus."""
 _READINGS: Final = 3
 """Least number of readings of a slope."""
-_MOST_MG_DL: Final = 1000.0
+_MAX_MG_DL: Final = 1000.0
 """Largest glucose; no sensor reads more."""
 _SLACK: Final = 1.01
 """LoopKit's factor on the grouping time, by which both ends of it count."""
@@ -133,7 +133,7 @@ class LoopLikeState:
     meals: Meals
     rate_mU_min: jax.Array
     """Rate in force."""
-    asked_mU: jax.Array
+    requested_mU: jax.Array
     """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
@@ -209,7 +209,7 @@ class LoopLike:
     def init(self, observation: Observation) -> LoopLikeState:
         """State of somebody who has rested at the basal rate, without a meal."""
         glucose = jnp.where(is_known(observation), observation.glucose_mg_dl, observation.setpoint_mg_dl)
-        glucose = jnp.clip(glucose, 0.0, _MOST_MG_DL)
+        glucose = jnp.clip(glucose, 0.0, _MAX_MG_DL)
         zero = jnp.zeros_like(observation.delivered_mU_min)
         none = jnp.stack([zero] * MEALS)
         return LoopLikeState(
@@ -220,7 +220,7 @@ class LoopLike:
             unexplained_mg_dl=jnp.stack([zero] * self._grouped),
             meals=Meals(carbs_g=none, since_min=none, observed_g=none),
             rate_mU_min=rate_at_start(observation, jnp.asarray(self.basal_mU_min)),
-            asked_mU=zero,
+            requested_mU=zero,
         )
 
     @property
@@ -231,12 +231,12 @@ class LoopLike:
     def step(self, state: LoopLikeState, observation: Observation) -> tuple[LoopLikeState, Decision]:
         """Include what was read and delivered, and correct the forecast."""
         state = self.observed(state, observation)
-        told, basal = carbs_told(observation), jnp.asarray(self.basal_mU_min)
+        carbs_g, basal = announced_carbs(observation), jnp.asarray(self.basal_mU_min)
         units, highest, spare = self._correction(self.forecast(state), observation.setpoint_mg_dl)
         recent = state.stale_min < RECENT_MIN
         limit_U = 2.0 * self.max_bolus_U - jnp.sum(state.acting_U, axis=0)
-        for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), told / self.carb_ratio_g_U)
-        for_meal = jnp.where(told > 0.0, self.meal_bolus * for_forecast, 0.0)
+        for_forecast = jnp.where(recent, jnp.clip(units, 0.0, self.max_bolus_U), carbs_g / self.carb_ratio_g_U)
+        for_meal = jnp.where(carbs_g > 0.0, self.meal_bolus * for_forecast, 0.0)
         per_U = MU_PER_U / TEMPORARY_BASAL_MIN
         most = basal
         automatic = jnp.zeros_like(for_meal)
@@ -248,17 +248,17 @@ class LoopLike:
             most = jnp.where(for_meal > 0.0, jnp.minimum(most, basal), most)  # the bolus corrects the forecast
         rate = jnp.where(spare, jnp.clip(basal + per_U * units, 0.0, jnp.maximum(most, 0.0)), 0.0)
         rate = jnp.where(recent, rate, basal)
-        bolus = jnp.where(told > 0.0, for_meal, automatic) * MU_PER_U
+        bolus = jnp.where(carbs_g > 0.0, for_meal, automatic) * MU_PER_U
         bolus = jnp.clip(jnp.where(jnp.isfinite(bolus), bolus, 0.0), 0.0, self.bolus.max_mU)
         decision = decide(rate, state.rate_mU_min, self.limits, is_known(observation))
-        return dataclasses.replace(state, asked_mU=bolus), dataclasses.replace(decision, bolus_mU=bolus)
+        return dataclasses.replace(state, requested_mU=bolus), dataclasses.replace(decision, bolus_mU=bolus)
 
     def observed(self, state: LoopLikeState, observation: Observation) -> LoopLikeState:
         """State with a reading, what was delivered since the last sample, and an announced meal."""
         T, sensitivity = self.sample_time_min, jnp.asarray(self.correction_mg_dl_U)
         delivered = delivered_since(observation, state.rate_mU_min)
         given = jnp.clip(delivered, 0.0, self.limits.max_mU_min)
-        bolus = bolus_since(observation, state.asked_mU, self.bolus)
+        bolus = bolus_since(observation, state.requested_mU, self.bolus)
         dose_U = ((given - self.basal_mU_min) * T + bolus) / MU_PER_U
         left = self.left(np.arange(self.horizon + 1))
         acted_U = state.acting_U[0] + dose_U * (1.0 - left[1])
@@ -266,7 +266,7 @@ class LoopLike:
         acting = coming + _column(left[1:-1] - left[2:], dose_U) * dose_U
         # what insulin does not explain is absorption of meals, as far as there are any
         known = is_known(observation)
-        y = jnp.clip(observation.glucose_mg_dl, 0.0, _MOST_MG_DL)
+        y = jnp.clip(observation.glucose_mg_dl, 0.0, _MAX_MG_DL)
         fall = sensitivity * acted_U
         counteracted = y - state.readings_mg_dl[0] + fall
         per_g = sensitivity / self.carb_ratio_g_U
@@ -279,7 +279,7 @@ class LoopLike:
         expected = per_g * jnp.sum(
             meals.carbs_g * (part_absorbed(before[0] + T / before[1]) - part_absorbed(before[0])), axis=0
         )
-        forecast = jnp.clip(state.readings_mg_dl[0] - fall + expected, 0.0, _MOST_MG_DL)
+        forecast = jnp.clip(state.readings_mg_dl[0] - fall + expected, 0.0, _MAX_MG_DL)
         unexplained = jnp.where(known, counteracted - risen, 0.0)
         glucose = jnp.where(known, y, forecast)
         row = jnp.minimum(state.in_a_row + 1.0, float(self._slope_readings))
@@ -289,9 +289,9 @@ class LoopLike:
             stale_min=jnp.where(known, 0.0, jnp.minimum(state.stale_min + T, 2.0 * RECENT_MIN)),
             acting_U=acting,
             unexplained_mg_dl=jnp.concatenate([unexplained[None], state.unexplained_mg_dl[:-1]]),
-            meals=meals.with_new(carbs_told(observation), eaten_in_min(observation)),
+            meals=meals.with_new(announced_carbs(observation), eaten_in_min(observation)),
             rate_mU_min=delivered,
-            asked_mU=state.asked_mU,
+            requested_mU=state.requested_mU,
         )
 
     def forecast(self, state: LoopLikeState) -> jax.Array:
@@ -320,7 +320,7 @@ class LoopLike:
         times = _column(-self.sample_time_min * order, state.in_a_row)
         t = weight * (times - jnp.sum(weight * times, axis=0) / jnp.maximum(jnp.sum(weight, axis=0), 1.0))
         slope = jnp.sum(t * state.readings_mg_dl, axis=0) / jnp.maximum(jnp.sum(t * t, axis=0), 1e-9)
-        return jnp.minimum(slope, MOST_RISE_MG_DL_MIN)
+        return jnp.minimum(slope, MAX_RISE_MG_DL_MIN)
 
     def _correction(self, forecast: jax.Array, setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Insulin [U] that corrects a forecast, whether more than the basal rate may be given, and whether any."""
@@ -362,7 +362,7 @@ def design_loop_like(
     max_basal: float = 4.0,
     max_bolus_U: float = 10.0,
     meal_bolus: float = 1.0,
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> LoopLike:
     """Controller after LoopKit's, for a person's basal rate, carbohydrate ratio and correction factor.

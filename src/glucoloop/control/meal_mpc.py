@@ -45,9 +45,9 @@ from glucoloop.qp.moves_qp import limit_moves
 from glucoloop.qp.soft_floor import minimise_moves_above_floor
 from glucoloop.refusal import Refusal
 
-_LEAST_VARIANCE: Final = 0.01
+_MIN_VARIANCE: Final = 0.01
 """(mg/dl)^2 that a filter expects of readings without noise."""
-_MOST_VARIANCE: Final = 1.45
+_MAX_VARIANCE: Final = 1.45
 """(mg/dl)^2 of white noise of the sensor that a filter expects at most where it learns the rest.
 
 A correlated error that is taken for white noise looks like a meal.
@@ -195,18 +195,20 @@ class MealMPC:
             announced_carbs_g=announced[0],
             time_of_day_min=self._time_of_reading(observation),
         )
-        held, estimate = self.estimator.step(self.model, state.estimator, sensed)
+        estimator_state, estimate = self.estimator.step(self.model, state.estimator, sensed)
         unexpected = self.expected.without(estimate, 1.0 - self.anticipation, sensed.time_of_day_min)
         now = self._to_this_sample(unexpected, rates[1:], announced[1:])
         lasting = self._learned(state.lasting_mg_min, estimate, observation.setpoint_mg_dl, known)
         moves, converged = self._plan(now, unexpected, lasting, state.planned, observation.setpoint_mg_dl, delivered)
 
         fresh = self.init(observation)
-        sound = _finite(held) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
-        held = jax.tree.map(lambda present, new: jnp.where(sound, present, new), held, fresh.estimator)
+        sound = _finite(estimator_state) & is_of_a_person(self.model.glucose_mg_dl(estimate.x))
+        estimator_state = jax.tree.map(
+            lambda present, new: jnp.where(sound, present, new), estimator_state, fresh.estimator
+        )
         planned = jnp.where(sound, jnp.append(moves[1:], 0.0), 0.0)
         state = MealMPCState(
-            estimator=held,
+            estimator=estimator_state,
             delivered_mU_min=rates,
             reported=reported[1:],
             announced_g=announced[1:],
@@ -277,7 +279,7 @@ class MealMPC:
         there = 1.0 - self.gut_doubt * variance / (variance + _DOUBTED_VARIANCE)
         ends = dataclasses.replace(
             now,
-            stomach=jax.tree.map(lambda held: there * held, now.stomach),
+            stomach=jax.tree.map(lambda estimator_state: there * estimator_state, now.stomach),
             disturbance=now.disturbance - self.doubt * jnp.maximum(now.disturbance - lasting, 0.0),
         )
         twice = jax.tree.map(lambda *leaves: jnp.stack(leaves), now, ends)
@@ -446,12 +448,13 @@ def design(case: DesignCase, settings: MealMPCSettings) -> MealMPC:
         habits=settings.habits(),
         estimator=settings.estimator,
         disturbance_variance=settings.disturbance_variance,
-        measurement_variance=settings.measurement_variance or _variance_told(case.noise_variance, settings.estimator),
+        measurement_variance=settings.measurement_variance
+        or _measurement_variance(case.noise_variance, settings.estimator),
         dead_time_samples=case.dead_time_samples,
     )
 
 
-def _variance_told(noise_variance: float, estimator: EstimatorPart) -> float:
+def _measurement_variance(noise_variance: float, estimator: EstimatorPart) -> float:
     """Variance R for a sensor with white noise: what is beyond a bound is left to an estimator that learns noise."""
     learns = getattr(estimator, "noise_drift", 0.0) > 0.0
-    return min(max(noise_variance, _LEAST_VARIANCE), _MOST_VARIANCE if learns else math.inf)
+    return min(max(noise_variance, _MIN_VARIANCE), _MAX_VARIANCE if learns else math.inf)

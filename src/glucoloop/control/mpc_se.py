@@ -134,17 +134,17 @@ class MPCSE:
         known = is_known(observation)
         predicted = (self.C if self.C_reading is None else self.C_reading) @ estimate
         innovation = jnp.where(known, observation.glucose_mg_dl - self.basal_glucose_mg_dl - predicted, 0.0)
-        sensor = held = None
+        sensor = free_response = None
         if self.learning is None or state.sensor is None:
             estimate = estimate + jnp.multiply.outer(self.kalman_gain, innovation)
         else:
-            sensor, correction, held = self._learn(self.learning, state.sensor, innovation, known)
+            sensor, correction, free_response = self._learn(self.learning, state.sensor, innovation, known)
             estimate = estimate + correction
 
         target = observation.setpoint_mg_dl - self.basal_glucose_mg_dl
         reference = target + jnp.multiply.outer(self.reference, self.C @ estimate - target)
         free = self.free_state @ estimate + jnp.multiply.outer(self.free_input, rate)
-        free = free + (jnp.multiply.outer(self.free_innovation, innovation) if held is None else held)
+        free = free + (jnp.multiply.outer(self.free_innovation, innovation) if free_response is None else free_response)
         move, converged = self.plan.first_move(reference - free, delivered, self.basal_glucose_mg_dl + free)
 
         # An estimate that no person can have comes back late or never; rest under the present rate is all that is
@@ -171,12 +171,12 @@ class MPCSE:
         deviation = jnp.sqrt(jnp.einsum("l...,l->...", share, filters.innovation_variance))
         error = filters.correlation * sensor.error_mg_dl
         innovation = jnp.where(known, residual - error, 0.0)
-        found = SensorError(
+        result = SensorError(
             error_mg_dl=error + gain[-1] * innovation,
             deviation_mg_dl=filters.learn(sensor.deviation_mg_dl, innovation / deviation, known),
         )
-        held = jnp.einsum("l...,lp->p...", share, learning.free_innovation) * innovation
-        return found, gain[:-1] * innovation, held
+        free_response = jnp.einsum("l...,lp->p...", share, learning.free_innovation) * innovation
+        return result, gain[:-1] * innovation, free_response
 
 
 def _with_disturbance(
@@ -234,7 +234,7 @@ def design_mpc_se(
         Q, per sample; a vector is its diagonal.
     tuning : StateTuning, optional
         Tuning; by default that of the catalogue, its horizon longer where the model is slower, so that at its end the
-        response has `horizon.USUAL_SHARE` of the gain. A horizon of 0 follows from the model too.
+        response has `horizon.DEFAULT_SHARE` of the gain. A horizon of 0 follows from the model too.
     limits : DoseLimits
         Limits of the pump, by default those of 1999; give ``gl.usual_limits(patient)`` for another patient.
     measurement_variance : float
@@ -262,7 +262,7 @@ def design_mpc_se(
     ------
     ValueError
         For an unknown option, a pace outside 0 to 1, a floor that is not possible, noise that is not a covariance, a
-        model whose gain is not below 0, that shows less than `horizon.LEAST_SHARE` of it within the horizon or that
+        model whose gain is not below 0, that shows less than `horizon.MIN_SHARE` of it within the horizon or that
         cannot be estimated from glucose, or a dead time that is negative.
 
     Examples
@@ -317,12 +317,12 @@ def design_mpc_se(
     learning = None
     if noise_pace > 0.0:
         filters = noisy_filters(Phi[..., 0], C_reading, Q, measurement_variance, pace=noise_pace)
-        held = np.zeros((len(filters.gain), tuned.prediction_horizon))
+        free_response = np.zeros((len(filters.gain), tuned.prediction_horizon))
         if offset_free == "held-innovation":
             # C Phi^i of i = 0 .. p - 1; the free response to the estimate begins with i = 1
             ahead = np.concatenate([C.T, np.asarray(one.free_state)[:-1, :, 0]])
-            held = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
-        learning = NoiseLearning(filters=filters, free_innovation=jnp.asarray(held))
+            free_response = np.cumsum(np.asarray(filters.gain)[:, :-1] @ ahead.T, axis=1)
+        learning = NoiseLearning(filters=filters, free_innovation=jnp.asarray(free_response))
     return dataclasses.replace(
         one,
         plan=plan,
@@ -365,7 +365,7 @@ def mpc_se_of_people(
     """Controllers of many people, who trail, from their models and Kalman gains.
 
     Other arguments are those of `design_mpc_se`. The rate of a person whose model at the horizon shows less than
-    `horizon.LEAST_SHARE` of its gain is kept.
+    `horizon.MIN_SHARE` of its gain is kept.
     """
     floor = glucose_floor(glucose_floor_mg_dl, floor_weight)
     seen_samples = tuning.prediction_horizon

@@ -26,7 +26,7 @@ from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.settings import DEFAULT_FLOOR_WEIGHT, NLQDMCSettings, StateTuning
 from glucoloop.estimation import steady_state_gain
 from glucoloop.estimation.noise_level import CORRELATION, SensorError, check_pace, learned, no_error
-from glucoloop.estimation.riccati import carried_on, is_covariance, triangle, whole
+from glucoloop.estimation.riccati import is_covariance, next_covariance, triangle, whole
 from glucoloop.models.nonlinear import NonlinearModel, own_reading, reading_of
 from glucoloop.models.state_space import ContinuousModel, LinearModel, discretise, halvings_of, linearise, step_response
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -128,7 +128,7 @@ class NLQDMC:
         known, residual, sensor = is_known(observation), observation.glucose_mg_dl - reading(x), None
         if self.noise_pace is None or state.sensor is None:
             C = linear.reading_row
-            covariance = carried_on(covariance, linear.Phi, C, self.process_noise, self.measurement_variance)
+            covariance = next_covariance(covariance, linear.Phi, C, self.process_noise, self.measurement_variance)
             seen = whole(covariance) @ C
             K = seen / (C @ seen + self.measurement_variance)
             correction = K * jnp.where(known, residual, 0.0)
@@ -191,17 +191,17 @@ class NLQDMC:
         drive = (1.0 - CORRELATION**2) * sensor.deviation_mg_dl**2
         Q = jnp.pad(self.process_noise, (0, 1)).at[-1, -1].set(drive)
         C = jnp.append(linear.reading_row, 1.0)
-        covariance = carried_on(covariance, Phi, C, Q, self.measurement_variance)
+        covariance = next_covariance(covariance, Phi, C, Q, self.measurement_variance)
         seen = whole(covariance) @ C
         variance = C @ seen + self.measurement_variance
         K = seen / variance
         error = CORRELATION * sensor.error_mg_dl
         innovation = jnp.where(known, residual - error, 0.0)
-        found = SensorError(
+        result = SensorError(
             error_mg_dl=error + K[-1] * innovation,
             deviation_mg_dl=learned(sensor.deviation_mg_dl, innovation / jnp.sqrt(variance), known, pace),
         )
-        return covariance, found, K[:-1] * innovation
+        return covariance, result, K[:-1] * innovation
 
 
 def _linearised(model: NonlinearModel, x: jax.Array, insulin_mU_min: jax.Array) -> ContinuousModel:

@@ -83,8 +83,8 @@ class Paced:
     @property
     def horizons(self) -> tuple[int, int]:
         """Moves and predicted samples of the inner controller, if it plans moves."""
-        found: tuple[int, int] = self.inner.horizons  # type: ignore[attr-defined]
-        return found
+        result: tuple[int, int] = self.inner.horizons  # type: ignore[attr-defined]
+        return result
 
     def padded(self, moves: int, horizon: int) -> Paced:
         """The same with a longer plan of the inner controller, as `LinearMPC.padded` has it."""

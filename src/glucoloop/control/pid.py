@@ -102,7 +102,7 @@ class PIDState:
 
     last_mg_dl: jax.Array
     integral_mU_min: jax.Array
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """Last rate that was asked for, within the range of the pump."""
     insulin_mU_min: jax.Array
     """Rate in force."""
@@ -135,7 +135,7 @@ class PID:
         return PIDState(
             last_mg_dl=reading,
             integral_mU_min=insulin - self.proportional * (reading - observation.setpoint_mg_dl),
-            asked_mU_min=insulin,
+            requested_mU_min=insulin,
             insulin_mU_min=insulin,
         )
 
@@ -151,7 +151,7 @@ class PID:
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
         error = y - observation.setpoint_mg_dl
-        cut, rounding = state.asked_mU_min - delivered, ROUNDING * self.limits.max_mU_min
+        cut, rounding = state.requested_mU_min - delivered, ROUNDING * self.limits.max_mU_min
         waits = ((cut > rounding) & (error > 0.0)) | ((cut < -rounding) & (error < 0.0))
         # No error is larger than one that moves the rate over the whole range; an impossible reading ends there too.
         most = self.limits.max_mU_min - self.limits.min_mU_min
@@ -159,15 +159,15 @@ class PID:
         integral = state.integral_mU_min + jnp.where(grows, jnp.clip(self.integral * error, -most, most), 0.0)
         wanted = self.proportional * error + integral + self.derivative * (y - state.last_mg_dl)
         # A held reading says nothing about the error now: the last rate stays.
-        wanted = jnp.where(known, wanted, state.asked_mU_min)
+        wanted = jnp.where(known, wanted, state.requested_mU_min)
         finite = jnp.isfinite(wanted)
-        asked = jnp.clip(jnp.where(finite, wanted, delivered), self.limits.min_mU_min, self.limits.max_mU_min)
-        anew = integral + (asked - wanted)
-        at_limit = jnp.where(wanted < asked, jnp.maximum(integral, jnp.minimum(state.integral_mU_min, anew)), anew)
+        requested = jnp.clip(jnp.where(finite, wanted, delivered), self.limits.min_mU_min, self.limits.max_mU_min)
+        anew = integral + (requested - wanted)
+        at_limit = jnp.where(wanted < requested, jnp.maximum(integral, jnp.minimum(state.integral_mU_min, anew)), anew)
         state = PIDState(
             last_mg_dl=y,
             integral_mU_min=jnp.where(known & finite, at_limit, integral),
-            asked_mU_min=asked,
+            requested_mU_min=requested,
             insulin_mU_min=delivered,
         )
         return state, decide(wanted, delivered, self.limits, known)

@@ -22,13 +22,13 @@ import numpy.typing as npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
-from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known, rate_at_start
+from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.pid import ROUNDING
 from glucoloop.control.profile_settings import PIDIFBSettings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_number, check_rate, check_sample_time
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.therapy import Profile
 from glucoloop.units import MU_PER_U
 
@@ -40,7 +40,7 @@ FEEDBACK: Final = (0.64935, 0.34128, 0.0093667)
 """Gains of the feedback of the three, Ruiz et al."""
 DERIVATIVE_RULE: Final = 1500.0
 """Fall of glucose [mg/dl] by 1 U, times the total daily dose [U], from which the derivative gain follows."""
-_MOST_MG_DL: Final = 1000.0
+_MAX_MG_DL: Final = 1000.0
 """Largest difference of glucose that enters the rate; no sensor reads so far from a setpoint."""
 
 
@@ -64,9 +64,9 @@ class PIDIFBState:
     """(3, ...) modelled insulin under the skin, in plasma and at its effect, as the rate that would hold it."""
     rate_mU_min: jax.Array
     """Rate in force."""
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """Last rate that was asked for, within the range of the pump."""
-    asked_mU: jax.Array
+    requested_mU: jax.Array
     """Bolus that was asked for at the last sample, used if the pump reports nothing."""
 
 
@@ -127,8 +127,8 @@ class PIDIFB:
             integral_mU_min=jnp.broadcast_to(jnp.asarray(self.basal_mU_min, rate.dtype), rate.shape),
             insulin_mU_min=jnp.stack([rate] * 3),
             rate_mU_min=rate,
-            asked_mU_min=rate,
-            asked_mU=jnp.zeros_like(rate),
+            requested_mU_min=rate,
+            requested_mU=jnp.zeros_like(rate),
         )
 
     def step(self, state: PIDIFBState, observation: Observation) -> tuple[PIDIFBState, Decision]:
@@ -137,29 +137,29 @@ class PIDIFB:
         The integral waits where the rate is at a limit of the pump, or was cut, and would go further that way.
         """
         delivered = delivered_since(observation, state.rate_mU_min)
-        given = jnp.where((delivered >= 0.0) & (delivered <= self.limits.max_mU_min), delivered, state.asked_mU_min)
-        given = given + bolus_since(observation, state.asked_mU, self.bolus) / self.sample_time_min
+        given = jnp.where((delivered >= 0.0) & (delivered <= self.limits.max_mU_min), delivered, state.requested_mU_min)
+        given = given + bolus_since(observation, state.requested_mU, self.bolus) / self.sample_time_min
         Phi, Gamma = insulin_lags(self.sample_time_min)
         insulin = jnp.stack(
             [sum((Phi[i, j] * state.insulin_mU_min[j] for j in range(i + 1)), Gamma[i] * given) for i in range(3)]
         )
         known = is_known(observation)
         y = jnp.where(known, observation.glucose_mg_dl, state.last_mg_dl)
-        error = jnp.clip(y - observation.setpoint_mg_dl, -_MOST_MG_DL, _MOST_MG_DL)
-        rise = jnp.clip(y - state.last_mg_dl, -_MOST_MG_DL, _MOST_MG_DL)
+        error = jnp.clip(y - observation.setpoint_mg_dl, -_MAX_MG_DL, _MAX_MG_DL)
+        rise = jnp.clip(y - state.last_mg_dl, -_MAX_MG_DL, _MAX_MG_DL)
         gain = self.proportional()
         grown = state.integral_mU_min + gain * error * (self.sample_time_min / self.integral_time_min)
         beta_cell = gain * (error + self.derivative_time_min / self.sample_time_min * rise) + grown
         fed_back = sum((self.feedback[i] * insulin[i] for i in range(3)), jnp.zeros(()))
         wanted = (1.0 + jnp.sum(jnp.asarray(self.feedback))) * beta_cell - fed_back
-        wanted = jnp.where(known, wanted, state.asked_mU_min)
+        wanted = jnp.where(known, wanted, state.requested_mU_min)
         finite, least, most = jnp.isfinite(wanted), self.limits.min_mU_min, self.limits.max_mU_min
-        asked = jnp.clip(jnp.where(finite, wanted, state.asked_mU_min), least, most)
-        cut, rounding = state.asked_mU_min - delivered, ROUNDING * most
+        requested = jnp.clip(jnp.where(finite, wanted, state.requested_mU_min), least, most)
+        cut, rounding = state.requested_mU_min - delivered, ROUNDING * most
         waits = (error > 0.0) & ((wanted >= most) | (cut > rounding))
         waits = waits | ((error < 0.0) & ((wanted <= least) | (cut < -rounding)))
         grown = jnp.where(known & finite & ~waits, jnp.clip(grown, least, most), state.integral_mU_min)
-        for_meal = self.meal_bolus * carbs_told(observation) * (MU_PER_U / self.carb_ratio_g_U)
+        for_meal = self.meal_bolus * announced_carbs(observation) * (MU_PER_U / self.carb_ratio_g_U)
         bolus = jnp.clip(for_meal, 0.0, self.bolus.max_mU)
         decision = decide(wanted, delivered, self.limits, known)
         after = PIDIFBState(
@@ -167,8 +167,8 @@ class PIDIFB:
             integral_mU_min=grown,
             insulin_mU_min=insulin,
             rate_mU_min=delivered,
-            asked_mU_min=asked,
-            asked_mU=bolus,
+            requested_mU_min=requested,
+            requested_mU=bolus,
         )
         return after, dataclasses.replace(decision, bolus_mU=bolus)
 
@@ -184,7 +184,7 @@ def design_pid_ifb(
     feedback: float = 1.0,
     carb_ratio_g_U: float | None = None,
     meal_bolus: float = 1.0,
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> PIDIFB:
     """PID controller with insulin feedback, for a person's total daily dose.

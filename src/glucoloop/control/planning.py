@@ -69,8 +69,8 @@ def glucose_floor(glucose_mg_dl: float, weight: float) -> GlucoseFloor | None:
         )
     if not is_traced(weight) and not 0.0 < weight < math.inf:
         raise Refusal(f"a floor weight of {weight:g} is not possible; give a finite value above 0")
-    asked = is_traced(glucose_mg_dl) or glucose_mg_dl > 0.0
-    return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if asked else None
+    has_floor = is_traced(glucose_mg_dl) or glucose_mg_dl > 0.0
+    return GlucoseFloor(glucose_mg_dl=glucose_mg_dl, weight=weight) if has_floor else None
 
 
 def minimise_above(

@@ -40,9 +40,9 @@ _STEPS_MIN: Final = ((240.0, 30.0), (math.inf, 60.0))
 """Longest step of the forecast in blocks that end by a time."""
 _ITERATIONS: Final = 2
 """Linearisations at each sample."""
-_MOST_CARBS_G: Final = 1000.0
+_MAX_CARBS_G: Final = 1000.0
 """Largest carbohydrate of a meal that is accepted."""
-_LEAST_VARIANCE: Final = 0.25
+_MIN_VARIANCE: Final = 0.25
 """(mg/dl)^2 that the filter expects of readings without noise."""
 
 
@@ -53,9 +53,9 @@ class ProfileMPCState:
     estimate: FedEstimate
     plan_mU_min: jax.Array
     """(m,) rates of the last plan, block by block."""
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """Rate that was asked for at the last sample, used where the pump reports nothing."""
-    asked_bolus_mU: jax.Array
+    requested_bolus_mU: jax.Array
     """Bolus that was asked for at the last sample, used likewise."""
     to_come: MealsToCome | None = None
     """Announced meals that are still to be eaten; None where observations tell no time of eating."""
@@ -120,20 +120,20 @@ class ProfileMPC:
         return ProfileMPCState(
             estimate=self.filter.init(self.model),
             plan_mU_min=jnp.ones(self.forecast.block_min.shape[0]) * self.model.basal_mU_min,
-            asked_mU_min=delivered,
-            asked_bolus_mU=jnp.zeros_like(delivered),
+            requested_mU_min=delivered,
+            requested_bolus_mU=jnp.zeros_like(delivered),
             to_come=no_meals_to_come(observation),
         )
 
     def step(self, state: ProfileMPCState, observation: Observation) -> tuple[ProfileMPCState, Decision]:
         """Carry the estimate to this sample, correct it by the reading, hear of a meal, plan, and dose."""
         known = is_known(observation)
-        delivered = delivered_since(observation, state.asked_mU_min)
+        delivered = delivered_since(observation, state.requested_mU_min)
         bolus = self._delivered_bolus(state, observation)
         estimate = self.filter.predict(self.model, state.estimate, delivered + bolus / self.sample_time_min)
         estimate = self.filter.update(self.model, estimate, observation.glucose_mg_dl, known)
         carbs = observation.announced_carbs_g
-        eats = (carbs > 0.0) & (carbs <= _MOST_CARBS_G)
+        eats = (carbs > 0.0) & (carbs <= _MAX_CARBS_G)
         to_come, begins = hear(state.to_come, observation, jnp.where(eats, carbs, 0.0), self.sample_time_min)
         estimate = self.filter.announce(estimate, begins)
 
@@ -153,16 +153,16 @@ class ProfileMPC:
         state = ProfileMPCState(
             estimate=estimate,
             plan_mU_min=plan,
-            asked_mU_min=decision.insulin_mU_min,
-            asked_bolus_mU=wanted,
+            requested_mU_min=decision.insulin_mU_min,
+            requested_bolus_mU=wanted,
             to_come=to_come,
         )
         return state, dataclasses.replace(decision, bolus_mU=wanted)
 
     def _delivered_bolus(self, state: ProfileMPCState, observation: Observation) -> jax.Array:
         """Bolus since the last sample: the reported one, or the one asked for if the report is impossible."""
-        word, asked = observation.delivered_bolus_mU, state.asked_bolus_mU
-        return asked if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, asked)
+        word, requested = observation.delivered_bolus_mU, state.requested_bolus_mU
+        return requested if word is None else jnp.where((word >= 0.0) & (word <= self.bolus.max_mU), word, requested)
 
     def _later(self, estimate: FedEstimate, to_come: MealsToCome | None) -> jax.Array | None:
         """Mean appearance ``(p,)`` in the steps ahead of meals that are still to be eaten, or None for none."""
@@ -355,7 +355,7 @@ def design_profile_mpc(
             disturbance_min=settings.disturbance_min,
             glucose_noise_mg_min=settings.glucose_noise_mg_min,
             counting_error=settings.counting_error_pct / 100.0,
-            measurement_variance=settings.measurement_variance or max(noise_variance, _LEAST_VARIANCE),
+            measurement_variance=settings.measurement_variance or max(noise_variance, _MIN_VARIANCE),
             sensor_error_mg_dl=settings.sensor_error_mg_dl,
             sensor_correlation=CORRELATION ** (sample / SAMPLE_MIN),
             gut_time_error=settings.gut_error_pct / 100.0,

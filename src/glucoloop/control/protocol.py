@@ -140,8 +140,8 @@ def uses_of(controller: object) -> frozenset[Need]:
     A controller declares it by an attribute ``uses``, which a wrapper passes on; one that does not is taken to use
     everything.
     """
-    found: frozenset[Need] = getattr(controller, "uses", OF_CONTROLLERS)
-    return found
+    result: frozenset[Need] = getattr(controller, "uses", OF_CONTROLLERS)
+    return result
 
 
 def draws(controller: object) -> bool:

@@ -275,10 +275,10 @@ class MealMPCSettings(MealTuning, name="meal-mpc"):
         Tuned("meals_per_h", 0.02, 5.0, log=True),
         Tuned("mean_carbs_g", 10.0, 150.0, log=True),
         Tuned("disturbance_variance", 0.1, 1000.0, log=True),
-        Tuned("output_weight", 0.1, 10.0, log=True, unasked=False),
-        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False, unasked=False),
-        Tuned("floor_weight", 0.5, 50.0, log=True, unasked=False),
-        Tuned("measurement_variance", 0.3, 30.0, log=True, unasked=False),
+        Tuned("output_weight", 0.1, 10.0, log=True, by_default=False),
+        Tuned("glucose_floor_mg_dl", 55.0, 80.0, log=False, by_default=False),
+        Tuned("floor_weight", 0.5, 50.0, log=True, by_default=False),
+        Tuned("measurement_variance", 0.3, 30.0, log=True, by_default=False),
     )
 
     estimator: Annotated[EstimatorPart, About("Estimator of meals.")] = ESTIMATORS[ESTIMATORS.usual].partial({})

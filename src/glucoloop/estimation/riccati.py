@@ -40,7 +40,7 @@ def _states(packed: jax.Array) -> int:
     return (math.isqrt(8 * packed.shape[0] + 1) - 1) // 2
 
 
-def carried_on(
+def next_covariance(
     packed: jax.Array, Phi: jax.Array, C: jax.Array, Q: jax.Array, R: jax.Array | float, steps: int = RICCATI_STEPS
 ) -> jax.Array:
     """Prediction covariance some steps of the Riccati equation on, ``P <- Phi (P - P C' C P / (C P C' + R)) Phi' + Q``.

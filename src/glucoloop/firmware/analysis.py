@@ -48,13 +48,13 @@ def misra_of(files: Mapping[str, str], *checked: str) -> Rung:
         code, output = ran(["cppcheck", *flags, *checked], folder)
     if code == 124:
         return Rung(name, None, output, {})
-    found: dict[str, int] = {}
+    result: dict[str, int] = {}
     for rule in re.findall(r"misra-c2012-([\d.]+)", output):
-        found[rule] = found.get(rule, 0) + 1
-    if "misra" in output and not found:
+        result[rule] = result.get(rule, 0) + 1
+    if "misra" in output and not result:
         return Rung(name, None, f"the add-on does not run: {' '.join(output.split())[:300]}", {})
-    required = {rule: count for rule, count in found.items() if rule not in _ADVISORY}
-    advisory = {rule: count for rule, count in found.items() if rule in _ADVISORY}
+    required = {rule: count for rule, count in result.items() if rule not in _ADVISORY}
+    advisory = {rule: count for rule, count in result.items() if rule in _ADVISORY}
     findings = "; ".join(
         f"{kind} rules: {', '.join(f'{rule} ({count} times)' for rule, count in sorted(rules.items())) or 'no finding'}"
         for kind, rules in (("required", required), ("advisory", advisory))

@@ -14,7 +14,7 @@ from glucoloop.control.protocol import Controller, Decision, Observation, Status
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import Evaluation
 from glucoloop.native.targets.c.source import LastClamp, Source, Traced, trace, write_source
-from glucoloop.pumps import USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps import DEFAULT_BOLUS_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 
 PRECISIONS = ("float32", "float64")
@@ -49,7 +49,7 @@ def export(
     *,
     precision: str = "float32",
     form: str = "auto",
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
 ) -> Exported:
     """Write a controller in C, as of an example of an observation, whose fields that are None are absent in C.
 

@@ -119,7 +119,7 @@ def _samples(exported: Exported, record: SampleRecord) -> str:
         "READ": "\n".join(read(field, i) for i, field in enumerate(given)),
         "COMPARED": "\n".join(compared(field, i) for i, field in enumerate(expected)),
     }
-    return re.sub(r"@(\w+)@", lambda found: texts[found[1]], template("samples.h"))
+    return re.sub(r"@(\w+)@", lambda result: texts[result[1]], template("samples.h"))
 
 
 def numbers_table(controller: Controller) -> str:

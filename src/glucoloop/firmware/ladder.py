@@ -76,10 +76,10 @@ def _compiled(lowered: Lowered) -> Callable[..., Any]:
     none = np.zeros((0, 1), kernel.dtype)
 
     def run(own: Any, carry: Any = none) -> tuple[Any, Any]:
-        person, held, seen = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
+        person, carry_, seen = (np.repeat(rows, kernel.lanes, axis=1) for rows in (none, carry, own))
         outputs = np.zeros((1, kernel.sizes["outputs"], kernel.lanes), kernel.dtype)
-        kernel.run(person, held, kernel.by_vector(seen[None]), np.zeros((1, 0), kernel.dtype), outputs)
-        return held, outputs[0]
+        kernel.run(person, carry_, kernel.by_vector(seen[None]), np.zeros((1, 0), kernel.dtype), outputs)
+        return carry_, outputs[0]
 
     return run
 
@@ -106,21 +106,21 @@ def emulated(exported: Exported, record: SampleRecord, chip: Chip) -> Rung:
             return Rung(name, False, f"the compiler refuses it: {output.strip()[:500]}", {})
         code, output = ran(run_command(chip), folder)
         sizes = _sizes_of(chip, folder)
-    found = dict(re.findall(r"(\w+)=(\d+)", output))
-    if code or "samples" not in found:
+    result = dict(re.findall(r"(\w+)=(\d+)", output))
+    if code or "samples" not in result:
         return Rung(name, False, f"the self-test fails: {' '.join(output.split())[:500]}", sizes)
-    instructions = int(found["instructions"])
-    ram = int(found["state"]) + int(found["workspace"])
+    instructions = int(result["instructions"])
+    ram = int(result["state"]) + int(result["workspace"])
     milliseconds = instructions * _CYCLES / (_CLOCK_MHZ * 1e3)
     measured = {
-        "samples": int(found["samples"]),
+        "samples": int(result["samples"]),
         "instructions": instructions,
         "ram_bytes": ram,
         **sizes,
         "ms_assumed": round(milliseconds, 3),
     }
     output = (
-        f"{found['samples']} samples, every dose and status equal to the bit; {sizes.get('flash_bytes', 0)} bytes of "
+        f"{result['samples']} samples, every dose and status equal to the bit; {sizes.get('flash_bytes', 0)} bytes of "
         f"program and tables, {ram} bytes of state and workspace, {sizes.get('stack_bytes', 0)} bytes of stack; at "
         f"most {instructions} instructions a step, which is {milliseconds:.3g} ms at {_CLOCK_MHZ:g} MHz if one takes "
         f"{_CYCLES:g} cycles"

@@ -20,12 +20,12 @@ class Rung:
     check: str
     holds: bool | None
     """Whether the check passed, or None if it was not run."""
-    found: str
+    finding: str
     measured: Mapping[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {"check": self.check, "holds": self.holds, "found": self.found, **self.measured}
+        return {"check": self.check, "holds": self.holds, "found": self.finding, **self.measured}
 
 
 def ran(command: list[str], folder: Path) -> tuple[int, str]:

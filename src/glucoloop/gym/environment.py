@@ -34,9 +34,9 @@ with needed_for("an environment"):
 Floats = npt.NDArray[np.float32]
 Observed = dict[str, npt.NDArray[Any]]
 
-MOST_GLUCOSE_MG_DL: Final = 1000.0
+MAX_GLUCOSE_MG_DL: Final = 1000.0
 """Largest reading or glucose in an observation; one beyond is shown as this."""
-_MOST_CARBS_G: Final = 1000.0
+_MAX_CARBS_G: Final = 1000.0
 
 
 class _Situation:
@@ -78,15 +78,15 @@ class _Situation:
             bolus_U = float(trial.bolus.max_mU) / MU_PER_U
             low, high, most_U = [*low, 0.0], [*high, bolus_U], most_U + bolus_U
         self.action_box = Box(np.array(low, np.float32), np.array(high, np.float32))
-        seen = {"glucose_mg_dl": ("mg/dl", MOST_GLUCOSE_MG_DL)}
+        seen = {"glucose_mg_dl": ("mg/dl", MAX_GLUCOSE_MG_DL)}
         if not truth:
             seen = {
-                "reading_mg_dl": ("mg/dl", MOST_GLUCOSE_MG_DL),
+                "reading_mg_dl": ("mg/dl", MAX_GLUCOSE_MG_DL),
                 "reading_age_min": ("min", trial.horizon_min),
             }
         seen |= {
             "insulin_U": ("U", most_U),
-            "announced_g": ("g", _MOST_CARBS_G),
+            "announced_g": ("g", _MAX_CARBS_G),
             "time_of_day_min": ("min", MIN_PER_DAY),
         }
         self._ahead = bool(trial.announce_before_min)
@@ -97,7 +97,7 @@ class _Situation:
         highest = np.array([most for _, most in seen.values()], np.float32)
         self.observation_box = Box(np.zeros_like(highest), highest)
         self._latest = np.full(number, np.nan)
-        self._read_at, self._asked_U = np.zeros(number), np.zeros(number)
+        self._read_at, self._requested_U = np.zeros(number), np.zeros(number)
 
     def reset(self, seed: int | None, random: np.random.Generator) -> None:
         """Let the next people begin; two environments that nobody gave a seed are different people."""
@@ -115,7 +115,7 @@ class _Situation:
         self._latest[valid] = people.reading_mg_dl[valid]
         self._read_at[valid] = people.sample[valid]
         # a pump that says nothing is taken to have done as it was asked
-        reported = np.where(np.isfinite(people.reported_U), people.reported_U, self._asked_U)
+        reported = np.where(np.isfinite(people.reported_U), people.reported_U, self._requested_U)
         age_min = (people.sample - self._read_at) * every
         seen = [people.glucose_mg_dl] if self._truth else [self._latest, age_min]
         announced = people.announced_g
@@ -140,13 +140,13 @@ class _Situation:
     def step(self, action: npt.ArrayLike) -> tuple[Any, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Dose everybody; reward, and who has come to bounds of glucose, and to the end."""
         people = self.people
-        asked = np.asarray(action, np.float64)
+        requested = np.asarray(action, np.float64)
         wanted = people.number, len(self.action_names)
-        if asked.shape != wanted:
-            raise Refusal(f"an action of the shape {asked.shape} is not possible; give {wanted}")
+        if requested.shape != wanted:
+            raise Refusal(f"an action of the shape {requested.shape} is not possible; give {wanted}")
         before = people.glucose_mg_dl.copy()
-        self._asked_U = asked[:, 0] * people.trial.sample_time_min / MIN_PER_H + asked[:, 1:].sum(axis=1)
-        people.step(mu_min_from_u_h(asked[:, 0]), asked[:, 1] * MU_PER_U if people.gives_bolus else None)
+        self._requested_U = requested[:, 0] * people.trial.sample_time_min / MIN_PER_H + requested[:, 1:].sum(axis=1)
+        people.step(mu_min_from_u_h(requested[:, 0]), requested[:, 1] * MU_PER_U if people.gives_bolus else None)
         after, (lowest, highest) = people.glucose_mg_dl, self._bounds
         terminated = ~((after >= lowest) & (after <= highest))
         reward = np.asarray(self._reward.of_step(before, after), np.float64)

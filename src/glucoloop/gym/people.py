@@ -27,7 +27,7 @@ from glucoloop.meals.days import LivedDays
 from glucoloop.pumps.protocol import gives_bolus
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.simulation.external_doses import Asked
+from glucoloop.simulation.external_doses import ExternalDoses
 from glucoloop.simulation.loop import Sampled
 from glucoloop.simulation.vector_stepper import Begun, SteppedPeople
 from glucoloop.situations.situation import configured
@@ -124,12 +124,12 @@ class DosedPeople:
     def _prepare(self, trial: Trial) -> None:
         """Compile the loop of a trial, and go to its first person."""
         self.trial = trial
-        self.gives_bolus = trial.patient.under_the_skin and gives_bolus(surroundings_of(trial).pump)
+        self.gives_bolus = trial.patient.subcutaneous and gives_bolus(surroundings_of(trial).pump)
         guard = None if trial.guard is None else guard_of(trial.patient, trial.guard)
 
-        def dosed(rate_mU_min: jax.Array) -> Asked:
+        def dosed(rate_mU_min: jax.Array) -> ExternalDoses:
             bolus = jnp.zeros_like(rate_mU_min) if self.gives_bolus else None
-            return Asked(insulin_mU_min=rate_mU_min, bolus_mU=bolus, sample_time_min=trial.sample_time_min)
+            return ExternalDoses(insulin_mU_min=rate_mU_min, bolus_mU=bolus, sample_time_min=trial.sample_time_min)
 
         def controllers_of(people: AtRest) -> Controller:
             basal = jnp.asarray(people.basal_insulin_mU_min)
@@ -235,8 +235,8 @@ class DosedPeople:
     def _note_meals(self, days: LivedDays, columns: npt.NDArray[np.intp], places: npt.NDArray[np.intp]) -> None:
         """Keep the samples and the carbohydrate of the meals, as they are eaten and as they are announced."""
         every = self.trial.sample_time_min
-        told_min = np.maximum(days.announced_min, 0.0)
-        kept = [np.floor(days.t_min / every), days.carbs_g, np.floor(told_min / every), days.announced_g]
+        announced_at_min = np.maximum(days.announced_min, 0.0)
+        kept = [np.floor(days.t_min / every), days.carbs_g, np.floor(announced_at_min / every), days.announced_g]
         if not self._meals:
             self._meals = [np.zeros((len(values), self.number)) for values in kept]
         for to, values in zip(self._meals, kept, strict=True):

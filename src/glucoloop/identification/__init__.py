@@ -20,7 +20,7 @@ from glucoloop.identification.laguerre import (
 from glucoloop.identification.meal_response import meal_answer
 from glucoloop.identification.record import Record, record_from_samples
 from glucoloop.identification.reliability import Reliability, doubts
-from glucoloop.identification.skin_response import filtered_input, skin_coefficients
+from glucoloop.identification.subcutaneous_response import filtered_input, subcutaneous_coefficients
 from glucoloop.identification.validation import Validation, random_binary_sequence, validate
 
 __all__ = [
@@ -49,6 +49,6 @@ __all__ = [
     "meal_answer",
     "random_binary_sequence",
     "record_from_samples",
-    "skin_coefficients",
+    "subcutaneous_coefficients",
     "validate",
 ]

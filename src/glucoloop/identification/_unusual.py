@@ -53,25 +53,25 @@ def refuse_unusual_insulin(insulin_mU_min: Floats, mean_mU_min: float, step_min:
     if given.size < MOSTLY * insulin_mU_min.size:
         bolus = OtherUnit(f"boluses in U, each over the {_short(step_min)} min of its row", MU_PER_U / step_min)
         quantity = dataclasses.replace(quantity, others=(bolus, *quantity.others))
-    found = (
+    result = (
         f"insulin_mU_min has values from {_short(insulin_mU_min.min())} to {_short(insulin_mU_min.max())}, on average "
         f"{_short(mean_mU_min)} mU/min, which is {_short(mean_mU_min * MIN_PER_DAY / MU_PER_U)} U a day"
     )
-    _refuse_unusual(mean_mU_min, quantity, found)
+    _refuse_unusual(mean_mU_min, quantity, result)
 
 
-def _refuse_unusual(value: float, quantity: Quantity, found: str) -> None:
+def _refuse_unusual(value: float, quantity: Quantity, result: str) -> None:
     """Refuse a column of which one number shows that it is in another unit, or in no known unit."""
     if quantity.plausible(value):
         return
     confirm = f"or {CONFIRM_ARGUMENT} if {quantity.unit} are meant"
     for other, _ in quantity.meant(value):
         raise Refusal(
-            f"{found}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have "
+            f"{result}; that looks like {other.name}. Multiply the column by {other.factor:.4g} to have "
             f"{quantity.unit}, {confirm}"
         )
     raise Refusal(
-        f"{found}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
+        f"{result}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
     )
 
 

@@ -36,8 +36,8 @@ class Basis:
     pole: float
     functions: int | None
     """Number of Laguerre functions; None for any response of M coefficients."""
-    under_the_skin: bool = False
-    """Whether the response begins at 0 with a slope of 0 and is never above 0; see `skin_response`."""
+    subcutaneous: bool = False
+    """Whether the response begins at 0 with a slope of 0 and is never above 0; see `subcutaneous_response`."""
 
     def given(self, **values: Any) -> Basis:
         """The same with other values."""
@@ -57,7 +57,7 @@ def usual_bases(sample_time_min: float) -> tuple[Basis, ...]:
         Basis(max(2, round(memory_min / sample_time_min)), pole ** (sample_time_min / _POLES_AT_MIN), functions, skin)
         for memory_min, pole, functions, skin in _BETWEEN
     )
-    return paper, *between, slow.given(under_the_skin=True)
+    return paper, *between, slow.given(subcutaneous=True)
 
 
 def candidates(sample_time_min: float, given: Mapping[str, Any]) -> tuple[Basis, ...]:

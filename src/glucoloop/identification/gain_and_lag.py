@@ -91,8 +91,8 @@ def identify_gain_and_lag(
         _fit, response=response, sample_time_min=sample_time_min, noise_variance=noise_variance, spreads=spreads
     )
     of_all = fit if insulin.ndim == 1 else jax.vmap(fit, in_axes=-1, out_axes=-1)
-    found: GainAndLag = of_all(insulin, glucose)
-    return found
+    result: GainAndLag = of_all(insulin, glucose)
+    return result
 
 
 def answer(
@@ -151,11 +151,11 @@ def _fit(
     left, number = lacking(theta), jnp.maximum(jnp.sum(known), 1)
     variance = jnp.maximum(noise_variance, jnp.sum(left**2) / jnp.maximum(number - 2, 1))
     H, _ = curvature(theta, variance)
-    found = jnp.exp(theta)
-    error = found * jnp.sqrt(jnp.diag(jnp.linalg.inv(H)))
+    result = jnp.exp(theta)
+    error = result * jnp.sqrt(jnp.diag(jnp.linalg.inv(H)))
     return GainAndLag(
-        gain=found[0],
-        lag=found[1],
+        gain=result[0],
+        lag=result[1],
         gain_error=error[0],
         lag_error=error[1],
         residual_rms_mg_dl=jnp.sqrt(jnp.sum(left**2) / number),

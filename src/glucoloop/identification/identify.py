@@ -25,7 +25,7 @@ from glucoloop.identification.reliability import (
     margin_of_slower_functions,
     reliability,
 )
-from glucoloop.identification.skin_response import filtered_input, skin_basis, skin_coefficients
+from glucoloop.identification.subcutaneous_response import filtered_input, subcutaneous_basis, subcutaneous_coefficients
 from glucoloop.models.step_response import StepResponseModel, lagged_inputs
 from glucoloop.refusal import Refusal
 
@@ -84,7 +84,7 @@ def identify_record(
     memory: int | None = None,
     laguerre_pole: float | None = None,
     laguerre_functions: int | str | None = USUAL,
-    under_the_skin: bool | None = None,
+    subcutaneous: bool | None = None,
     basal_insulin_mU_min: float | None = None,
     baseline_glucose_mg_dl: float | None = None,
     starts_at_rest: bool = True,
@@ -104,9 +104,9 @@ def identify_record(
         Pole of the Laguerre functions, between 0 and 1; `best_pole` finds one.
     laguerre_functions : int, None or "usual"
         Number of Laguerre functions, from 1 to M; None leaves the estimate as it is.
-    under_the_skin : bool, optional
+    subcutaneous : bool, optional
         Whether insulin is given under the skin, so that its response begins at 0 with a slope of 0 and is never above
-        0; see `identification.skin_response`.
+        0; see `identification.subcutaneous_response`.
     basal_insulin_mU_min : float, optional
         Rate before the record, from which deviations are taken [mU/min]. By default the record's median, which is the
         basal rate of a record of pulses.
@@ -159,7 +159,7 @@ def identify_record(
             "The insulin never leaves its basal rate, so the record shows no response to it: record again while it is "
             "moved up and down, as design_csrs does."
         )
-    bases = bases_given(record, method, memory, laguerre_pole, laguerre_functions, under_the_skin)
+    bases = bases_given(record, method, memory, laguerre_pole, laguerre_functions, subcutaneous)
     basis = chosen_basis(record, bases, basal_insulin_mU_min=basal, starts_at_rest=starts_at_rest)
     memory, pole = basis.memory, float(basis.pole)
     if meals.shape[1] and not starts_at_rest:
@@ -170,7 +170,7 @@ def identify_record(
     offset = glucose.mean() if baseline_glucose_mg_dl is None else _finite("baseline glucose", baseline_glucose_mg_dl)
 
     rows = basis.rows()
-    in_skin = rows is not None and basis.under_the_skin
+    in_skin = rows is not None and basis.subcutaneous
     if by_pulses:
         _refuse_correlated(np.asarray(insulin), memory)
         estimate = cross_correlation(insulin, glucose - offset, memory)
@@ -205,8 +205,8 @@ def identify_record(
         of_gain = np.full(rows.shape[0], laguerre_sum(pole)) if endless else np.asarray(rows.sum(axis=1))
     if rows is not None and in_skin:
         columns, left = (np.asarray(_left(part, other_inputs)[0]) for part in (sought, readings))
-        coefficients = jnp.asarray(skin_coefficients(columns, left, pole, rows.shape[0], memory))
-        combinations = skin_basis(pole, rows.shape[0], memory)
+        coefficients = jnp.asarray(subcutaneous_coefficients(columns, left, pole, rows.shape[0], memory))
+        combinations = subcutaneous_basis(pole, rows.shape[0], memory)
         sought, of_gain = sought @ combinations, of_gain @ combinations
     smoothed = estimate if rows is None or coefficients is None else rows.T @ coefficients
     network = None if coefficients is None else laguerre_realisation(coefficients, pole, memory)
@@ -251,7 +251,7 @@ def bases_given(
     record: Record, method: str, memory: int | None, pole: float | None, functions: int | str | None, skin: bool | None
 ) -> tuple[Basis, ...]:
     """Bases that have the given values, the usual ones in place of what is not given; for "csrs" one alone."""
-    given = {"memory": memory, "pole": pole, "under_the_skin": skin}
+    given = {"memory": memory, "pole": pole, "subcutaneous": skin}
     values: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if functions != USUAL:
         values["functions"] = functions
@@ -285,8 +285,8 @@ def chosen_basis(
             columns = filtered_input(insulin, basis.pole, basis.functions)
         else:
             columns = np.asarray(lagged_inputs(insulin, basis.memory) @ basis.rows().T)
-        if basis.functions is not None and basis.under_the_skin:
-            columns = columns @ skin_basis(basis.pole, basis.functions, basis.memory)
+        if basis.functions is not None and basis.subcutaneous:
+            columns = columns @ subcutaneous_basis(basis.pole, basis.functions, basis.memory)
         return np.concatenate([columns, meals, np.ones((glucose.size, 1))], axis=1)[first:], glucose[first:]
 
     return chosen(bases, regression, insulin.size)

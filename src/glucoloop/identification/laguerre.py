@@ -21,7 +21,7 @@ from glucoloop.identification import _check
 from glucoloop.models.step_response import Realisation
 from glucoloop.refusal import Refusal
 
-LEAST_TAIL: Final = 0.05
+MIN_TAIL: Final = 0.05
 """Share of the sum of a Laguerre function that must come after the memory for a response to go on after it."""
 
 
@@ -129,11 +129,11 @@ def laguerre_realisation(coefficients: ArrayLike, pole: float, memory: int) -> R
     """Realisation of a smoothed impulse response: the Laguerre network that generates its functions, without end.
 
     Coefficients ``(L,)`` or ``(L, R)`` were fitted over `memory` samples. The realisation is of all coefficients, those
-    of the memory included; None if each function has died out, with less than `LEAST_TAIL` of its sum after the memory.
+    of the memory included; None if each function has died out, with less than `MIN_TAIL` of its sum after the memory.
     """
     c, over_all_time = np.asarray(coefficients, dtype=float), laguerre_sum(pole)
     later = over_all_time - np.asarray(laguerre_functions(pole, c.shape[0], memory)).sum(axis=1)
-    if np.all(np.abs(later) < LEAST_TAIL * over_all_time):
+    if np.all(np.abs(later) < MIN_TAIL * over_all_time):
         return None
     transition, start = _network(jnp.asarray(pole, dtype=float), c.shape[0])
     return Realisation(transition=transition, start=start, output=jnp.asarray(c))

@@ -119,7 +119,7 @@ def record_from_samples(
     grid = np.minimum(times[read[0]] + sample_time * np.arange(samples + 1), times[read[-1]])
     notes = _notes(times, read, grid, sample_time)
     record = Record(
-        insulin_mU_min=jnp.asarray(_average_held(times, insulin, grid, sample_time)),
+        insulin_mU_min=jnp.asarray(_zero_order_average(times, insulin, grid, sample_time)),
         glucose_mg_dl=jnp.asarray(np.interp(grid, times[read], glucose[read])),
         sample_time_min=sample_time,
         carbs_g=None if carbs is None else jnp.asarray(_eaten(times, carbs, grid, sample_time)),
@@ -244,7 +244,7 @@ def _off_grid(times: Floats, grid: Floats, sample_time: float) -> bool:
     return bool((np.abs(steps - np.round(steps)) > ON_GRID).any())
 
 
-def _average_held(times: Floats, insulin: Floats, grid: Floats, sample_time: float) -> Floats:
+def _zero_order_average(times: Floats, insulin: Floats, grid: Floats, sample_time: float) -> Floats:
     """Time average over each sample of rates held from row to row."""
     if not _off_grid(times, grid, sample_time):
         return insulin[np.searchsorted(times, grid[:-1] + ON_GRID * sample_time, side="right") - 1]

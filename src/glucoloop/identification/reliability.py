@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 
 from glucoloop._pytree import pytree
 from glucoloop.identification.laguerre import laguerre_sum
-from glucoloop.identification.skin_response import filtered_input
+from glucoloop.identification.subcutaneous_response import filtered_input
 
 Floats = npt.NDArray[np.float64]
 
@@ -34,7 +34,7 @@ CONFIDENCE: Final = 0.95
 _LONGEST_TAU_MIN: Final = 1000.0
 """Longest time constant of the slower functions, four times that of the slowest that a record chooses."""
 _SLOW_FUNCTIONS: Final = 2
-_MOST_SLOW_FUNCTIONS: Final = 8
+_MAX_SLOW_FUNCTIONS: Final = 8
 """Slower functions are as many as those of the fit, so that they say as much of how the response begins."""
 _NEGLIGIBLE: Final = 1e-9
 """Share of the largest singular value below which others are left out of a fit: without a block, a column may be empty.
@@ -70,26 +70,26 @@ def doubts(
         Operating point at which the model holds.
     """
     sentence = f"The gain is {gain:+.3g} mg/dl per mU/min"
-    found = []
+    result = []
     if not gain < 0.0:
-        found.append(f"{sentence}, so more insulin would raise glucose; in a person it lowers glucose.")
+        result.append(f"{sentence}, so more insulin would raise glucose; in a person it lowers glucose.")
     elif reliability is not None and not reliability.gain_margin < -gain:
         margin = f"{reliability.gain_margin:.3g} ({100 * CONFIDENCE:g} % confidence)"
-        found.append(
+        result.append(
             f"{sentence}, give or take {margin}, so it cannot be distinguished from 0. "
             "A longer record, a longer memory or insulin that changes more would make it smaller than the gain."
         )
     if not glucose_mg_dl + 0.1 * basal_insulin_mU_min * gain > 0.0:
-        found.append(
+        result.append(
             f"{sentence}: a tenth of the basal rate of {basal_insulin_mU_min:.3g} mU/min more would lower glucose from "
             f"{glucose_mg_dl:.3g} mg/dl to below 0."
         )
     if reliability is not None and not reliability.explained_percent > 0.0:
-        found.append(
+        result.append(
             "Readings that were left out of the fit are predicted no better than by the mean of the others "
             f"({reliability.explained_percent:.0f} % of their variance is explained)."
         )
-    return tuple(found)
+    return tuple(result)
 
 
 def reliability(columns: Floats, readings: Floats, gain_of: Floats) -> Reliability:
@@ -124,7 +124,7 @@ def margin_of_slower_functions(
     and beside those of the fit, where their coefficient differs from 0.
     """
     errors = held_out_errors(columns, readings)[0]
-    number = functions if _SLOW_FUNCTIONS <= functions <= _MOST_SLOW_FUNCTIONS else _SLOW_FUNCTIONS
+    number = functions if _SLOW_FUNCTIONS <= functions <= _MAX_SLOW_FUNCTIONS else _SLOW_FUNCTIONS
     k = np.arange(readings.size)[:, None] / readings.size
     margin = 0.0
     for tau_min in _slower_min(-sample_time_min / math.log(pole)):

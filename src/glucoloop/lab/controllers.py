@@ -100,15 +100,15 @@ def longest_horizon(family: str) -> int:
 @functools.cache
 def usual_mpc(family: str, operating_point: str, *sensor: str) -> LinearMPC:
     """Linear MPC of a patient, on the model that is identified without noise, with room for the longest horizon."""
-    found: LinearMPC = _with_room("mpc", family, operating_point, *sensor)
-    return found
+    result: LinearMPC = _with_room("mpc", family, operating_point, *sensor)
+    return result
 
 
 @functools.cache
 def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
     """MPC/SE of a patient, with room for the longest horizon."""
-    found: MPCSE = _with_room("mpc-se", family, operating_point)
-    return found
+    result: MPCSE = _with_room("mpc-se", family, operating_point)
+    return result
 
 
 def shortest_horizon(name: str, family: str, *sensor: str) -> int:
@@ -222,7 +222,7 @@ def example_observation(*, boluses: bool) -> Observation:
     )
 
 
-def told(decision: Decision) -> dict[str, jax.Array]:
+def outputs_of(decision: Decision) -> dict[str, jax.Array]:
     """Decision as the functions of the page give it."""
     boluses = {} if decision.bolus_mU is None else {"bolus_mU": decision.bolus_mU}
     return {"insulin_mU_min": decision.insulin_mU_min, "status": decision.status, **boluses}
@@ -239,7 +239,7 @@ def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
         state, decision = adjusted.of(person).step(carry, own)
-        return state, told(decision)
+        return state, outputs_of(decision)
 
     person = adjusted.numbers
     state = jax.eval_shape(lambda: adjusted.of(person).init(observation))

@@ -61,14 +61,14 @@ class _Passed:
 
 def sensor_parts() -> dict[str, CompiledPart]:
     """Sensors, and the faults of a sensor, each with its state at the start."""
-    found: dict[str, CompiledPart] = {}
+    result: dict[str, CompiledPart] = {}
     for name, sensor in sensors().items():
-        found |= reading_parts(f"sensor_{name}", sensor)
+        result |= reading_parts(f"sensor_{name}", sensor)
     for entry in FAULTS.values():
         if entry.part == "sensor" and entry.name not in _OF_ANOTHER:
             delay = {"delay_min": SAMPLE_TIME_MIN} if entry.name == "late" else {}
-            found |= fault_parts(entry.partial({"start_min": 0.0, **delay}).completed())
-    return found
+            result |= fault_parts(entry.partial({"start_min": 0.0, **delay}).completed())
+    return result
 
 
 def sensors() -> dict[str, Sensor]:
@@ -131,7 +131,7 @@ def reading_parts(name: str, sensor: Any) -> dict[str, CompiledPart]:
 def pumps() -> dict[str, Pump]:
     """Pumps by the names of their functions: the usual one, and each fault around it."""
     usual = LimitedPump(limits=PARKER_1999_LIMITS)
-    found: dict[str, Pump] = {"pump": usual}
+    result: dict[str, Pump] = {"pump": usual}
     for entry in FAULTS.values():
         if entry.part != "pump":
             continue
@@ -139,8 +139,8 @@ def pumps() -> dict[str, Pump]:
         noticing = NOTICED in entry.settings()
         for notice in ({NOTICED: False}, {NOTICED: True}) if noticing else ({},):
             fault = entry.partial({**times, **notice}).completed()
-            found[part_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
-    return found
+            result[part_name(fault)] = put_around(usual, fault, SAMPLE_TIME_MIN, PARKER_1999_LIMITS)
+    return result
 
 
 def pump_parts() -> dict[str, CompiledPart]:
@@ -148,7 +148,7 @@ def pump_parts() -> dict[str, CompiledPart]:
 
     A controller without boluses asks for none at each sample.
     """
-    found: dict[str, CompiledPart] = {}
+    result: dict[str, CompiledPart] = {}
     zero = jnp.zeros(())
     decided = {"insulin_mU_min": zero, "status": jnp.zeros((), int), "bolus_mU": zero}
 
@@ -158,9 +158,9 @@ def pump_parts() -> dict[str, CompiledPart]:
     def step(pump: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         """Deliver a dose, as `simulation.loop.sample` passes it to the pump."""
         del shared
-        asked, bolus = own["insulin_mU_min"], own["bolus_mU"]
-        finite = jnp.isfinite(asked) & jnp.isfinite(bolus)
-        command, bolus = jnp.where(finite, asked, 0.0), jnp.where(finite, bolus, 0.0)
+        requested, bolus = own["insulin_mU_min"], own["bolus_mU"]
+        finite = jnp.isfinite(requested) & jnp.isfinite(bolus)
+        command, bolus = jnp.where(finite, requested, 0.0), jnp.where(finite, bolus, 0.0)
         state, delivery = deliver(pump, carry, command, rng, bolus)
         given = jnp.zeros(()) if delivery.bolus_mU is None else delivery.bolus_mU
         return state, {
@@ -173,5 +173,5 @@ def pump_parts() -> dict[str, CompiledPart]:
         }
 
     for name, pump in pumps().items():
-        found |= with_start(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
-    return found
+        result |= with_start(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
+    return result

@@ -19,7 +19,7 @@ from glucoloop.control.guard import guarded
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.control.profile_mpc import ProfileMPC
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.lab.controllers import Adjustable, example_controller, example_observation, told
+from glucoloop.lab.controllers import Adjustable, example_controller, example_observation, outputs_of
 from glucoloop.lab.lowered_function import CompiledPart, looped, part, starting
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.patients.settings import PATIENTS
@@ -52,7 +52,7 @@ def looped_parts(family: str) -> dict[str, CompiledPart]:
 
     def step(person: Any, state: Any, own: Any) -> tuple[Any, Any]:
         after, decision = controller(person).step(state, own)
-        return after, told(decision)
+        return after, outputs_of(decision)
 
     return looped(
         f"profile-mpc of {family}",
@@ -104,7 +104,7 @@ def guard_parts(family: str) -> dict[str, CompiledPart]:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
         state, decision = guard(person, own["decision"]).step(carry, own["observation"])
-        return state, told(decision)
+        return state, outputs_of(decision)
 
     state = jax.eval_shape(lambda: init(numbers, own["observation"], jax.random.key(0)))
     return {

@@ -104,8 +104,8 @@ def looped(
 
 
 def _names(tree: Any) -> dict[str, int]:
-    found = jax.tree_util.tree_leaves_with_path(tree)
-    return {_name(path): int(leaf.size) for path, leaf in found}
+    result = jax.tree_util.tree_leaves_with_path(tree)
+    return {_name(path): int(leaf.size) for path, leaf in result}
 
 
 def by_name(tree: Any) -> dict[str, Any]:

@@ -37,29 +37,29 @@ GUARDED: Final = "_guarded"
 
 def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
     """All functions of the page, by the name under which the module exports them."""
-    found = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
+    result = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
     for family in families:
         name = re.sub(r"\W", "_", family)
-        found[f"{name}_plant"] = plant_part(family)
-        found |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
+        result[f"{name}_plant"] = plant_part(family)
+        result |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
         if not by_equations(family):
-            found[f"{name}_person"] = person_part(family)
+            result[f"{name}_person"] = person_part(family)
     shapes: dict[str, tuple[object, ...]] = {}
     of_families = ((family, name) for family in families for name in controllers_of(family))
     for (family, name), guard in itertools.product(of_families, (False, True)):
         if name in LOOPED:
             program = guard_program_of(family) if guard else program_of(name, family)
-            if f"{program}_step" not in found:
+            if f"{program}_step" not in result:
                 made = guard_parts(family) if guard else looped_parts(family)
-                found |= {f"{program}_{what}": compiled for what, compiled in made.items()}
+                result |= {f"{program}_{what}": compiled for what, compiled in made.items()}
             continue
         program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
         shape = _shape(adjusted)
         if program not in shapes:
-            found |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
+            result |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
         if shapes.setdefault(program, shape) != shape:
             raise Refusal(f"{name} of {family} is not of the form of the program {program}")
-    return found
+    return result
 
 
 def _shape(controller: Adjustable) -> tuple[object, ...]:

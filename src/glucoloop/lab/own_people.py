@@ -15,7 +15,7 @@ from glucoloop.patients.population import draw
 from glucoloop.refusal import Refusal
 from glucoloop.situations.population import named_population
 
-MOST_OWN: Final = 200
+MAX_OWN: Final = 200
 """Largest number of people whom a page carries."""
 
 
@@ -33,7 +33,7 @@ def with_people(data: dict[str, Any], family: str, population: str) -> dict[str,
             f"the people of {population} differ in {', '.join(people.parameters) or 'nothing'}; people of the page "
             f"differ in {', '.join(names)}: give a population that has each of these, as a twin of {family} has"
         )
-    count = min(people.most_people or MOST_OWN, MOST_OWN)
+    count = min(people.most_people or MAX_OWN, MAX_OWN)
     values = draw(people, SEED, np.arange(count)).values
     given = np.stack([values[name] for name in names], axis=1).tolist()
     own = {**known[family], "population": Path(population).name, "count": count, "given": given}

@@ -49,7 +49,7 @@ def page(people: tuple[str, str] | None = None, language: str | None = None) -> 
         "DATA": _packed(data),
     }
     template = _read("lab.html")
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], template)
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda result: parts[result[1]], template)
 
 
 def _program(language: str | None) -> str:

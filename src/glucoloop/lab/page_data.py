@@ -131,16 +131,16 @@ def _offered(
     part: type[Part], bounds: Mapping[str, tuple[float, float, float]], usual: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Settings of a part with their bounds on the page, and their usual values."""
-    found = {}
+    result = {}
     for name, bound in bounds.items():
         setting = part.setting(name)
-        found[name] = {
+        result[name] = {
             "summary": _OF_DEFAULT.sub("", _OF_ZERO.sub("", setting.summary) if bound[0] > 0 else setting.summary),
             "whole": setting.kind in (int, bool),
             **dict(zip(("least", "most", "step"), bound, strict=True)),
             **({} if usual is None else {"usual": usual[name]}),
         }
-    return found
+    return result
 
 
 def _fault(entry: type[FaultPart]) -> dict[str, Any]:
@@ -218,11 +218,11 @@ def _profile(entry: type[PatientPart], point: str) -> dict[str, float]:
 def _response(family: str, point: str, *sensor: str) -> dict[str, list[float]]:
     """The identified response as linear MPC keeps it: coefficients, and a realisation of what comes after them."""
     mpc = usual_mpc(family, point, *sensor)
-    found = {"step_response": np.asarray(mpc.step_response).tolist()}
+    result = {"step_response": np.asarray(mpc.step_response).tolist()}
     if mpc.realisation is not None:
         for name in ("transition", "start", "output"):
-            found[f"realisation.{name}"] = np.ravel(np.asarray(getattr(mpc.realisation, name))).tolist()
-    return found
+            result[f"realisation.{name}"] = np.ravel(np.asarray(getattr(mpc.realisation, name))).tolist()
+    return result
 
 
 def _linear(family: str, point: str, patient: SemilinearPatient) -> dict[str, Any]:
@@ -261,7 +261,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
     entry = controller_entry(name)
     bounds = dict(SLIDERS["controllers"][name])
     if of_patient.insulin_route == SUBCUTANEOUS:
-        bounds |= SLIDERS["under_the_skin"].get(name, {})
+        bounds |= SLIDERS["subcutaneous"].get(name, {})
     if "prediction_horizon" in bounds:
         least = shortest_horizon(name, of_patient.name)
         bounds["prediction_horizon"] = (least, longest_horizon(of_patient.name), 1)
@@ -271,7 +271,7 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
             kind: usual_tuning(name, of_patient.name, point.name, *sensor)
             for kind, sensor in (("noise_free", ()), ("noisy", ("white-noise",)), ("behind_lag", MONITORS[:1]))
         }
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "program": program_of(name, of_patient.name),
         **({"guard_program": guard_program_of(of_patient.name)} if name in LOOPED else {}),
         "gives_boluses": entry.gives_boluses,
@@ -281,5 +281,5 @@ def _controller(name: str, of_patient: type[PatientPart]) -> dict[str, Any]:
         "horizon_suits_model": horizon_suits_model(name, of_patient.name),
     }
     if name == "mpc":
-        found["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
-    return found
+        result["least_behind_lag"] = shortest_horizon(name, of_patient.name, *MONITORS[:1])
+    return result

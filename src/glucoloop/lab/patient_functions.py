@@ -115,13 +115,13 @@ def plants(family: str) -> dict[str, ExponentialPlant]:
 
     They are those of ``glucoloop run``, with the matrices that people need besides who differ in transport or volume.
     """
-    found = {}
+    result = {}
     for name, patient in patients(family).items():
         plant, _ = INTEGRATOR.prepare(patient, fasting(), GRID)
         of_people = PeoplePlant(patient, _varied(family), GRID, STEPS).single.matrices
         matrices = dataclasses.replace(plant.matrices, transport=of_people.transport, probe=of_people.probe)
-        found[name] = dataclasses.replace(plant, matrices=matrices)
-    return found
+        result[name] = dataclasses.replace(plant, matrices=matrices)
+    return result
 
 
 def patients_vary(family: str) -> list[bool]:
@@ -139,12 +139,12 @@ def _matrices(family: str, operating_point: str) -> Matrices:
 @functools.cache
 def _places(family: str) -> Places:
     """Places of each matrix that are not zero at all operating points; None for what holds no real numbers."""
-    found: list[np.ndarray[Any, np.dtype[np.int64]] | None] = []
+    result: list[np.ndarray[Any, np.dtype[np.int64]] | None] = []
     every = (jax.tree.leaves(_matrices(family, name)) for name in patients(family))
     for leaves in zip(*every, strict=True):
         each = [np.ravel(np.asarray(leaf)) for leaf in leaves]
-        found.append(np.flatnonzero(np.any(each, axis=0)) if each[0].dtype == float else None)
-    return found
+        result.append(np.flatnonzero(np.any(each, axis=0)) if each[0].dtype == float else None)
+    return result
 
 
 def driven_places(family: str) -> list[int]:

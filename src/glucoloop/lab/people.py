@@ -33,7 +33,7 @@ from glucoloop.threefry import name_word
 PEOPLE: Final = 10_000
 """Largest number of people whom the page simulates at once."""
 _UNIFORM, _LOGNORMAL = DISTRIBUTIONS.index("uniform"), DISTRIBUTIONS.index("lognormal")
-_MOST_OPERATIONS: Final = 5000
+_MAX_OPERATIONS: Final = 5000
 """Length of a person's function up to which it finds the rest too. The page has a shorter search for longer ones."""
 
 
@@ -82,7 +82,7 @@ def person_part(family: str) -> CompiledPart:
     """
     with_rest = _person_part(family, rests=True)
     return (
-        with_rest if len(with_rest.scalar.program.operations) <= _MOST_OPERATIONS else _person_part(family, rests=False)
+        with_rest if len(with_rest.scalar.program.operations) <= _MAX_OPERATIONS else _person_part(family, rests=False)
     )
 
 
@@ -95,15 +95,15 @@ def _person_part(family: str, *, rests: bool) -> CompiledPart:
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del person, shared, rng
         patient = cast(SemilinearPatient, build(dict(zip(names, own, strict=True)), jnp.nan, setpoint_mg_dl))
-        found = {
+        result = {
             "numbers": jnp.stack(chosen(patient, patients_vary(family))),
             "gut": gut_numbers(patient, family),
             "rates": driven_block.rates(jax.tree.map(lambda leaf: leaf[..., None], patient), states)[:-1, :, 0],
         }
         if rests:
             basal_insulin_mU_min, x = rest_at(patient, jnp.asarray(setpoint_mg_dl))
-            found |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": patient.glucose_mg_dl(x)}
-        return carry, found
+            result |= {"basal_insulin_mU_min": basal_insulin_mU_min, "x": x, "glucose_mg_dl": patient.glucose_mg_dl(x)}
+        return carry, result
 
     return part(step, (), (), [jnp.zeros(())] * len(names))
 

@@ -101,8 +101,8 @@ class LivedDays:
         It is from 0 to 1000 g.
         """
         z = ndtri(self.named("counted carbohydrate").uniform())
-        told = self.announced_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
-        return self.changed(announced_g=np.clip(told, 0.0, LARGEST_MEAL_G))
+        announced_g = self.announced_g * (1.0 + (bias_pct + error_pct * z) / 100.0)
+        return self.changed(announced_g=np.clip(announced_g, 0.0, LARGEST_MEAL_G))
 
     def announced_before(self, minutes: float) -> LivedDays:
         """The days with announcements that come so many minutes earlier."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glucoloop.arguments import checked
-from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
+from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.days import LivedDays
 from glucoloop.meals.habits import HabitPart
 from glucoloop.meals.protocol import Eaten
@@ -21,7 +21,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.threefry import checked_counter, checked_people
 from glucoloop.units import MIN_PER_DAY
 
-MOST_MEALS_A_DAY: Final = 100
+MAX_MEALS_A_DAY: Final = 100
 Array = npt.NDArray[Any]
 
 
@@ -80,8 +80,8 @@ class MealPlan:
         habits: Iterable[HabitPart] = (),
         warm_up_min: float = 0.0,
     ) -> None:
-        if not 1 <= days <= MOST_DAYS:
-            raise Refusal(f"days is {days!r}; give a whole number from 1 to {MOST_DAYS}")
+        if not 1 <= days <= MAX_DAYS:
+            raise Refusal(f"days is {days!r}; give a whole number from 1 to {MAX_DAYS}")
         whole = days * MIN_PER_DAY
         object.__setattr__(self, "meals", in_order(meals))
         object.__setattr__(self, "days", days)
@@ -114,8 +114,8 @@ class MealPlan:
                 f"a spread of meal times of {self.time_spread_min:g} min is not possible; "
                 f"give 0 to below {MIN_PER_DAY:g} min"
             )
-        if len(self.meals) > MOST_MEALS_A_DAY:
-            raise Refusal(f"{len(self.meals)} meals a day are too many; give at most {MOST_MEALS_A_DAY}")
+        if len(self.meals) > MAX_MEALS_A_DAY:
+            raise Refusal(f"{len(self.meals)} meals a day are too many; give at most {MAX_MEALS_A_DAY}")
         end = self.day_min
         for meal in self.meals:
             if meal.t_min >= end:

@@ -113,12 +113,12 @@ def rescue_carbs(
     >>> gl.Scenario(rescue=gl.meals.rescue_carbs(65.0)).rescue.carbs_g
     15.0
     """
-    asked = RescueSettings(
+    settings = RescueSettings(
         below_mg_dl=below_mg_dl,
         carbs_g=carbs_g,
         again_min=again_min,
         time_to_maximum_min=time_to_maximum_min,
         by=by,  # type: ignore[arg-type]
     )
-    numbers = {name: value for name, value in asked.values().items() if name != "by"}
-    return RescueCarbs(**numbers, by_reading=asked.by == "reading")
+    numbers = {name: value for name, value in settings.values().items() if name != "by"}
+    return RescueCarbs(**numbers, by_reading=settings.by == "reading")

@@ -2,9 +2,9 @@ from .clinical import ClinicalSummary as ClinicalSummary
 from .clinical import clinical_summary as clinical_summary
 from .metrics import Metrics as Metrics
 from .protocol import LOWEST_GLUCOSE_MG_DL as LOWEST_GLUCOSE_MG_DL
-from .protocol import Course as Course
 from .protocol import Ended as Ended
 from .protocol import Metric as Metric
+from .protocol import Trajectory as Trajectory
 from .running import RunningMetrics as RunningMetrics
 from .running import summarise as summarise
 from .settings import METRICS as METRICS

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
 from glucoloop.simulation.loop import Sampled
 
 ZONES = ("a", "b", "c", "d", "e")
@@ -41,11 +41,11 @@ def clarke_zones(glucose_mg_dl: jax.Array, reading_mg_dl: jax.Array) -> dict[str
     e = ((g >= 180.0) & (r <= 70.0)) | ((g <= 70.0) & (r >= 180.0))
     c = ((g >= 70.0) & (r >= g + 110.0)) | ((g >= 130.0) & (g <= 180.0) & (r <= 1.4 * g - 182.0))
     d = (r >= 70.0) & (r <= 180.0) & ((g >= 240.0) | (g <= 70.0))
-    found, left = {"a": a}, ~a
+    result, left = {"a": a}, ~a
     for zone, within in (("e", e), ("c", c), ("d", d)):
-        found[zone], left = left & within, left & ~within
-    found["b"] = left
-    return {zone: found[zone] for zone in ZONES}
+        result[zone], left = left & within, left & ~within
+    result["b"] = left
+    return {zone: result[zone] for zone in ZONES}
 
 
 @pytree
@@ -64,11 +64,11 @@ class SensorAccuracy(Metric):
     trials of sensors against samples of blood.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Sums(readings=zero, difference_mg_dl=zero, relative=zero, zones=dict.fromkeys(ZONES, zero))
 
-    def sample(self, course: Course, state: _Sums, happened: Sampled, t_min: jax.Array) -> _Sums:
+    def sample(self, trajectory: Trajectory, state: _Sums, happened: Sampled, t_min: jax.Array) -> _Sums:
         glucose, reading = happened.glucose_mg_dl, happened.reading.glucose_mg_dl
         there = happened.reading.valid & jnp.isfinite(reading)
         difference = jnp.where(there, reading - glucose, 0.0)
@@ -80,12 +80,12 @@ class SensorAccuracy(Metric):
             zones={zone: n + count(there & zones[zone], n) for zone, n in state.zones.items()},
         )
 
-    def finish(self, course: Course, state: _Sums, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _Sums, ended: Ended) -> dict[str, Any]:
         xp = ended.xp
         readings = xp.where(state.readings > 0.0, state.readings, xp.nan)
-        found = {
+        result = {
             "mard_pct": 100.0 * state.relative / readings,
             "reading_bias_mg_dl": state.difference_mg_dl / readings,
             **{f"clarke_{zone}_pct": 100.0 * n / readings for zone, n in state.zones.items()},
         }
-        return {name: ended.of_glucose(value) for name, value in found.items()}
+        return {name: ended.of_glucose(value) for name, value in result.items()}

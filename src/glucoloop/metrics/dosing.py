@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Status
-from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
 from glucoloop.simulation.loop import Sampled
 
 _STATUS: Final = {
@@ -42,7 +42,7 @@ class _Doses:
 class Insulin(Metric):
     """Total insulin, boluses included, the time without any, and the changes of the rate, the first from rest."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Doses:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Doses:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Doses(
             total=zero,
@@ -54,7 +54,7 @@ class Insulin(Metric):
             most_off_in_a_row=zero,
         )
 
-    def sample(self, course: Course, state: _Doses, happened: Sampled, t_min: jax.Array) -> _Doses:
+    def sample(self, trajectory: Trajectory, state: _Doses, happened: Sampled, t_min: jax.Array) -> _Doses:
         rate = happened.delivery.insulin_mU_min
         change = jnp.abs(rate - state.previous_mU_min)
         off = count(happened.infused_mU_min <= 0.0, state.off)
@@ -69,7 +69,7 @@ class Insulin(Metric):
             most_off_in_a_row=jnp.maximum(state.most_off_in_a_row, in_a_row),
         )
 
-    def finish(self, course: Course, state: _Doses, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _Doses, ended: Ended) -> dict[str, Any]:
         return {
             "insulin_total_mU": ended.of_insulin(state.total * ended.sample_time_min),
             "insulin_off_min": ended.of_insulin(state.off * ended.sample_time_min),
@@ -96,7 +96,7 @@ class Constraints(Metric):
     Values that are not finite violate every constraint. The first change is that from the rate at rest.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Extremes:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Extremes(
             largest_change=zero,
@@ -106,10 +106,10 @@ class Constraints(Metric):
             minimum_mg_dl=glucose_mg_dl,
         )
 
-    def point(self, course: Course, state: _Extremes, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Extremes:
+    def point(self, trajectory: Trajectory, state: _Extremes, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Extremes:
         return dataclasses.replace(state, minimum_mg_dl=jnp.minimum(state.minimum_mg_dl, glucose_mg_dl))
 
-    def sample(self, course: Course, state: _Extremes, happened: Sampled, t_min: jax.Array) -> _Extremes:
+    def sample(self, trajectory: Trajectory, state: _Extremes, happened: Sampled, t_min: jax.Array) -> _Extremes:
         rate = happened.delivery.insulin_mU_min
         return dataclasses.replace(
             state,
@@ -119,15 +119,15 @@ class Constraints(Metric):
             highest_mU_min=jnp.maximum(state.highest_mU_min, rate),
         )
 
-    def finish(self, course: Course, state: _Extremes, ended: Ended) -> dict[str, Any]:
-        slack, limits = ended.rounding_mU_min, course.limits
+    def finish(self, trajectory: Trajectory, state: _Extremes, ended: Ended) -> dict[str, Any]:
+        slack, limits = ended.rounding_mU_min, trajectory.limits
         rate = ended.finite_insulin & (state.largest_change <= limits.max_change_mU_min + slack)
         magnitude = (
             ended.finite_insulin
             & (state.lowest_mU_min >= limits.min_mU_min - slack)
             & (state.highest_mU_min <= limits.max_mU_min + slack)
         )
-        glucose = ended.finite_glucose & (state.minimum_mg_dl >= course.lowest_glucose_mg_dl)
+        glucose = ended.finite_glucose & (state.minimum_mg_dl >= trajectory.lowest_glucose_mg_dl)
         return {
             "rate_satisfied": rate,
             "magnitude_satisfied": magnitude,
@@ -139,11 +139,11 @@ class Constraints(Metric):
 class Samples(Metric):
     """Numbers of samples at which controller or guard met a difficulty, by status, and of those without a reading."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, jax.Array]:
         return {name: jnp.zeros_like(glucose_mg_dl) for name in (*_STATUS, "missing")}
 
     def sample(
-        self, course: Course, state: dict[str, jax.Array], happened: Sampled, t_min: jax.Array
+        self, trajectory: Trajectory, state: dict[str, jax.Array], happened: Sampled, t_min: jax.Array
     ) -> dict[str, jax.Array]:
         status, reading = happened.decision.status, happened.reading
         there = {name: jnp.zeros_like(reading.valid) for name in _STATUS}
@@ -153,7 +153,7 @@ class Samples(Metric):
         there["missing"] = ~(reading.valid & jnp.isfinite(reading.glucose_mg_dl))
         return {name: number + count(there[name], number) for name, number in state.items()}
 
-    def finish(self, course: Course, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: dict[str, jax.Array], ended: Ended) -> dict[str, Any]:
         return {f"samples_{name}": number.astype(int) for name, number in state.items()}
 
 
@@ -166,15 +166,15 @@ class _Eaten:
 class Rescues(Metric):
     """Carbohydrate that the person ate against low glucose, and how often."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Eaten:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Eaten:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Eaten(total_g=zero, times=zero)
 
-    def sample(self, course: Course, state: _Eaten, happened: Sampled, t_min: jax.Array) -> _Eaten:
+    def sample(self, trajectory: Trajectory, state: _Eaten, happened: Sampled, t_min: jax.Array) -> _Eaten:
         if happened.rescue_g is None:
             return state
         eaten = happened.rescue_g
         return _Eaten(total_g=state.total_g + eaten, times=state.times + count(eaten > 0.0, state.times))
 
-    def finish(self, course: Course, state: _Eaten, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _Eaten, ended: Ended) -> dict[str, Any]:
         return {"rescue_carbs_g": state.total_g, "rescues": state.times}

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from glucoloop._pytree import pytree
 from glucoloop.arguments import is_traced
 from glucoloop.metrics.formulas import glycemia_risk_index, gmi_pct, symmetric_glucose
-from glucoloop.metrics.protocol import Course, Ended, Metric, count
+from glucoloop.metrics.protocol import Ended, Metric, Trajectory, count
 from glucoloop.simulation.loop import Sampled
 
 LOW_BOUNDS_MG_DL: Final = {"low_events": 70.0, "very_low_events": 54.0}
@@ -48,10 +48,10 @@ class TimeInRanges(Metric):
     `formulas.glycemia_risk_index`.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Points:
         return _Points(**{field.name: jnp.zeros_like(glucose_mg_dl) for field in dataclasses.fields(_Points)})
 
-    def point(self, course: Course, state: _Points, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Points:
+    def point(self, trajectory: Trajectory, state: _Points, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Points:
         g = glucose_mg_dl
         return dataclasses.replace(
             state,
@@ -62,15 +62,15 @@ class TimeInRanges(Metric):
             above_250=state.above_250 + count(g > 250.0, g),
         )
 
-    def sample(self, course: Course, state: _Points, happened: Sampled, t_min: jax.Array) -> _Points:
+    def sample(self, trajectory: Trajectory, state: _Points, happened: Sampled, t_min: jax.Array) -> _Points:
         g, lowest = happened.glucose_mg_dl, happened.lowest_valid_mg_dl
         # The first point of the grid is the first sample; the others lie after a sample.
         below = count((t_min <= 0.0) & (g < lowest), g)
-        for place in range(len(course.inside_min)):
+        for place in range(len(trajectory.inside_min)):
             below = below + count(happened.inside_mg_dl[place] < lowest, g)
         return dataclasses.replace(state, below_validity=state.below_validity + below)
 
-    def finish(self, course: Course, state: _Points, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _Points, ended: Ended) -> dict[str, Any]:
         very_low, very_high = ended.pct(state.below_54), ended.pct(state.above_250)
         below, above = ended.pct(state.below_70), ended.pct(state.above_180)
         return {
@@ -96,16 +96,16 @@ class _Sums:
 class MeanAndVariation(Metric):
     """Mean, coefficient of variation with ``n - 1`` as its denominator, and `formulas.gmi_pct`."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Sums:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Sums(deviation=zero, squared=zero)
 
-    def point(self, course: Course, state: _Sums, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Sums:
-        deviation = glucose_mg_dl - course.setpoint_mg_dl
+    def point(self, trajectory: Trajectory, state: _Sums, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Sums:
+        deviation = glucose_mg_dl - trajectory.setpoint_mg_dl
         return _Sums(deviation=state.deviation + deviation, squared=state.squared + deviation * deviation)
 
-    def finish(self, course: Course, state: _Sums, ended: Ended) -> dict[str, Any]:
-        mean = ended.of_glucose(course.setpoint_mg_dl + state.deviation / ended.points)
+    def finish(self, trajectory: Trajectory, state: _Sums, ended: Ended) -> dict[str, Any]:
+        mean = ended.of_glucose(trajectory.setpoint_mg_dl + state.deviation / ended.points)
         variance = (state.squared - state.deviation**2 / ended.points) / (ended.points - 1)
         deviation = ended.xp.sqrt(ended.xp.maximum(ended.of_glucose(variance), 0.0))
         return {"mean_mg_dl": mean, "cv_pct": 100.0 * deviation / mean, "gmi_pct": gmi_pct(mean)}
@@ -132,17 +132,17 @@ class RiskIndices(Metric):
     to optimizing the control of insulin dependent diabetes", J. Theor. Med. 3, 1-10, 2000.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Risks:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> _Risks:
         zero = jnp.zeros_like(glucose_mg_dl)
         return _Risks(low=zero, high=zero)
 
-    def point(self, course: Course, state: _Risks, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Risks:
+    def point(self, trajectory: Trajectory, state: _Risks, glucose_mg_dl: jax.Array, t_min: jax.Array) -> _Risks:
         f = symmetric_glucose(jnp, glucose_mg_dl)
         return _Risks(
             low=state.low + 10.0 * jnp.minimum(f, 0.0) ** 2, high=state.high + 10.0 * jnp.maximum(f, 0.0) ** 2
         )
 
-    def finish(self, course: Course, state: _Risks, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: _Risks, ended: Ended) -> dict[str, Any]:
         return {
             "lbgi": ended.of_glucose(state.low / ended.points),
             "hbgi": ended.of_glucose(state.high / ended.points),
@@ -181,18 +181,18 @@ class LowEvents(Metric):
     statement", Lancet Diabetes Endocrinol. 11(1), 2023: level 1 is below 70 mg/dl, level 2 below 54 mg/dl.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> dict[str, _Events]:
         zero = jnp.zeros_like(glucose_mg_dl)
         return {name: _Events(events=zero, going=zero, lasting=zero) for name in LOW_BOUNDS_MG_DL}
 
     def sample(
-        self, course: Course, state: dict[str, _Events], happened: Sampled, t_min: jax.Array
+        self, trajectory: Trajectory, state: dict[str, _Events], happened: Sampled, t_min: jax.Array
     ) -> dict[str, _Events]:
-        in_a_row = samples_in_a_row(course.sample_time_min)
+        in_a_row = samples_in_a_row(trajectory.sample_time_min)
         low = {name: happened.glucose_mg_dl < bound for name, bound in LOW_BOUNDS_MG_DL.items()}
         return {name: events.with_sample(low[name], in_a_row) for name, events in state.items()}
 
-    def finish(self, course: Course, state: dict[str, _Events], ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: dict[str, _Events], ended: Ended) -> dict[str, Any]:
         return {name: ended.of_glucose(events.events) for name, events in state.items()}
 
 

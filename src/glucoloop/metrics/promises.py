@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from glucoloop._pytree import pytree, static
 from glucoloop.control import GuardSettings
-from glucoloop.control.guard_doses import MOST_BOLUS_MU
+from glucoloop.control.guard_doses import MAX_BOLUS_MU
 from glucoloop.control.protocol import Decision, Status
 from glucoloop.faults import Episode
 from glucoloop.patients.model import Sound
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, DoseLimits
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.units import MIN_PER_H
 
@@ -51,9 +51,9 @@ class Counted:
     """The same, or what it reports where that is more."""
     rate_mU_min: jax.Array
     """Largest rate of the last sample by request."""
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """The last rate that was asked for."""
-    asked_bolus_mU: jax.Array
+    requested_bolus_mU: jax.Array
     """The last bolus that was asked for; 0 for a controller that gives none."""
     binds: jax.Array
     """1 while the caps bind what was reported, else 0."""
@@ -92,8 +92,8 @@ class Caps:
             by_request=sums,
             by_report=sums,
             rate_mU_min=basal_mU_min,
-            asked_mU_min=basal_mU_min,
-            asked_bolus_mU=none,
+            requested_mU_min=basal_mU_min,
+            requested_bolus_mU=none,
             binds=jnp.ones_like(basal_mU_min),
         )
 
@@ -101,9 +101,9 @@ class Caps:
         self,
         counted: Counted,
         reported_mU_min: jax.Array,
-        asked_mU_min: jax.Array,
+        requested_mU_min: jax.Array,
         reported_bolus_mU: jax.Array | None = None,
-        asked_bolus_mU: jax.Array | None = None,
+        requested_bolus_mU: jax.Array | None = None,
     ) -> tuple[Counted, jax.Array]:
         """Count the insulin of the last sample, and say whether both caps hold for the next dose.
 
@@ -112,16 +112,16 @@ class Caps:
         basal, change = counted.basal_mU_min, self.limits.max_change_mU_min
         none, rounding = jnp.zeros_like(basal), self.rounding * self.limits.max_mU_min
         report = none if reported_bolus_mU is None else reported_bolus_mU
-        bolus = none if asked_bolus_mU is None else asked_bolus_mU
-        rate = jnp.maximum(counted.asked_mU_min, counted.rate_mU_min - change)
+        bolus = none if requested_bolus_mU is None else requested_bolus_mU
+        rate = jnp.maximum(counted.requested_mU_min, counted.rate_mU_min - change)
         possible = (reported_mU_min >= 0.0) & (reported_mU_min <= 2.0 * self.limits.max_mU_min)
         larger = jnp.where(possible, jnp.maximum(reported_mU_min, rate), rate)
-        possible = (report >= 0.0) & (report <= MOST_BOLUS_MU)
-        larger_bolus = jnp.where(possible, jnp.maximum(report, counted.asked_bolus_mU), counted.asked_bolus_mU)
-        by_request = self._with(counted.by_request, rate, counted.asked_bolus_mU, basal)
+        possible = (report >= 0.0) & (report <= MAX_BOLUS_MU)
+        larger_bolus = jnp.where(possible, jnp.maximum(report, counted.requested_bolus_mU), counted.requested_bolus_mU)
+        by_request = self._with(counted.by_request, rate, counted.requested_bolus_mU, basal)
         by_report = self._with(counted.by_report, larger, larger_bolus, basal)
         within = self._hold(by_report, basal, none, basal) & (by_report.on_board <= self._most_on_board)
-        more = (larger > rate + rounding) | (larger_bolus > counted.asked_bolus_mU * (1.0 + self.rounding))
+        more = (larger > rate + rounding) | (larger_bolus > counted.requested_bolus_mU * (1.0 + self.rounding))
         binds = jnp.where(more, 0.0, counted.binds)
         binds = jnp.where((larger <= basal) & (larger_bolus <= 0.0) & within, 1.0, binds)
         after = Counted(
@@ -129,12 +129,12 @@ class Caps:
             by_request=by_request,
             by_report=by_report,
             rate_mU_min=rate,
-            asked_mU_min=asked_mU_min,
-            asked_bolus_mU=bolus,
+            requested_mU_min=requested_mU_min,
+            requested_bolus_mU=bolus,
             binds=binds,
         )
-        coming = jnp.maximum(asked_mU_min, rate - change)
-        reported_coming = jnp.maximum(asked_mU_min, larger - change)
+        coming = jnp.maximum(requested_mU_min, rate - change)
+        reported_coming = jnp.maximum(requested_mU_min, larger - change)
         kept = self._hold(by_request, coming, bolus, basal)
         return after, kept & (self._hold(by_report, reported_coming, bolus, basal) | (binds < 0.5))
 
@@ -160,8 +160,8 @@ class Caps:
         of_rates, of_boluses = _windows(sums.hour_mU_min.shape[0], self.sample_time_min)
         rates = jnp.concatenate([sums.hour_mU_min, rate_mU_min[None]])
         boluses = jnp.concatenate([sums.hour_bolus_mU, bolus_mU[None]])
-        held = jnp.tensordot(of_rates, rates, 1) + jnp.tensordot(of_boluses, boluses, 1)
-        return jnp.max(held, axis=0) <= self.settings.max_hour * MIN_PER_H * basal * (1.0 + self.rounding)
+        fulfilled = jnp.tensordot(of_rates, rates, 1) + jnp.tensordot(of_boluses, boluses, 1)
+        return jnp.max(fulfilled, axis=0) <= self.settings.max_hour * MIN_PER_H * basal * (1.0 + self.rounding)
 
     @property
     def _most_on_board(self) -> float:
@@ -242,7 +242,7 @@ class PromiseTally:
     """(promises, ...) number of samples at which each was broken."""
     first_min: jax.Array
     """(promises, ...) time at which each was first broken; infinite for never."""
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """The last rate that was asked for."""
     counted: Counted | None
     """State of the caps of a guard; None without one."""
@@ -250,7 +250,7 @@ class PromiseTally:
 
 @pytree
 class Promises:
-    """Checks every promise at every sample; implements `simulation.cohort.Fold`."""
+    """Checks every promise at every sample; implements `simulation.cohort.Accumulator`."""
 
     limits: DoseLimits = PARKER_1999_LIMITS
     sound: Sound = static()
@@ -266,7 +266,7 @@ class Promises:
             below_60=jnp.zeros_like(glucose_mg_dl),
             broken=none,
             first_min=none + jnp.inf,
-            asked_mU_min=insulin_mU_min,
+            requested_mU_min=insulin_mU_min,
             counted=None if self.caps is None else self.caps.init(insulin_mU_min),
         )
 
@@ -282,41 +282,41 @@ class Promises:
                 reported.reported_bolus_mU,
                 decision.bolus_mU,
             )
-        broken = breaches(self.held(happened, tally.lowest_mg_dl, tally.asked_mU_min, within_caps))
+        broken = breaches(self.fulfilled(happened, tally.lowest_mg_dl, tally.requested_mU_min, within_caps))
         below = jnp.where(happened.inside_mg_dl < LOW_MG_DL, 1.0, 0.0)
         return PromiseTally(
             lowest_mg_dl=jnp.minimum(tally.lowest_mg_dl, jnp.min(happened.inside_mg_dl, axis=0)),
             below_60=tally.below_60 + jnp.sum(below, axis=0),
             broken=tally.broken + broken,
             first_min=jnp.where((broken > 0.0) & (tally.broken == 0.0), t_min, tally.first_min),
-            asked_mU_min=happened.decision.insulin_mU_min,
+            requested_mU_min=happened.decision.insulin_mU_min,
             counted=counted,
         )
 
-    def held(
+    def fulfilled(
         self,
         happened: SampledInside,
         lowest_mg_dl: jax.Array,
-        asked_mU_min: jax.Array,
+        requested_mU_min: jax.Array,
         within_caps: jax.Array | bool = True,
     ) -> dict[str, jax.Array]:
         """Whether each promise is kept at a sample, ``(...)`` each; NaN keeps none.
 
-        `asked_mU_min` is the rate that was asked for at the sample before.
+        `requested_mU_min` is the rate that was asked for at the sample before.
         """
-        delivery, after, most_mU = happened.delivery, happened.after, USUAL_BOLUS_LIMITS.max_mU
+        delivery, after, most_mU = happened.delivery, happened.after, DEFAULT_BOLUS_LIMITS.max_mU
         # readings that a sensor keeps may be any number, since some faults give such readings
         clocks_of_sensor, _ = _clocks_and_others(after.in_sensor)
         clocks_of_pump, others_of_pump = _clocks_and_others(after.in_pump)
         insulin_there, glucose_there = self.sound(happened.x, lowest_mg_dl)
         return {
             DOSE: _in_range(self.limits, most_mU, delivery.insulin_mU_min, delivery.bolus_mU),
-            **held_by_controller(
+            **promises_of_controller(
                 self.limits,
                 most_mU,
                 happened.decision,
                 happened.before.reported_mU_min,
-                asked_mU_min,
+                requested_mU_min,
                 after.in_controller,
                 within_caps,
             ),
@@ -328,26 +328,26 @@ class Promises:
         }
 
 
-def held_by_controller(
+def promises_of_controller(
     limits: DoseLimits,
     most_mU: Any,
     decision: Decision,
     reported_mU_min: jax.Array,
-    asked_mU_min: jax.Array,
+    requested_mU_min: jax.Array,
     state: Any,
     within_caps: jax.Array | bool,
     rounding: float = _ROUNDING,
 ) -> dict[str, jax.Array]:
     """Whether each promise of a controller is kept by a decision, whose bolus may be so large at most.
 
-    `reported_mU_min` and `asked_mU_min` are the rates that were reported and asked for of the last sample.
+    `reported_mU_min` and `requested_mU_min` are the rates that were reported and asked for of the last sample.
     """
     command = decision.insulin_mU_min
     # a report that no pump can mean is no rate from which a change could be too large
     meant = (reported_mU_min >= limits.min_mU_min) & (reported_mU_min <= limits.max_mU_min)
     # a pump that reports more than it was asked for may be wrong, and goes down by itself as fast as it can
     change = limits.max_change_mU_min + rounding * limits.max_mU_min
-    slow = (command - reported_mU_min <= change) & (jnp.minimum(reported_mU_min, asked_mU_min) - command <= change)
+    slow = (command - reported_mU_min <= change) & (jnp.minimum(reported_mU_min, requested_mU_min) - command <= change)
     return {
         COMMAND: _in_range(limits, most_mU, command, decision.bolus_mU),
         RATE: slow | ~meant,
@@ -357,9 +357,9 @@ def held_by_controller(
     }
 
 
-def breaches(held: Mapping[str, jax.Array]) -> jax.Array:
+def breaches(fulfilled: Mapping[str, jax.Array]) -> jax.Array:
     """(promises, ...) 1 for each promise that is broken, else 0."""
-    return jnp.where(jnp.stack(list(held.values())), 0.0, 1.0)
+    return jnp.where(jnp.stack(list(fulfilled.values())), 0.0, 1.0)
 
 
 def _in_range(limits: DoseLimits, most_mU: Any, rate: jax.Array, bolus_mU: jax.Array | None) -> jax.Array:

@@ -18,7 +18,7 @@ LOWEST_GLUCOSE_MG_DL: Final = 60.0
 
 
 @pytree
-class Course:
+class Trajectory:
     """Fixed values of a run, which a metric knows from its beginning."""
 
     setpoint_mg_dl: jax.Array | float
@@ -79,22 +79,22 @@ class Metric:
     comes from `Ended`, since it gets arrays of NumPy as well as those of JAX.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
         """State at the start, from glucose and the rate at rest: a pytree of numbers.
 
         The first point of the grid is counted by `point` afterwards.
         """
         raise NotImplementedError
 
-    def point(self, course: Course, state: Any, glucose_mg_dl: jax.Array, t_min: jax.Array) -> Any:
+    def point(self, trajectory: Trajectory, state: Any, glucose_mg_dl: jax.Array, t_min: jax.Array) -> Any:
         """State after a point of the grid of one minute."""
         return state
 
-    def sample(self, course: Course, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
+    def sample(self, trajectory: Trajectory, state: Any, happened: Sampled, t_min: jax.Array) -> Any:
         """State after a sample of the loop, and before the points of the grid that follow it."""
         return state
 
-    def finish(self, course: Course, state: Any, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: Any, ended: Ended) -> dict[str, Any]:
         """Results by the names that the entry of the metric gives."""
         raise NotImplementedError
 
@@ -109,20 +109,20 @@ def of_glucose(
 ) -> dict[str, Any]:
     """Results of a metric of glucose alone over a course ``(points, ...)`` on an even grid, without a loop."""
     t, glucose = jnp.asarray(t_min), jnp.asarray(glucose_mg_dl, float)
-    course = Course(setpoint_mg_dl=jnp.asarray(setpoint_mg_dl, float), inside_min=(t[1] - t[0],))
+    trajectory = Trajectory(setpoint_mg_dl=jnp.asarray(setpoint_mg_dl, float), inside_min=(t[1] - t[0],))
 
     def point(state: Any, at: tuple[jax.Array, jax.Array]) -> tuple[Any, None]:
-        return metric.point(course, state, at[1], at[0]), None
+        return metric.point(trajectory, state, at[1], at[0]), None
 
-    start = metric.init(course, glucose[0], jnp.zeros_like(glucose[0]))
+    start = metric.init(trajectory, glucose[0], jnp.zeros_like(glucose[0]))
     state = jax.lax.scan(point, start, (t, glucose))[0]
     finite = jnp.isfinite(glucose).all(axis=0)
     ended = Ended(
         samples=t.shape[0] - 1,
         points=t.shape[0],
-        sample_time_min=course.sample_time_min,
+        sample_time_min=trajectory.sample_time_min,
         first_meal_min=first_meal_min,
         finite_glucose=finite,
         finite_insulin=jnp.zeros_like(finite),
     )
-    return metric.finish(course, state, ended)
+    return metric.finish(trajectory, state, ended)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.metrics.protocol import Course, Ended, Metric
+from glucoloop.metrics.protocol import Ended, Metric, Trajectory
 from glucoloop.simulation.loop import Sampled
 
 BANDS_PCT: Final = (2, 5)
@@ -31,12 +31,14 @@ class _Extreme:
 class Extremes(Metric):
     """Least and greatest glucose, each with the time at which it is first reached, and distances from the setpoint."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> tuple[_Extreme, _Extreme]:
+    def init(
+        self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array
+    ) -> tuple[_Extreme, _Extreme]:
         first = _Extreme(glucose_mg_dl=glucose_mg_dl, t_min=jnp.zeros_like(glucose_mg_dl))
         return first, first
 
     def point(
-        self, course: Course, state: tuple[_Extreme, _Extreme], glucose_mg_dl: jax.Array, t_min: jax.Array
+        self, trajectory: Trajectory, state: tuple[_Extreme, _Extreme], glucose_mg_dl: jax.Array, t_min: jax.Array
     ) -> tuple[_Extreme, _Extreme]:
         least, greatest = state
         return (
@@ -44,13 +46,13 @@ class Extremes(Metric):
             greatest.among(glucose_mg_dl > greatest.glucose_mg_dl, glucose_mg_dl, t_min),
         )
 
-    def finish(self, course: Course, state: tuple[_Extreme, _Extreme], ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: tuple[_Extreme, _Extreme], ended: Ended) -> dict[str, Any]:
         least, greatest = state
         return {
-            "undershoot_mg_dl": ended.of_glucose(course.setpoint_mg_dl - least.glucose_mg_dl),
+            "undershoot_mg_dl": ended.of_glucose(trajectory.setpoint_mg_dl - least.glucose_mg_dl),
             "minimum_mg_dl": ended.of_glucose(least.glucose_mg_dl),
             "minimum_t_min": ended.of_glucose(least.t_min),
-            "overshoot_mg_dl": ended.of_glucose(greatest.glucose_mg_dl - course.setpoint_mg_dl),
+            "overshoot_mg_dl": ended.of_glucose(greatest.glucose_mg_dl - trajectory.setpoint_mg_dl),
             "peak_mg_dl": ended.of_glucose(greatest.glucose_mg_dl),
             "peak_t_min": ended.of_glucose(greatest.t_min),
         }
@@ -66,38 +68,40 @@ class Settling(Metric):
     at which glucose was outside each band, negative for never.
     """
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> tuple[jax.Array, ...]:
+    def init(
+        self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array
+    ) -> tuple[jax.Array, ...]:
         return (jnp.zeros_like(glucose_mg_dl) + _NEVER,) * len(BANDS_PCT)
 
     def point(
-        self, course: Course, state: tuple[jax.Array, ...], glucose_mg_dl: jax.Array, t_min: jax.Array
+        self, trajectory: Trajectory, state: tuple[jax.Array, ...], glucose_mg_dl: jax.Array, t_min: jax.Array
     ) -> tuple[jax.Array, ...]:
-        away = jnp.abs(glucose_mg_dl - course.setpoint_mg_dl)
+        away = jnp.abs(glucose_mg_dl - trajectory.setpoint_mg_dl)
         return tuple(
-            jnp.where(away > band / 100.0 * course.setpoint_mg_dl, t_min, last)
+            jnp.where(away > band / 100.0 * trajectory.setpoint_mg_dl, t_min, last)
             for band, last in zip(BANDS_PCT, state, strict=True)
         )
 
-    def finish(self, course: Course, state: tuple[jax.Array, ...], ended: Ended) -> dict[str, Any]:
-        found, xp = {}, ended.xp
+    def finish(self, trajectory: Trajectory, state: tuple[jax.Array, ...], ended: Ended) -> dict[str, Any]:
+        result, xp = {}, ended.xp
         step_min = ended.end_min / (ended.points - 1)
         for band, last in zip(BANDS_PCT, state, strict=True):
             after = xp.where(last < 0.0, 0.0, xp.maximum(last + step_min - ended.first_meal_min, 0.0))
-            found[f"settling_{band}pct_min"] = ended.of_glucose(after)
+            result[f"settling_{band}pct_min"] = ended.of_glucose(after)
             # outside in the last minute counts as outside at the end
-            found[f"settled_{band}pct"] = ended.finite_glucose & ~(last > ended.end_min - step_min / 2.0)
-        return found
+            result[f"settled_{band}pct"] = ended.finite_glucose & ~(last > ended.end_min - step_min / 2.0)
+        return result
 
 
 class SquaredError(Metric):
     """Sum over samples of ``(glucose - setpoint)^2`` [(mg/dl)^2]; it grows with their number."""
 
-    def init(self, course: Course, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
+    def init(self, trajectory: Trajectory, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
         return jnp.zeros_like(glucose_mg_dl)
 
-    def sample(self, course: Course, state: jax.Array, happened: Sampled, t_min: jax.Array) -> jax.Array:
-        error = happened.glucose_mg_dl - course.setpoint_mg_dl
+    def sample(self, trajectory: Trajectory, state: jax.Array, happened: Sampled, t_min: jax.Array) -> jax.Array:
+        error = happened.glucose_mg_dl - trajectory.setpoint_mg_dl
         return state + error * error
 
-    def finish(self, course: Course, state: jax.Array, ended: Ended) -> dict[str, Any]:
+    def finish(self, trajectory: Trajectory, state: jax.Array, ended: Ended) -> dict[str, Any]:
         return {"sse": ended.xp.where(ended.xp.isfinite(state), state, ended.xp.nan)}

@@ -15,7 +15,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.control.protocol import Decision
 from glucoloop.metrics.metrics import Metrics
-from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Course, Ended, Metric
+from glucoloop.metrics.protocol import LOWEST_GLUCOSE_MG_DL, Ended, Metric, Trajectory
 from glucoloop.metrics.settings import metrics_with
 from glucoloop.pumps import Delivery
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -39,8 +39,8 @@ class Tally:
 
 
 @pytree
-class RunningMetrics(Course):
-    """Fold of the loop that computes metrics; implements `simulation.cohort.Fold`."""
+class RunningMetrics(Trajectory):
+    """Fold of the loop that computes metrics; implements `simulation.cohort.Accumulator`."""
 
     further: tuple[str, ...] = static(default=())
     """Texts of metrics beside those of this package: name and settings."""
@@ -89,9 +89,9 @@ class RunningMetrics(Course):
         `meal_t_min` is the time of the sample in which the first meal begins, 0 if nothing is eaten. With the precision
         ``"float32"`` a dose at its limit may exceed it by more rounding.
         """
-        fold, states = jax.tree.map(lambda a: np.asarray(a, np.float64), (self, tally))
+        accumulator, states = jax.tree.map(lambda a: np.asarray(a, np.float64), (self, tally))
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of people without metrics
-            metrics: Metrics = fold.finished(
+            metrics: Metrics = accumulator.finished(
                 states,
                 samples=samples,
                 sample_time_min=sample_time_min,
@@ -115,13 +115,13 @@ class RunningMetrics(Course):
     def _results(self, tally: Tally, ended: Ended) -> Iterator[tuple[str, Any]]:
         chosen = metrics_with(self.further)
         for choice, metric, state in zip(chosen, self._metrics, tally.states, strict=True):
-            found, names = metric.finish(self, state, ended), [result.name for result in choice.results]
-            if sorted(found) != sorted(names):
+            results, names = metric.finish(self, state, ended), [result.name for result in choice.results]
+            if sorted(results) != sorted(names):
                 raise Refusal(
-                    f"the metric {choice.name} gives {', '.join(sorted(found)) or 'nothing'}, but its entry says "
+                    f"the metric {choice.name} gives {', '.join(sorted(results)) or 'nothing'}, but its entry says "
                     f"{', '.join(sorted(names))}; let both say the same"
                 )
-            yield from ((name, found[name]) for name in names)
+            yield from ((name, results[name]) for name in names)
 
     @property
     def _metrics(self) -> tuple[Metric, ...]:
@@ -178,8 +178,8 @@ def summarise(
     ----------
     Parker, Doyle & Peppas 1999, eq. (17)-(19), Tables I and II; for the rest see the modules of `metrics`.
     """
-    found: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics))
-    return found
+    result: Metrics = _summarised(trace, limits, lowest_glucose_mg_dl, tuple(metrics))
+    return result
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -188,7 +188,7 @@ def _summarised(
 ) -> Metrics:
     samples, fine = trace.t_min.shape[0], trace.fine_glucose_mg_dl
     inside = (fine.shape[0] - 1) // samples
-    fold = RunningMetrics(
+    accumulator = RunningMetrics(
         setpoint_mg_dl=trace.setpoint_mg_dl,
         limits=limits,
         lowest_glucose_mg_dl=lowest_glucose_mg_dl,
@@ -197,14 +197,16 @@ def _summarised(
     )
 
     def sample(tally: Tally, entry: tuple[Sampled, jax.Array]) -> tuple[Tally, None]:
-        return fold.step(tally, *entry), None
+        return accumulator.step(tally, *entry), None
 
     before = trace.basal_insulin_mU_min if trace.rate_before_mU_min is None else trace.rate_before_mU_min
-    start = fold.init(fine[0], jnp.broadcast_to(before, fine.shape[1:]))
-    sample_time_min = fold.sample_time_min
+    start = accumulator.init(fine[0], jnp.broadcast_to(before, fine.shape[1:]))
+    sample_time_min = accumulator.sample_time_min
     happened = _happened(trace, inside, sample_time_min)
     tally: Tally = jax.lax.scan(sample, start, (happened, trace.t_min))[0]
-    return fold.finished(tally, samples=samples, sample_time_min=sample_time_min, first_meal_min=first_meal_min(trace))
+    return accumulator.finished(
+        tally, samples=samples, sample_time_min=sample_time_min, first_meal_min=first_meal_min(trace)
+    )
 
 
 def _happened(trace: Trace, inside: int, sample_time_min: jax.Array | float) -> Sampled:

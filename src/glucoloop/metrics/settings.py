@@ -87,8 +87,8 @@ def _metric(
     name: str, section: str, summary: str, *numbers: Result, always: bool = True, sources: tuple[str, ...] = ()
 ) -> type[MetricPart]:
     """A metric of this package; ``low-events`` is the class ``LowEvents`` of the module of its section."""
-    fold = name.title().replace("-", "")
-    place = f"glucoloop.metrics.{_MODULES.get(section, 'dosing')}:{fold}"
+    accumulator = name.title().replace("-", "")
+    place = f"glucoloop.metrics.{_MODULES.get(section, 'dosing')}:{accumulator}"
     body = {
         "__doc__": summary,
         "__module__": __name__,
@@ -98,7 +98,7 @@ def _metric(
         "always": always,
         "sources": sources,
     }
-    return types.new_class(f"{fold}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
+    return types.new_class(f"{accumulator}Part", (MetricPart,), {"name": name}, lambda names: names.update(body))
 
 
 def _share(name: str, where: str, title: str = "", more: str = "", **shown: Any) -> Result:
@@ -344,9 +344,9 @@ def metrics_with(further: Iterable[str | MetricPart] = ()) -> Iterator[MetricPar
     An unknown metric or setting, and a metric with a result of a name that another one has, are refused.
     """
     seen: dict[str, str] = {}
-    asked = (METRICS.choose(metric) if isinstance(metric, str) else metric for metric in further)
+    requested = (METRICS.choose(metric) if isinstance(metric, str) else metric for metric in further)
     usual = {metric.name for metric in _USUAL}
-    for metric in (*_USUAL, *(metric for metric in asked if metric.name not in usual)):
+    for metric in (*_USUAL, *(metric for metric in requested if metric.name not in usual)):
         for result in metric.results:
             if result.name in seen:
                 raise Refusal(

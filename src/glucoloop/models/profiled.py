@@ -62,14 +62,14 @@ Matrix = npt.NDArray[np.float64]
 MEAL_G: Final = 50.0
 ACTION_MIN: Final = 300.0
 """Meal, and time after which insulin has acted, of the titration of `build.titration`."""
-LEAST_CORRECTION_SHARE: Final = 0.43
+MIN_CORRECTION_SHARE: Final = 0.43
 """Least correction factor that is believed, relative to that by the rule of 1800."""
-LEAST_CARB_SHARE: Final = 0.29
+MIN_CARB_SHARE: Final = 0.29
 """Least carbohydrate ratio that is believed, relative to that by the rule of 500."""
-_LEAST_U: Final = 0.25
-_MOST_U: Final = 50.0
+_MIN_U: Final = 0.25
+_MAX_U: Final = 50.0
 _HALVINGS: Final = 20
-_LEAST_SHARE: Final = 0.05
+_MIN_SHARE: Final = 0.05
 """Part of glucose at rest below which a model is not carried: of 120 mg/dl, 6."""
 
 
@@ -141,8 +141,8 @@ class ProfiledModel:
         # a number that is not known stays NaN
         daily_U, by_basal = profile.daily_dose_U(), self.nominal.insulin_mU_min / basal
         own_ratio, own_factor = self.own_carb_ratio_g_U * by_basal, self.own_correction_mg_dl_U * by_basal
-        ratio = jnp.maximum(ratio, jnp.fmin(LEAST_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
-        factor = jnp.maximum(factor, jnp.fmin(LEAST_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
+        ratio = jnp.maximum(ratio, jnp.fmin(MIN_CARB_SHARE * CARB_RULE / daily_U, own_ratio))
+        factor = jnp.maximum(factor, jnp.fmin(MIN_CORRECTION_SHARE * CORRECTION_RULE / daily_U, own_factor))
         by_factor = factor / self.own_correction_mg_dl_U
         insulin_gain = _first_known(by_factor, by_basal, 1.0)
         by_ratio, by_weight = insulin_gain * self.own_carb_ratio_g_U / ratio, self.own_weight_kg / weight
@@ -245,7 +245,7 @@ def profiled_model(
     # What rounding alone leaves is no effect.
     model = dataclasses.replace(model, E=jnp.where(np.abs(E) > 1e-9 * np.abs(E).max(), E, 0.0))
     of_glucose = np.isin(np.arange(x.size), model.fed_states())
-    return _titrated(dataclasses.replace(model, least=jnp.where(of_glucose, _LEAST_SHARE * x, -jnp.inf)), gut)
+    return _titrated(dataclasses.replace(model, least=jnp.where(of_glucose, _MIN_SHARE * x, -jnp.inf)), gut)
 
 
 def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
@@ -255,7 +255,7 @@ def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
     basal = float(model.basal_mU_min)
 
     @jax.jit
-    def course(bolus_U: jax.Array, carbs_g: jax.Array) -> jax.Array:
+    def trajectory(bolus_U: jax.Array, carbs_g: jax.Array) -> jax.Array:
         def sample(carry: tuple[jax.Array, jax.Array], bolus_mU: jax.Array) -> Any:
             x, content = carry
             flux = gut.appearance_mg_min(content, minutes)
@@ -268,7 +268,7 @@ def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
         return glucose
 
     start, bolus_U = float(model.glucose_mg_dl(rest)), MIN_PER_H / MU_PER_U * basal
-    factor = (start - float(jnp.min(course(jnp.asarray(bolus_U), jnp.asarray(0.0))))) / bolus_U
+    factor = (start - float(jnp.min(trajectory(jnp.asarray(bolus_U), jnp.asarray(0.0))))) / bolus_U
     if not factor > 0.0:
         raise Refusal(
             f"an hour's basal insulin, {bolus_U:g} U, does not lower the model's glucose; choose another patient, or "
@@ -276,13 +276,13 @@ def _titrated(model: ProfiledModel, gut: GutCompartments) -> ProfiledModel:
         )
 
     def above(bolus_U: float) -> bool:
-        return bool(course(jnp.asarray(bolus_U), jnp.asarray(MEAL_G))[-1] > start)
+        return bool(trajectory(jnp.asarray(bolus_U), jnp.asarray(MEAL_G))[-1] > start)
 
-    low, high, ratio = _LEAST_U, _LEAST_U, math.nan
+    low, high, ratio = _MIN_U, _MIN_U, math.nan
     # From below, since a dose far too large leaves the range in which the equations hold.
-    while high < _MOST_U and above(high):
+    while high < _MAX_U and above(high):
         low, high = high, 1.5 * high
-    if low < high <= _MOST_U:
+    if low < high <= _MAX_U:
         for _ in range(_HALVINGS):
             middle = math.sqrt(low * high)
             low, high = (middle, high) if above(middle) else (low, middle)

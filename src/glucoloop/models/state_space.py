@@ -181,16 +181,16 @@ def discretise(model: ContinuousModel, sample_time_min: float, halvings: int | N
     """
     inputs = _inputs(model)
     if halvings is None:
-        Phi, held = zero_order_hold(model.A, inputs, sample_time_min)
+        Phi, integrals = zero_order_hold(model.A, inputs, sample_time_min)
     else:
         n = model.A.shape[0]
         hold = exponential(_augmented(model.A, inputs) * sample_time_min, halvings)
-        Phi, held = hold[:n, :n], hold[:n, n:]
+        Phi, integrals = hold[:n, :n], hold[:n, n:]
     return LinearModel(
         Phi=Phi,
-        Gamma=held[:, 0],
+        Gamma=integrals[:, 0],
         C=model.C,
-        Psi=None if model.E is None else held[:, 1],
+        Psi=None if model.E is None else integrals[:, 1],
         C_reading=model.C_reading,
         state=model.state,
         insulin_mU_min=model.insulin_mU_min,

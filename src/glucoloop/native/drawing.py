@@ -30,12 +30,12 @@ class Drawing:
 
     def __call__(self, *keys: Any) -> list[jax.Array]:
         """The wanted arrays, of one person at one sample; JAX can trace it."""
-        found: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
+        output: dict[int, Any] = {id(variable): key for variable, key in zip(self.keys, keys, strict=True)}
 
         def read(given: Any) -> Any:
-            return found[id(given)] if isinstance(given, Drawn) else given
+            return output[id(given)] if isinstance(given, Drawn) else given
 
         for equation, inputs, outputs in self.equations:
             results = primitives.bind(equation, [read(given) for given in inputs])
-            found.update((id(variable), result) for variable, result in zip(outputs, results, strict=True))
-        return [found[id(variable)] for variable in self.wanted]
+            output.update((id(variable), result) for variable, result in zip(outputs, results, strict=True))
+        return [output[id(variable)] for variable in self.wanted]

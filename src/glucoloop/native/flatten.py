@@ -206,11 +206,11 @@ class Flattener:
         """The array whose number, from 0 on, is computed; the first or last one beyond the ends."""
         if len(rows) > LONGEST_TABLE:
             raise UnsupportedError(f"a choice among {len(rows)} places in an array (at most {LONGEST_TABLE})")
-        p, found = self.program, rows[-1]
+        p, result = self.program, rows[-1]
         for i in reversed(range(len(rows) - 1)):
             takes = p.apply("le", at, p.constant(float(i)))
-            found = self._elementwise(functools.partial(p.apply, "select", takes), rows[i], found)
-        return found
+            result = self._elementwise(functools.partial(p.apply, "select", takes), rows[i], result)
+        return result
 
     def _do_gather(self, equation: Any, operand: Values, indices: Values) -> Values:
         axis, p = primitives.gathered_axis(equation), self.program
@@ -232,8 +232,8 @@ class Flattener:
                 row = self._elementwise(lambda x, o=outside: p.apply("select", o, p.constant(fill), x), row)
             taken.append(row)
         batch, of_row = indices.ndim - 1, operand.ndim - 1
-        found = np.array(taken, np.int64).reshape((*indices.shape[:-1], *rows[0].shape))
-        return np.moveaxis(found, range(batch, batch + of_row), primitives.gathered_offsets(equation))
+        result = np.array(taken, np.int64).reshape((*indices.shape[:-1], *rows[0].shape))
+        return np.moveaxis(result, range(batch, batch + of_row), primitives.gathered_offsets(equation))
 
     def _do_scatter(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
         (moved,) = self._move(equation, [operand, self._known(indices), updates])
@@ -241,10 +241,10 @@ class Flattener:
 
     def _do_scatter_add(self, equation: Any, operand: Values, indices: Values, updates: Values) -> Values:
         places = primitives.scatter_places(equation, operand.shape, self._known(indices), updates.shape)
-        found = operand.copy()
+        result = operand.copy()
         add = functools.partial(self.program.apply, "add")
-        found.ravel()[places] = self._elementwise(add, operand.ravel()[places], updates)
-        return found
+        result.ravel()[places] = self._elementwise(add, operand.ravel()[places], updates)
+        return result
 
     def _do_dynamic_slice(self, equation: Any, operand: Values, *starts: Values) -> Values:
         for axis, (start, size) in enumerate(zip(starts, primitives.slice_sizes(equation), strict=True)):
@@ -298,13 +298,13 @@ class Flattener:
             return self._elementwise(lambda c, no, yes: p.apply("select", c, yes, no), which, *cases)
 
         flat = zip(*(array.ravel() for array in (which, *cases)), strict=True)
-        found = [self._chosen(int(w), options) for w, *options in flat]
-        return np.array(found, np.int64).reshape(cases[0].shape)
+        result = [self._chosen(int(w), options) for w, *options in flat]
+        return np.array(result, np.int64).reshape(cases[0].shape)
 
     def _do_cond(self, equation: Any, which: Values, *arguments: Values) -> list[Values]:
         """The results of one of several functions, all of which are computed."""
-        found = [self.run(branch, arguments) for branch in primitives.branches(equation)]
-        return [self._chosen(int(which), results) for results in zip(*found, strict=True)]
+        result = [self.run(branch, arguments) for branch in primitives.branches(equation)]
+        return [self._chosen(int(which), results) for results in zip(*result, strict=True)]
 
     def _do_argmax(self, equation: Any, a: Values, *, least: bool = False) -> Values:
         (axis,), p = primitives.axes(equation), self.program

@@ -39,8 +39,8 @@ FURTHEST_WHOLE: Final = 2.0**30
 
 def _polynomial(wanted: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
     """Coefficients of a polynomial near a function between two bounds, the highest power first."""
-    found = np.polynomial.Chebyshev.interpolate(wanted, degree, [low, high])
-    return [float(c) for c in found.convert(kind=np.polynomial.Polynomial).coef[::-1]]
+    result = np.polynomial.Chebyshev.interpolate(wanted, degree, [low, high])
+    return [float(c) for c in result.convert(kind=np.polynomial.Polynomial).coef[::-1]]
 
 
 def _factorials(first: int, step: int) -> np.polynomial.Polynomial:
@@ -236,9 +236,9 @@ class Functions:
         s = do("ratio", do("sub", m, 1.0), do("add", m, 1.0))
         series = [2.0 / (2 * k + 1) for k in range(self._constants.log_terms, -1, -1)]
         rest = do("mul", s, self._polynomial(do("mul", s, s), series))
-        found = do("add", do("mul", e, _LN2), rest)
+        result = do("add", do("mul", e, _LN2), rest)
         limit = do("select", do("eq", x, 0.0), -math.inf, math.nan)
-        return do("select", do("lt", 0.0, x), found, limit)
+        return do("select", do("lt", 0.0, x), result, limit)
 
     def erf_inv(self, x: Value) -> Value:
         """Inverse of the error function, in double precision."""

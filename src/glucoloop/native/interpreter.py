@@ -24,8 +24,8 @@ _KINDS: Final[dict[str, type[np.generic]]] = {BOOL: np.bool_, WORD: np.uint32}
 
 
 def _extreme(better: Callable[..., Any], a: Array, b: Array) -> Array:
-    found: Array = np.where(a != a, a, np.where(better(a, b), a, b))
-    return found
+    result: Array = np.where(a != a, a, np.where(better(a, b), a, b))
+    return result
 
 
 larger, smaller = (functools.partial(_extreme, better) for better in (np.greater, np.less))
@@ -83,10 +83,10 @@ class Interpreter:
             _carry_out(self._steps, values)
 
         def rows_of(places: Sequence[int]) -> Array:
-            found = np.empty((len(places), people), self._number)
-            for row, at in zip(found, places, strict=True):
+            result = np.empty((len(places), people), self._number)
+            for row, at in zip(result, places, strict=True):
                 row[:] = values[at]
-            return found
+            return result
 
         next_carry, outputs = map(rows_of, self._results)
         return next_carry, outputs

@@ -44,10 +44,10 @@ class UnsupportedError(ValueError):
 
 
 def _unknown(equation: Any) -> UnsupportedError:
-    found = ", ".join(sorted(equation.params)) or "none"
+    result = ", ".join(sorted(equation.params)) or "none"
     return UnsupportedError(
         f"the operation {equation.primitive.name!r} as JAX {jax.__version__} writes it, "
-        f"with parameters that glucoloop cannot read (found: {found})"
+        f"with parameters that glucoloop cannot read (found: {result})"
     )
 
 
@@ -65,10 +65,10 @@ def _closed(function: Any) -> Any:
 
 def method(of: object, name: str, prefix: str = "_") -> Callable[..., Any]:
     """Method of an object that carries out a primitive, by the names of both; a primitive without one is refused."""
-    found: Callable[..., Any] | None = getattr(of, f"{prefix}{name.replace('-', '_')}", None)
-    if found is None:
+    result: Callable[..., Any] | None = getattr(of, f"{prefix}{name.replace('-', '_')}", None)
+    if result is None:
         raise UnsupportedError(f"the operation {name!r}")
-    return found
+    return result
 
 
 def part(equation: Any) -> str | None:
@@ -160,7 +160,7 @@ def moved(equation: Any, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray
         case _ if name in SAME:
             return list(arrays)
     with jax.ensure_compile_time_eval():
-        return [np.asarray(found) for found in bind(equation, jax.device_put(list(arrays)))]
+        return [np.asarray(results) for results in bind(equation, jax.device_put(list(arrays)))]
 
 
 @dataclass(frozen=True)
@@ -298,8 +298,8 @@ def gathered(
     equation: Any, operand: npt.NDArray[np.int64], indices: npt.NDArray[np.int64], outside: int
 ) -> npt.NDArray[np.int64]:
     """Elements that a ``gather`` takes from an array; `outside` where an index lies outside the array."""
-    (found,) = bind(equation, jax.device_put([operand, indices]), fill_value=outside)
-    return np.asarray(found, np.int64)
+    (result,) = bind(equation, jax.device_put([operand, indices]), fill_value=outside)
+    return np.asarray(result, np.int64)
 
 
 def scatter_places(

@@ -176,8 +176,8 @@ class Program:
         if operation in _OF_CONSTANTS and all(a in self.constants for a in arguments):
             known = [np.uint32(self.constants[a]) if self.types[a] == WORD else self.constants[a] for a in arguments]
             with np.errstate(all="ignore"):
-                found: float | bool = _OF_CONSTANTS[operation](*known).item()
-            return self.word(int(found)) if operation in OF_WORDS else self.constant(found)
+                result: float | bool = _OF_CONSTANTS[operation](*known).item()
+            return self.word(int(result)) if operation in OF_WORDS else self.constant(result)
         simpler = self._simplified(operation, arguments)
         if simpler is not None:
             return simpler
@@ -289,8 +289,8 @@ class Program:
         for value in order:
             home = inside.setdefault(self.homes[value], Block(None, []))
             if value in self.loops:
-                found = inside.get(self.loops[value].home, Block(None, []))
-                home.steps.append(Block(value, found.steps))
+                result = inside.get(self.loops[value].home, Block(None, []))
+                home.steps.append(Block(value, result.steps))
             else:
                 home.steps.append(value)
         return whole

@@ -81,8 +81,8 @@ class WordFlattener(Flattener):
             keys, *rest = inputs
             if keys.size != 1:
                 raise UnsupportedError(f"the operation {name!r} of several keys at once")
-            (found,) = self._run(drawn, [self._do_random_unwrap(equation, keys).reshape(2), *rest])
-            return [found if name == "random_bits" else self._do_random_wrap(equation, found)]
+            (result,) = self._run(drawn, [self._do_random_unwrap(equation, keys).reshape(2), *rest])
+            return [result if name == "random_bits" else self._do_random_wrap(equation, result)]
         if unsigned and name in _OF_WORDS:
             return [self._elementwise(functools.partial(self._of_words, name), *inputs)]
         if unsigned and name not in _TAKEN:

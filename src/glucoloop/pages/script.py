@@ -39,8 +39,8 @@ def program(first: Iterable[Path], others: Mapping[Path, str] | None = None) -> 
     while waiting:
         path = waiting.pop(0)
         code = (others or {}).get(path) or path.read_text(encoding="utf-8")
-        for found in _IMPORT.finditer(code):
-            other = (path.parent / found["path"]).resolve()
+        for result in _IMPORT.finditer(code):
+            other = (path.parent / result["path"]).resolve()
             if other not in known:
                 known.add(other)
                 waiting.append(other)

@@ -17,7 +17,7 @@ from glucoloop.component.routes import INTRAVENOUS, PumpRange, route_of
 from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 
-USUAL_SITE: Final = "plasma"
+DEFAULT_SITE: Final = "plasma"
 
 
 def lowest_valid_glucose_mg_dl(patient: Patient) -> jax.Array | float:
@@ -90,7 +90,7 @@ def usual_pump(patient: Patient) -> PumpRange:
 
 def sites(patient: Patient) -> tuple[str, ...]:
     """Sites at which glucose can be read, that of the controlled glucose first; by default only that one."""
-    declared: tuple[str, ...] = getattr(patient, "sites", (USUAL_SITE,))
+    declared: tuple[str, ...] = getattr(patient, "sites", (DEFAULT_SITE,))
     return declared
 
 
@@ -120,7 +120,7 @@ def rest_at(patient: Patient, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.
     """Rate that holds a glucose, and the state there; NaN for people whom no rate holds. JAX traces it."""
     of_patient = getattr(patient, "rest_at", None)
     if of_patient is not None:
-        found: tuple[jax.Array, jax.Array] = of_patient(glucose_mg_dl)
-        return found
+        result: tuple[jax.Array, jax.Array] = of_patient(glucose_mg_dl)
+        return result
     rate = jnp.asarray(patient.insulin_for(glucose_mg_dl))
     return rate, patient.steady_state(rate)

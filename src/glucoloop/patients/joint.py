@@ -24,12 +24,12 @@ from glucoloop.refusal import Refusal
 from glucoloop.threefry import uniforms
 
 SCALES: Final = ("linear", "log")
-MOST_PARAMETERS: Final = 100
-MOST_ATTEMPTS: Final = 1000
+MAX_PARAMETERS: Final = 100
+MAX_ATTEMPTS: Final = 1000
 """Number of vectors after which a distribution is refused whose box holds next to none."""
 _SYMMETRIC: Final = 1e-9
 """Largest difference of two entries across the diagonal, as a share of their standard deviations."""
-_LEAST_PIVOT: Final = 1e-10
+_MIN_PIVOT: Final = 1e-10
 """Least share of a variance that others may leave unexplained."""
 
 
@@ -66,8 +66,8 @@ class JointVariation:
 
     def __post_init__(self) -> None:
         n = len(self.parameters)
-        if not 1 <= n <= MOST_PARAMETERS:
-            raise Refusal(f"{n} parameters cannot vary together; name 1 to {MOST_PARAMETERS}")
+        if not 1 <= n <= MAX_PARAMETERS:
+            raise Refusal(f"{n} parameters cannot vary together; name 1 to {MAX_PARAMETERS}")
         for name in self.parameters:
             if self.parameters.count(name) > 1:
                 raise Refusal(f"{name} is varied twice; leave one out")
@@ -100,7 +100,7 @@ class JointVariation:
                     )
                 row.append((C[i][j] - math.fsum(a * b for a, b in zip(row, L[j][:j], strict=True))) / L[j][j])
             left = C[i][i] - math.fsum(a * a for a in row)
-            if not left > _LEAST_PIVOT * C[i][i]:
+            if not left > _MIN_PIVOT * C[i][i]:
                 raise Refusal(
                     f"the covariance is not positive definite: {name} would vary less than {', '.join(names[:i])} "
                     "make it; check its signs and the size of its correlations"
@@ -116,7 +116,7 @@ class JointVariation:
         ValueError
             For a logarithm of a mean that is not positive, or bounds between which nothing lies.
         """
-        found = {}
+        result = {}
         for i, name in enumerate(self.parameters):
             centre = nominal[name] if self.mean is None else self.mean[i]
             sd = math.sqrt(self.covariance[i][i])
@@ -133,15 +133,15 @@ class JointVariation:
                 raise Refusal(
                     f"{name} varies from {low:g} to {high:g}, of which its bounds leave nothing; move lower or upper"
                 )
-            found[name] = Distribution("lognormal" if self.scale == "log" else "normal", centre, sd, lower, upper)
-        return found
+            result[name] = Distribution("lognormal" if self.scale == "log" else "normal", centre, sd, lower, upper)
+        return result
 
     def values(self, nominal: Mapping[str, float], seed: int, person: npt.NDArray[np.int64]) -> dict[str, Values]:
         """Values ``(n,)`` of each parameter for persons; Refusal if the bounds leave next to nothing of a vector."""
         within, L = self.distributions(nominal), self.factor()
         drawn = np.empty((len(self.parameters), person.size))
         left = np.arange(person.size)
-        for attempt in range(MOST_ATTEMPTS):
+        for attempt in range(MAX_ATTEMPTS):
             if not left.size:
                 return dict(zip(self.parameters, drawn, strict=True))
             z = [ndtri(uniforms(seed, f"joint {name}", person[left], attempt)) for name in self.parameters]
@@ -156,5 +156,5 @@ class JointVariation:
                 drawn[i, left] = value
             left = left[~accepted]
         raise Refusal(
-            f"none of {MOST_ATTEMPTS} vectors of {', '.join(self.parameters)} lies within the bounds; widen them"
+            f"none of {MAX_ATTEMPTS} vectors of {', '.join(self.parameters)} lies within the bounds; widen them"
         )

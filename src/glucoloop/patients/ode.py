@@ -18,10 +18,10 @@ from glucoloop.patients.model import PatientModel, Values
 from glucoloop.patients.protocol import Inputs, inputs_of
 from glucoloop.patients.resting import Constants, Rest, RestingPatient, shape_of_people
 
-_MOST_STEPS: Final = 100
+_MAX_STEPS: Final = 100
 _STILL: Final = 1e-14
 """Relative change of a step after which a person is at rest."""
-_FOUND: Final = 1e-9
+_STEADY: Final = 1e-9
 """Largest last change of a state at rest, as a share of the state's size."""
 _KEPT: Final = 0.1
 """Least share of a positive state that a step leaves."""
@@ -137,8 +137,8 @@ class OdePatient(RestingPatient[dict[str, Any]]):
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Rate that holds a glucose, and the state there; NaN where no rate of 0 or more does."""
-        found: tuple[jax.Array, jax.Array] = _holding(type(self), self.parameters, glucose_mg_dl)
-        return found
+        result: tuple[jax.Array, jax.Array] = _holding(type(self), self.parameters, glucose_mg_dl)
+        return result
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Rate of change of the state, per minute."""
@@ -171,9 +171,9 @@ def _holding(kind: type[OdePatient], p: Constants, glucose_mg_dl: jax.Array) -> 
         missed = patient.glucose_mg_dl(y[:-1]) - glucose_mg_dl
         return jnp.concatenate([_rates(kind, p, y[:-1], y[-1]), jnp.broadcast_to(missed, shape)[None]])
 
-    found = _root(residual, _spread((*kind.near_rest, kind.near_basal_mU_min), shape), free=1)
-    found = jnp.where(found[-1] >= -_FOUND * kind.near_basal_mU_min, found, jnp.nan)
-    return jnp.maximum(found[-1], 0.0), found[:-1]
+    result = _root(residual, _spread((*kind.near_rest, kind.near_basal_mU_min), shape), free=1)
+    result = jnp.where(result[-1] >= -_STEADY * kind.near_basal_mU_min, result, jnp.nan)
+    return jnp.maximum(result[-1], 0.0), result[:-1]
 
 
 def _rates(kind: type[OdePatient], p: Constants, x: jax.Array, insulin_mU_min: jax.Array) -> jax.Array:
@@ -220,7 +220,7 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
 
     def goes_on(carry: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
         _, moved, number = carry
-        return jnp.any(moved > _STILL) & (number < _MOST_STEPS)
+        return jnp.any(moved > _STILL) & (number < _MAX_STEPS)
 
     def solve(_: Any, near: jax.Array) -> tuple[jax.Array, jax.Array]:
         y, moved, _ = jax.lax.while_loop(goes_on, one, (near, jnp.full(near.shape[1:], jnp.inf), jnp.asarray(0)))
@@ -228,7 +228,7 @@ def _root(residual: Callable[[jax.Array], jax.Array], near: jax.Array, free: int
 
     # Derivatives, in either mode, are those of the zero and not of the steps towards it.
     y, moved = jax.lax.custom_root(residual, near, solve, solve_linear, has_aux=True)
-    return jnp.where(moved <= _FOUND, y, jnp.nan)
+    return jnp.where(moved <= _STEADY, y, jnp.nan)
 
 
 def _solved(A: jax.Array, b: jax.Array) -> jax.Array:

@@ -32,7 +32,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
 from glucoloop.threefry import checked_counter, checked_people, uniforms
 
-MOST_VARIATIONS: Final = 100
+MAX_VARIATIONS: Final = 100
 _DIGITS: Final = 11
 _CHUNK: Final = 512
 _WEIGHT: Final = "weight_kg"
@@ -61,8 +61,8 @@ class Population:
     def __post_init__(self) -> None:
         if not self.name.strip():
             raise Refusal("a population has no name; give it one")
-        if len(self.variations) > MOST_VARIATIONS:
-            raise Refusal(f"{len(self.variations)} variations are too many; give at most {MOST_VARIATIONS}")
+        if len(self.variations) > MAX_VARIATIONS:
+            raise Refusal(f"{len(self.variations)} variations are too many; give at most {MAX_VARIATIONS}")
         model = patient_model(self.patient)
         seen: set[str] = set()
         for parameter in self.parameters:
@@ -83,20 +83,20 @@ class Population:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters in which people differ, in their order."""
-        found: list[str] = []
+        result: list[str] = []
         for variation in self.variations:
-            found += variation.parameters if isinstance(variation, JointVariation) else [variation.parameter]
-        return (*found, *(() if self.table is None else self.table.values))
+            result += variation.parameters if isinstance(variation, JointVariation) else [variation.parameter]
+        return (*result, *(() if self.table is None else self.table.values))
 
     def _drawn(self) -> dict[str, Distribution]:
         nominal = patient_model(self.patient).nominal
-        found: dict[str, Distribution] = {}
+        result: dict[str, Distribution] = {}
         for variation in self.variations:
             if isinstance(variation, JointVariation):
-                found |= variation.distributions(nominal)
+                result |= variation.distributions(nominal)
             else:
-                found[variation.parameter] = variation.around(nominal[variation.parameter])
-        return found
+                result[variation.parameter] = variation.around(nominal[variation.parameter])
+        return result
 
     def distributions(self) -> dict[str, Distribution]:
         """Distribution of each parameter by itself, in their order; of a table the range of its values."""
@@ -105,17 +105,17 @@ class Population:
     def values(self, seed: int, person: npt.NDArray[np.int64]) -> dict[str, Values]:
         """Value ``(n,)`` of each parameter for persons by their numbers."""
         nominal = patient_model(self.patient).nominal
-        found: dict[str, Values] = {}
+        result: dict[str, Values] = {}
         for variation in self.variations:
             if isinstance(variation, JointVariation):
-                found |= variation.values(nominal, seed, person)
+                result |= variation.values(nominal, seed, person)
             else:
                 name = variation.parameter
-                found[name] = variation.around(nominal[name]).values(uniforms(seed, f"parameter {name}", person))
+                result[name] = variation.around(nominal[name]).values(uniforms(seed, f"parameter {name}", person))
         if self.table is not None:
             rows = self.table.rows(seed, person)
-            found |= {name: np.asarray(values, float)[rows] for name, values in self.table.values.items()}
-        return found
+            result |= {name: np.asarray(values, float)[rows] for name, values in self.table.values.items()}
+        return result
 
     def names(self, seed: int, person: npt.ArrayLike) -> list[str] | None:
         """Names of persons by their numbers; None without a table of people."""
@@ -326,16 +326,16 @@ def nominal_profile(name: str, nominal: Patient) -> Profile:
 
 def _profile(population: Population, seed: int, drawn: Draw, basal: Values, setpoint_mg_dl: float) -> Profile:
     """Profile ``(n,)`` of people: what their table has, and where it has nothing, how they rest and what they weigh."""
-    found: dict[str, Values] = {"basal_mU_min": basal, "setpoint_mg_dl": np.full(basal.shape, setpoint_mg_dl)}
+    result: dict[str, Values] = {"basal_mU_min": basal, "setpoint_mg_dl": np.full(basal.shape, setpoint_mg_dl)}
     weight = drawn.values.get(_WEIGHT, patient_model(population.patient).nominal.get(_WEIGHT))
     if weight is not None:
-        found[_WEIGHT] = np.broadcast_to(weight, basal.shape)
+        result[_WEIGHT] = np.broadcast_to(weight, basal.shape)
     if population.table is not None:
         rows = population.table.rows(seed, drawn.person)
         for name, known in population.table.profile.items():
             values = np.array([np.nan if value is None else value for value in known])[rows]
-            found[name] = np.where(np.isnan(values), found.get(name, np.nan), values)
-    return Profile(**found)
+            result[name] = np.where(np.isnan(values), result.get(name, np.nan), values)
+    return Profile(**result)
 
 
 def own_meals(population: Population, seed: int, person: npt.ArrayLike) -> Eaten:
@@ -357,7 +357,7 @@ def _usual_setpoint(name: str) -> float:
 
 
 @functools.partial(jax.jit, static_argnames="name")
-def _held(name: str, values: dict[str, jax.Array], setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _known_people(name: str, values: dict[str, jax.Array], setpoint_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
     people = patient_model(name).build(values, jnp.nan, setpoint_mg_dl)
     return rest_at(people, setpoint_mg_dl)
 
@@ -370,6 +370,6 @@ def _at_rest(name: str, drawn: Draw, setpoint_mg_dl: float) -> tuple[Values, Val
     for start in range(0, max(1, n), _CHUNK):  # nobody has as many states as anybody
         block = slice(start, min(start + _CHUNK, n))
         values = {name: np.resize(value[block], _CHUNK) for name, value in drawn.values.items()}
-        basal, rest = (np.asarray(part)[..., : block.stop - start] for part in _held(name, values, setpoints))
+        basal, rest = (np.asarray(part)[..., : block.stop - start] for part in _known_people(name, values, setpoints))
         parts.append((basal, rest))
     return np.concatenate([basal for basal, _ in parts]), np.concatenate([rest for _, rest in parts], axis=-1)

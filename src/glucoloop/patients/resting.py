@@ -67,10 +67,10 @@ class Rest:
         with at_once():
             glucose = np.asarray(glucose_mg_dl, float)
             u = kept_result(self.holding, p, jnp.asarray(glucose))
-            held = np.isfinite(np.asarray(u)) & (glucose > 0.0)
-            if not np.all(held):
+            feasible = np.isfinite(np.asarray(u)) & (glucose > 0.0)
+            if not np.all(feasible):
                 raise Refusal(
-                    f"no insulin infusion holds glucose at {_first(glucose, ~held):g} mg/dl; give a value above 0 and "
+                    f"no insulin infusion holds glucose at {_first(glucose, ~feasible):g} mg/dl; give a value above 0 and "
                     f"at most {np.min(np.asarray(self.highest_mg_dl(p))):.2f} mg/dl, where this patient rests without "
                     "insulin"
                 )

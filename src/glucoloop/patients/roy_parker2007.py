@@ -73,7 +73,7 @@ OXYGEN_PER_MIN: Final = 0.8
 THRESHOLD: Final = (-1.1521, 87.471)
 RESET_MIN: Final = 1.0
 SWITCH_MIN: Final = 4.0
-LEAST_INSULIN: Final = 1.0
+MIN_INSULIN: Final = 1.0
 FADED: Final = 1e-12
 
 
@@ -101,7 +101,7 @@ class RoyParkerPatient(OdePatient):
         threshold = (THRESHOLD[0] * u + THRESHOLD[1]) * u
         since_min = (A - threshold) / jnp.where(exercising, u, 1.0)
         exhausted = jnp.clip(since_min / SWITCH_MIN + 0.5, 0.0, 1.0)
-        removed = E * jnp.clip(I / LEAST_INSULIN, 0.0, 1.0)
+        removed = E * jnp.clip(I / MIN_INSULIN, 0.0, 1.0)
         by_exercise = c["weight_kg"] * (P - L - U)
         return jnp.stack(
             [

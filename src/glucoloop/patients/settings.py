@@ -91,7 +91,7 @@ class PatientPart(Part):
     guard: ClassVar[Mapping[str, float]] = {}
     """Limits of a guard that are usual for this patient, where they differ from those of the route."""
 
-    under_the_skin: ClassVar[bool] = False
+    subcutaneous: ClassVar[bool] = False
     """Whether insulin is given under the skin; it follows from the route."""
     usual_point: ClassVar[str] = ""
     """Name of the first operating point."""
@@ -133,7 +133,7 @@ class PatientPart(Part):
         for name, value in usual.items():
             if not hasattr(cls, name):
                 setattr(cls, name, value)
-        cls.under_the_skin = cls.insulin_route == SUBCUTANEOUS
+        cls.subcutaneous = cls.insulin_route == SUBCUTANEOUS
         cls.usual_point = cls.operating_points[0].name
         cls.usual_population = next(iter(cls.populations), NOMINAL)
 
@@ -159,7 +159,7 @@ class PatientPart(Part):
     @property
     def place(self) -> str:
         """Short name of the operating point, after the name of the patient unless it is the usual one."""
-        where = self.rests_at if self.name == USUAL_PATIENT.name else f"{self.called}, {self.rests_at}"
+        where = self.rests_at if self.name == DEFAULT_PATIENT.name else f"{self.called}, {self.rests_at}"
         return where if self.person is None else f"{where}, person {self.person}"
 
     @classmethod
@@ -334,6 +334,6 @@ PATIENTS: Final = _Patients(
     example="parker-1999, operating_point=nominal-22",
     unnamed=True,
 )
-USUAL_PATIENT: Final = Parker1999Part
+DEFAULT_PATIENT: Final = Parker1999Part
 patient_entry: Final = PATIENTS.find
 """Function that returns a patient by name: of this package, of another one, or ``module:Class``."""

@@ -28,7 +28,7 @@ PROFILE_COLUMNS: Final = (
 ONCE: Final = "once"
 REPLACED: Final = "with-replacement"
 DRAWS: Final = (ONCE, REPLACED)
-MOST_ROWS: Final = 100_000
+MAX_ROWS: Final = 100_000
 Known = float | None
 
 
@@ -63,8 +63,8 @@ class PeopleTable:
     draws: str = ONCE
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.names) <= MOST_ROWS:
-            raise Refusal(f"a table of {len(self.names)} people is not possible; give 1 to {MOST_ROWS}")
+        if not 1 <= len(self.names) <= MAX_ROWS:
+            raise Refusal(f"a table of {len(self.names)} people is not possible; give 1 to {MAX_ROWS}")
         seen: set[str] = set()
         for name in self.names:
             if not name.strip() or not is_printable(name):
@@ -100,7 +100,7 @@ class PeopleTable:
         if person in self.names:
             return self.names.index(person)
         numbered = person.isascii() and person.isdecimal() and not any(name.isdecimal() for name in self.names)
-        if numbered and len(person) < len(str(MOST_ROWS)) + 1 and int(person) < len(self.names):
+        if numbered and len(person) < len(str(MAX_ROWS)) + 1 and int(person) < len(self.names):
             return int(person)
         from glucoloop.component.setting import known_names
 
@@ -138,12 +138,12 @@ class PeopleTable:
 
     def days(self) -> npt.NDArray[np.float64]:
         """Time, carbohydrate and time of eating of each person's meals ``(3, meals, people)``, filled up with 0 g."""
-        found = np.zeros((3, max(map(len, self.meals), default=0), len(self.names)))
+        result = np.zeros((3, max(map(len, self.meals), default=0), len(self.names)))
         for row, meals in enumerate(self.meals):
-            found[0, :, row] = meals[-1].t_min if meals else 0.0
+            result[0, :, row] = meals[-1].t_min if meals else 0.0
             for at, meal in enumerate(meals):
-                found[:, at, row] = meal.t_min, meal.carbs_g, meal.eating_min
-        return found
+                result[:, at, row] = meal.t_min, meal.carbs_g, meal.eating_min
+        return result
 
     def usual_day(self) -> tuple[Meal, ...]:
         """Meals of the mean time and carbohydrate of those of people, first with first."""

@@ -23,7 +23,7 @@ from glucoloop.units import MIN_PER_DAY
 LARGEST_INTENSITY_PCT: Final = 100.0
 SHORTEST_BOUT_MIN: Final = 1.0
 LONGEST_BOUT_MIN: Final = MIN_PER_DAY
-MOST_BOUTS: Final = 100
+MAX_BOUTS: Final = 100
 """Largest number of bouts in a run, and of one day that is repeated."""
 
 Floats = npt.NDArray[np.float64]
@@ -103,8 +103,8 @@ def exercise_in_order(exercise: Iterable[Exercise], end_min: float) -> tuple[Exe
                 f"the exercise at {bout.t_min:g} min begins after the end at {end_min:g} min; move it, or lengthen "
                 "the run"
             )
-    if len(given) > MOST_BOUTS:
-        raise Refusal(f"{len(given)} bouts of exercise are too many; give at most {MOST_BOUTS}")
+    if len(given) > MAX_BOUTS:
+        raise Refusal(f"{len(given)} bouts of exercise are too many; give at most {MAX_BOUTS}")
     return tuple(sorted(given, key=lambda bout: bout.t_min))
 
 
@@ -137,7 +137,7 @@ def draw_bouts(
     )
     for row in range(len(exercise)):
         day, which = divmod(row, a_day)
-        index = day * MOST_BOUTS + which
+        index = day * MAX_BOUTS + which
         if intensity_spread_pct > 0.0:
             away = intensity_spread_pct / 100.0 * (2.0 * uniforms(seed, "exercise intensity", people, index) - 1.0)
             intensity_pct[row] = np.minimum(intensity_pct[row] * (1.0 + away), LARGEST_INTENSITY_PCT)
@@ -150,14 +150,14 @@ def draw_bouts(
 def mean_intensity_pct(bouts: Bouts, edges_min: npt.ArrayLike) -> Floats:
     """Mean intensity ``(n, people)`` of people between consecutive times ``(n + 1,)``."""
     edges = np.asarray(edges_min, float)
-    found = np.zeros((edges.size - 1, bouts.t_min.shape[1]))
+    result = np.zeros((edges.size - 1, bouts.t_min.shape[1]))
     for intensity_pct, begins, lasts in zip(bouts.intensity_pct, bouts.t_min, bouts.duration_min, strict=True):
         first = max(0, int(np.searchsorted(edges, begins.min(), side="right")) - 1)
         there = slice(first, int(np.searchsorted(edges, (begins + lasts).max())))
         start, end = edges[:-1][there, None], edges[1:][there, None]
         share = np.clip((np.minimum(begins + lasts, end) - np.maximum(begins, start)) / (end - start), 0.0, 1.0)
-        np.maximum(found[there], share * intensity_pct, out=found[there])
-    return found
+        np.maximum(result[there], share * intensity_pct, out=result[there])
+    return result
 
 
 def bouts_of_one(exercise: Sequence[Exercise]) -> Bouts:

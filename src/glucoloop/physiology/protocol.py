@@ -45,9 +45,9 @@ def changes_of(rhythms: Sequence[Rhythm], clock_min: Floats, seed: int, person: 
     """
     checked_counter("seed", seed)
     people = checked_people(person)
-    found = [rhythm.changes(clock_min, seed, people) for rhythm in rhythms]
-    factors = [some.sensitivity for some in found if some.sensitivity is not None]
-    added = [some.production_mg_kg_min for some in found if some.production_mg_kg_min is not None]
+    result = [rhythm.changes(clock_min, seed, people) for rhythm in rhythms]
+    factors = [some.sensitivity for some in result if some.sensitivity is not None]
+    added = [some.production_mg_kg_min for some in result if some.production_mg_kg_min is not None]
     return Changes(
         sensitivity=np.prod(factors, axis=0) if factors else None,
         production_mg_kg_min=np.sum(added, axis=0) if added else None,

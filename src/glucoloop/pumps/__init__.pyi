@@ -3,8 +3,8 @@ from .expiring import expiring as expiring
 from .expiring import rate_in_force as rate_in_force
 from .infusion_set import InfusionSet as InfusionSet
 from .infusion_set import infusion_set as infusion_set
+from .limits import DEFAULT_BOLUS_LIMITS as DEFAULT_BOLUS_LIMITS
 from .limits import PARKER_1999_LIMITS as PARKER_1999_LIMITS
-from .limits import USUAL_BOLUS_LIMITS as USUAL_BOLUS_LIMITS
 from .limits import BolusLimits as BolusLimits
 from .limits import DoseLimits as DoseLimits
 from .limits import LimitedPump as LimitedPump

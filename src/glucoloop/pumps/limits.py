@@ -98,7 +98,7 @@ class BolusLimits:
         return jnp.where(whole >= self.min_mU - _HAIR * self.step_mU, whole, 0.0)
 
 
-USUAL_BOLUS_LIMITS: Final = BolusLimits()
+DEFAULT_BOLUS_LIMITS: Final = BolusLimits()
 """Largest bolus of 25 U, as of the t:slim X2 (Tandem), in steps of 0.05 U, the pulse of the Omnipod (Insulet); the
 usual pumps can give every bolus within these limits.
 """
@@ -142,7 +142,7 @@ class LimitedPump:
     """
 
     limits: DoseLimits = PARKER_1999_LIMITS
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS
 
     def init(self, insulin_mU_min: jax.Array, key: jax.Array) -> jax.Array:
         """State of the pump: the last delivered rate."""

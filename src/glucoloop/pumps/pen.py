@@ -38,7 +38,7 @@ class _State:
     """(injections, ...) long-acting doses, the newest first."""
     since_min: jax.Array
     """(injections, ...) time since each."""
-    asked_mU: jax.Array
+    requested_mU: jax.Array
     """Basal insulin that was asked for since the newest injection."""
 
 
@@ -71,7 +71,7 @@ class Pen:
             inner=self.inner.init(insulin_mU_min, key),
             dose_mU=jnp.stack([dose] * number),
             since_min=jnp.stack([zero + since_min + i * self._every_min for i in range(number)]),
-            asked_mU=insulin_mU_min * since_min,
+            requested_mU=insulin_mU_min * since_min,
         )
 
     def deliver(
@@ -81,19 +81,19 @@ class Pen:
 
         A dose is the basal insulin that was asked for since the last one, and is reported as a constant rate.
         """
-        inner, asked = deliver(self.inner, state.inner, command_mU_min, key, bolus_mU)
+        inner, delivery = deliver(self.inner, state.inner, command_mU_min, key, bolus_mU)
         due = state.since_min[0] > self._every_min - 0.5 * self.sample_time_min
-        dose = jnp.concatenate([self._rounded(state.asked_mU)[None], state.dose_mU[:-1]])
+        dose = jnp.concatenate([self._rounded(state.requested_mU)[None], state.dose_mU[:-1]])
         since = jnp.concatenate([jnp.zeros_like(state.since_min[:1]), state.since_min[:-1]])
         dose, since = jnp.where(due, dose, state.dose_mU), jnp.where(due, since, state.since_min)
         later = jnp.minimum(since + self.sample_time_min, 2.0 * self.action_min + self._every_min)
         released = jnp.sum(dose * (self._left(since) - self._left(later)), axis=0)
-        asked_mU = jnp.where(due, 0.0, state.asked_mU) + asked.insulin_mU_min * self.sample_time_min
-        return _State(inner=inner, dose_mU=dose, since_min=later, asked_mU=asked_mU), Delivery(
+        requested_mU = jnp.where(due, 0.0, state.requested_mU) + delivery.insulin_mU_min * self.sample_time_min
+        return _State(inner=inner, dose_mU=dose, since_min=later, requested_mU=requested_mU), Delivery(
             insulin_mU_min=released / self.sample_time_min,
             reported_mU_min=dose[0] / self._every_min,
-            bolus_mU=asked.bolus_mU,
-            reported_bolus_mU=asked.reported_bolus_mU,
+            bolus_mU=delivery.bolus_mU,
+            reported_bolus_mU=delivery.reported_bolus_mU,
         )
 
     def _left(self, since_min: jax.Array) -> jax.Array:

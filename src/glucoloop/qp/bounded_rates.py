@@ -25,7 +25,7 @@ from glucoloop._pytree import pytree
 
 ROUNDS: Final = 4
 SWEEPS: Final = 5
-_LEAST_BEND: Final = 1e-12
+_MIN_BEND: Final = 1e-12
 _ON_THE_WAY: Final = (1.0, 0.5, 0.2, 0.05)
 
 
@@ -101,7 +101,7 @@ def _descend(H: jax.Array, gradient: jax.Array, least: jax.Array, most: jax.Arra
         d, slope = carry
         steps = list(d)
         for j in range(len(steps)):
-            wanted = jnp.clip(steps[j] - slope[j] / jnp.maximum(H[j, j], _LEAST_BEND), least[j], most[j])
+            wanted = jnp.clip(steps[j] - slope[j] / jnp.maximum(H[j, j], _MIN_BEND), least[j], most[j])
             slope, steps[j] = slope + H[:, j] * (wanted - steps[j]), wanted
         return (jnp.stack(steps), slope), None
 

@@ -284,11 +284,11 @@ def minimise_many_moves(
 
     free = jnp.linalg.solve(H, -f)
     fallback = limit_moves(jnp.where(jnp.all(jnp.isfinite(free)), free, 0.0), u, **limits)
-    found = jnp.all(jnp.isfinite(solution.x))
-    moves = jnp.where(found, limit_moves(jnp.where(found, solution.x, 0.0) * unit, u, **limits), fallback)
+    result = jnp.all(jnp.isfinite(solution.x))
+    moves = jnp.where(result, limit_moves(jnp.where(result, solution.x, 0.0) * unit, u, **limits), fallback)
     return MovesSolution(
         moves=moves,
-        converged=found & solution.converged,
+        converged=result & solution.converged,
         iterations=solution.iterations,
         residual=solution.residual,
     )

@@ -54,7 +54,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
 
 def _own_names(content: FileText) -> dict[str, str]:
     """Columns of a table that has the names of a record."""
-    place = next((found for name in _UNITS if (found := content.header("time", name, whole=True))), None)
+    place = next((result for name in _UNITS if (result := content.header("time", name, whole=True))), None)
     if place is None:
         raise Refusal(
             "its columns have no names of a record", "name them, as columns='time=Zeit,glucose_mg_dl=BZ' (--columns)"

@@ -22,7 +22,7 @@ from glucoloop.refusal import Refusal
 
 _HEADER: Final = ("Index", "Date", "Time", "Sensor Glucose (")
 _RULE: Final = "-------"
-_MOST_SECTIONS: Final = 100
+_MAX_SECTIONS: Final = 100
 _COLUMNS: Final = {
     "date": "Date",
     "clock": "Time",
@@ -91,7 +91,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     if frame["changed"].is_not_null().any():
         count = int(frame["changed"].is_not_null().sum())
         notes.append(f"The clock of the device was set {count} times; times are as it showed them.")
-    found = extract_frame(
+    result = extract_frame(
         frame,
         times,
         spoilt,
@@ -101,28 +101,28 @@ def rows(content: FileText, answers: Answers) -> Extract:
         device=pl.col("device"),
         kind=kind,
     )
-    events, unreadable = _basal_events(frame, found)
+    events, unreadable = _basal_events(frame, result)
     if unreadable:
         notes.append(f"{unreadable} entries of basal rates hold no number.")
     unit = next(iter(units), None)
     tables = tuple(note for _, table in sections for note in table.notes)
-    return Extract(frame=with_basal(found, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
+    return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit=unit, notes=(*tables, *notes))
 
 
 def _sections(text: str, delimiter: str) -> list[tuple[str, CellTable]]:
     """Kind of device and table of each section; the lines before the first one are about the person."""
-    found: list[tuple[str, CellTable]] = []
+    result: list[tuple[str, CellTable]] = []
     device, lines = "Medtronic", list[str]()
     for line in [*text.split("\n"), _RULE]:
         if line.lstrip('"').startswith(_RULE):
-            if len(found) == _MOST_SECTIONS:
-                raise Refusal(f"it has more than {_MOST_SECTIONS} sections of devices; divide it")
+            if len(result) == _MAX_SECTIONS:
+                raise Refusal(f"it has more than {_MAX_SECTIONS} sections of devices; divide it")
             if lines:
-                found.append((device, table_of("\n".join(lines), delimiter)))
+                result.append((device, table_of("\n".join(lines), delimiter)))
             device, lines = kind_of(line, "Medtronic"), []
         elif lines or line.lstrip('"').startswith("Index"):
             lines.append(line)
-    return found
+    return result
 
 
 def _units(table: CellTable) -> list[str]:
@@ -130,10 +130,10 @@ def _units(table: CellTable) -> list[str]:
     return [unit for unit in ("mg/dl", "mmol/l") if unit in column]
 
 
-def _basal_events(frame: pl.DataFrame, found: pl.DataFrame) -> tuple[list[BasalEvent], int]:
+def _basal_events(frame: pl.DataFrame, result: pl.DataFrame) -> tuple[list[BasalEvent], int]:
     """Entries about the basal rate, and the number of those that cannot be read."""
     about = ("basal", "temp", "temp_type", "temp_duration", "suspend")
-    logged = frame.select(*about).with_columns(found["row"], found["time"]).reverse()
+    logged = frame.select(*about).with_columns(result["row"], result["time"]).reverse()
     logged = logged.filter(
         pl.any_horizontal(pl.col("basal", "temp", "suspend").is_not_null()) & pl.col("time").is_not_null()
     )

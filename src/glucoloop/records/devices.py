@@ -44,9 +44,9 @@ _KINDS: Final = tuple(
 def kind_of(text: str | None, otherwise: str) -> str:
     """Kind of device that a text names; `otherwise` for one that is not known, of which nothing is passed on."""
     for pattern, kind in _KINDS:
-        found = pattern.search(text or "")
-        if found:
-            return kind.format(*(group.upper() for group in found.groups()))
+        result = pattern.search(text or "")
+        if result:
+            return kind.format(*(group.upper() for group in result.groups()))
     return otherwise
 
 

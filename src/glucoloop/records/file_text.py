@@ -18,11 +18,11 @@ from glucoloop.user_file import read_regular
 
 LARGEST_BYTES: Final = 2_000_000_000
 DELIMITERS: Final = (",", ";", "\t")
-MOST_ROWS: Final = 5_000_000
+MAX_ROWS: Final = 5_000_000
 """Largest number of rows or entries of a file: a reading a minute for nine years."""
-_MOST_GROUPS, _MOST_VALUES = 10_000_000, 50_000_000
-_MOST_COLUMNS: Final = 1000
-_MOST_CELLS: Final = 100_000_000
+_MAX_GROUPS, _MAX_VALUES = 10_000_000, 50_000_000
+_MAX_COLUMNS: Final = 1000
+_MAX_CELLS: Final = 100_000_000
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(
     r"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|(u[dD][89a-fA-F][0-9a-fA-F]{2})|.)", re.DOTALL
@@ -86,7 +86,7 @@ class FileText:
         """Items of a list in JSON; Refusal if the text is none."""
         if not isinstance(self.json, list):
             raise Refusal("it is no whole list in JSON; export it again")
-        _bounded(len(self.json), MOST_ROWS, "entries")
+        _bounded(len(self.json), MAX_ROWS, "entries")
         return self.json
 
 
@@ -99,7 +99,7 @@ def xml_of(text: str) -> ElementTree.Element:
     """Root of a text in XML; Refusal for one that is damaged, has too many elements, or defines kinds of its own."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise Refusal("it defines its own kinds of XML, which no file of a device does; give the file as it came")
-    _bounded(text.count("<"), _MOST_GROUPS, "elements of XML")
+    _bounded(text.count("<"), _MAX_GROUPS, "elements of XML")
     try:
         return ElementTree.fromstring(text.encode(), ElementTree.XMLParser(encoding="utf-8"))
     except ElementTree.ParseError as error:
@@ -112,8 +112,8 @@ def json_of(text: str) -> Any:
 
     Refusal for more values than memory is meant for: an empty object of three letters takes over 60 bytes.
     """
-    _bounded(text.count("{") + text.count("["), _MOST_GROUPS, "objects and lists")
-    _bounded(text.count(","), _MOST_VALUES, "values")
+    _bounded(text.count("{") + text.count("["), _MAX_GROUPS, "objects and lists")
+    _bounded(text.count(","), _MAX_VALUES, "values")
     if _SURROGATE.search(text):
         text = _ESCAPE.sub(lambda escape: r"\ufffd" if escape[1] else escape[0], text)
     try:
@@ -184,9 +184,9 @@ def table_of(text: str, delimiter: str) -> CellTable:
     """Table of a text whose first line names the columns; Refusal if it is none."""
     header, _, body = text.partition("\n")
     columns, count = header.count(delimiter) + 1, body.count("\n") + 1
-    _bounded(columns, _MOST_COLUMNS, "columns", "leave some out, or divide it")
-    _bounded(count, MOST_ROWS, "lines", "leave some out, or divide it")
-    _bounded(columns * count, _MOST_CELLS, "cells", "leave some out, or divide it")
+    _bounded(columns, _MAX_COLUMNS, "columns", "leave some out, or divide it")
+    _bounded(count, MAX_ROWS, "lines", "leave some out, or divide it")
+    _bounded(columns * count, _MAX_CELLS, "cells", "leave some out, or divide it")
     body = _BLANK_LINES.sub("\n", body).strip("\n")
     names = _names(header, delimiter)
     notes: tuple[str, ...] = ()

@@ -33,7 +33,7 @@ def recognised(content: FileText) -> bool:
 
 def rows(content: FileText, answers: Answers) -> Extract:
     """Rows of an export of LibreView."""
-    place = next((found for names in _HEADERS if (found := content.header(*names))), None)
+    place = next((result for names in _HEADERS if (result := content.header(*names))), None)
     if place is None:
         raise Refusal("it has no header of LibreView, Device Timestamp, Record Type and so on; export it again")
     table = content.table(place)

@@ -38,7 +38,7 @@ def recognised(content: FileText) -> bool:
     return any("sgv" in item or "mbg" in item or ("eventType" in item and "created_at" in item) for item in first)
 
 
-def told(content: FileText, answers: Answers) -> Answers | None:
+def with_zone(content: FileText, answers: Answers) -> Answers | None:
     """Answers with the profiles that a file holds; None for a file of entries or treatments."""
     profiles = profiles_of(content)
     return replace(answers, basal_profiles=(*answers.basal_profiles, *profiles)) if profiles else None
@@ -68,7 +68,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         .when(pl.col("type").is_not_null() & (pl.col("type") != "sgv"))
         .then(pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String))
     )
-    found = extract_frame(
+    result = extract_frame(
         source,
         times,
         glucose=pl.col("sgv"),
@@ -79,13 +79,13 @@ def rows(content: FileText, answers: Answers) -> Extract:
         kind=kind,
     )
     for mark, number in (("low", _LOW_CODE), ("high", _HIGH_CODE)):
-        count = found.filter(pl.col("out_of_range") == mark).height
+        count = result.filter(pl.col("out_of_range") == mark).height
         if count:
             more.append(f"{count} readings of {number} stand for {mark}.")
     spread = sum(item.get("eventType") == "Combo Bolus" for item in items)
     if spread:
         more.append(f"{spread} combo boluses count with the insulin that they name, at their beginning.")
-    places = found["time"].to_list()
+    places = result["time"].to_list()
     usual = _usual_events(items, instants.to_list(), places, answers)
     rates = basal_rates([*usual, *_basal_events(items, places)])
     unknown = sum(math.isnan(rate) for _, _, rate in rates)
@@ -96,7 +96,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
         )
     if usual:
         more.append(f"The usual basal rate is that of the profiles of Nightscout; it changes {len(usual) - 1} times.")
-    return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=(*notes, *more))
+    return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=(*notes, *more))
 
 
 def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series, pl.Series, list[str]]:
@@ -106,10 +106,10 @@ def _instants(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.Series,
     texts = cells(item.get("created_at") or item.get("dateString") or item.get("timestamp") for item in items)
     read, notes = times_of(texts, answers)
     shift = pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
-    told = read.select(pl.col("time") - shift).to_series()
+    with_zone = read.select(pl.col("time") - shift).to_series()
     offsets = pl.Series([_whole(item.get("utcOffset")) for item in items], dtype=pl.Int64)
     offsets = pl.select(pl.when(offsets.is_between(-840, 840) & (offsets != 0)).then(offsets)).to_series()
-    table = pl.DataFrame({"number": instants, "told": told, "own": offsets, "text": read["utc_offset_min"]})
+    table = pl.DataFrame({"number": instants, "told": with_zone, "own": offsets, "text": read["utc_offset_min"]})
     return (
         table.select(pl.coalesce("number", "told")).to_series(),
         table.select(pl.coalesce("own", "text").fill_null(0)).to_series(),
@@ -127,9 +127,13 @@ def _usual_events(
     items: list[dict[str, Any]], instants: list[Any], times: list[Any], answers: Answers
 ) -> list[BasalEvent]:
     """Changes of the usual basal rate in the span of the treatments; each belongs to the row before it."""
-    told = (item.get("eventType") in (_TEMPORARY, SWITCH) or item.get("insulin") or item.get("carbs") for item in items)
+    with_zone = (
+        item.get("eventType") in (_TEMPORARY, SWITCH) or item.get("insulin") or item.get("carbs") for item in items
+    )
     rows = sorted(
-        (at, row) for row, (at, time, use) in enumerate(zip(instants, times, told, strict=True)) if at and time and use
+        (at, row)
+        for row, (at, time, use) in enumerate(zip(instants, times, with_zone, strict=True))
+        if at and time and use
     )
     if not answers.basal_profiles or not rows:
         return []

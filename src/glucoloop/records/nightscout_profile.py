@@ -23,8 +23,8 @@ SWITCH: Final = "Profile Switch"
 _MIN_PER_DAY: Final = 1440
 _MS_PER_H: Final = 3_600_000.0
 _NEVER: Final = (datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC))
-_MOST_CHANGES: Final = 1_000_000
-_MOST_MIN: Final = 1e7
+_MAX_CHANGES: Final = 1_000_000
+_MAX_MIN: Final = 1e7
 """Longest duration of a switch that is counted as one, some 19 years."""
 
 
@@ -115,19 +115,19 @@ def usual_rates(
 
     ends = {moment for span in every for moment in (span.start, span.end) if first < moment <= last}
     steps = itertools.chain.from_iterable(span.steps(max(first, span.start), min(last, span.end)) for span in every)
-    moments = sorted({first, *ends, *itertools.islice(steps, _MOST_CHANGES + 1)})
-    if len(moments) > _MOST_CHANGES:
+    moments = sorted({first, *ends, *itertools.islice(steps, _MAX_CHANGES + 1)})
+    if len(moments) > _MAX_CHANGES:
         raise Refusal(
-            f"by the profiles of Nightscout the basal rate would change more than {_MOST_CHANGES} times between "
+            f"by the profiles of Nightscout the basal rate would change more than {_MAX_CHANGES} times between "
             f"{first:%Y-%m-%d} and {last:%Y-%m-%d}; leave out the rows of a wrong year, or divide the file"
         )
-    found: list[tuple[datetime, float]] = []
+    result: list[tuple[datetime, float]] = []
     for at in moments:
         active = span_at(at)
         rate = math.nan if active is None else active.rate_U_h(at)
-        if not found or not (rate == found[-1][1] or (math.isnan(rate) and math.isnan(found[-1][1]))):
-            found.append((at, rate))
-    return found
+        if not result or not (rate == result[-1][1] or (math.isnan(rate) and math.isnan(result[-1][1]))):
+            result.append((at, rate))
+    return result
 
 
 def _switched(
@@ -135,20 +135,20 @@ def _switched(
 ) -> _Span | None:
     """Span of a switch; None if nothing tells its schedule, and that before it goes on."""
     minutes = finite(switch.get("duration")) or 0.0
-    end = start + timedelta(minutes=minutes) if 0.0 < minutes < _MOST_MIN else _NEVER[1]
-    held = _held(switch.get("profileJson"))
-    schedule = _schedule(store.get(str(switch.get("profile"))), time_zone) or _schedule(held, time_zone)
+    end = start + timedelta(minutes=minutes) if 0.0 < minutes < _MAX_MIN else _NEVER[1]
+    stored_profile = _profile_in(switch.get("profileJson"))
+    schedule = _schedule(store.get(str(switch.get("profile"))), time_zone) or _schedule(stored_profile, time_zone)
     if schedule is None:
         return None
     factor, hours = 1.0, 0
-    if held is not None:
+    if stored_profile is not None:
         factor = (finite(switch.get("percentage")) or 100.0) / 100.0
         if not switch.get("CircadianPercentageProfile"):  # AndroidAPS 2, whose shift Nightscout does not use
             hours = math.trunc((finite(switch.get("timeshift")) or 0.0) / _MS_PER_H)
     return _Span(start, end, schedule, factor, timedelta(hours=math.fmod(hours, 24)))
 
 
-def _held(text: object) -> object:
+def _profile_in(text: object) -> object:
     """Schedules that a switch holds as a text in JSON; None if it holds none."""
     return json_of(text) if isinstance(text, str) else None
 
@@ -158,15 +158,15 @@ def _schedule(value: object, time_zone: str | None) -> _Schedule | None:
     steps = value.get("basal") if isinstance(value, dict) else None
     if not isinstance(value, dict) or not isinstance(steps, list) or not steps:
         return None
-    found = {}
+    result = {}
     for step in steps:
         minute, rate = (_minute(step), _rate(step.get("value"))) if isinstance(step, dict) else (None, None)
         if minute is None or rate is None:
             return None
-        found[minute] = rate
-    minutes = tuple(sorted(found))
+        result[minute] = rate
+    minutes = tuple(sorted(result))
     zone = zone_of(value.get("timezone")) or zone_of(time_zone) or zoneinfo.ZoneInfo("UTC")
-    return _Schedule(minutes, tuple(found[minute] for minute in minutes), zone)
+    return _Schedule(minutes, tuple(result[minute] for minute in minutes), zone)
 
 
 def _minute(step: Mapping[str, Any]) -> int | None:

@@ -25,8 +25,8 @@ TOKEN_VARIABLE: Final = "GLUCOLOOP_NIGHTSCOUT_TOKEN"
 """Environment variable of the token, which no command line or file may hold."""
 PAGE: Final = 10_000
 """Number of entries asked for at once."""
-MOST_DAYS: Final = 3660
-_MOST_PAGES: Final = 10_000
+MAX_DAYS: Final = 3660
+_MAX_PAGES: Final = 10_000
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 
 
@@ -66,8 +66,8 @@ def read_nightscout(
     Refusal
         If the site does not answer, refuses, answers anything but Nightscout's JSON, or has nothing for these days.
     """
-    if not 1 <= days <= MOST_DAYS:
-        raise Refusal(f"days is {days}; give 1 to {MOST_DAYS}")
+    if not 1 <= days <= MAX_DAYS:
+        raise Refusal(f"days is {days}; give 1 to {MAX_DAYS}")
     site = _Site(url, token, allowance or Allowance())
     end = until or datetime.now(UTC)
     span = (end - timedelta(days=days), end)
@@ -123,9 +123,9 @@ class _Site:
     ) -> Iterator[dict[str, Any]]:
         """Items of a span, newest first; a page begins with the moment that ends the one before."""
         known, last = set[str](), text(span[1])
-        for _ in range(_MOST_PAGES):
-            asked = {"count": str(PAGE), f"find[{key}][$gte]": text(span[0]), f"find[{key}][$lte]": last}
-            items = [item for item in self.page(what, asked) if isinstance(item, dict)]
+        for _ in range(_MAX_PAGES):
+            parameters = {"count": str(PAGE), f"find[{key}][$gte]": text(span[0]), f"find[{key}][$lte]": last}
+            items = [item for item in self.page(what, parameters) if isinstance(item, dict)]
             new = [item for item in items if _identity(item) not in known]
             yield from new
             known.update(map(_identity, new))

@@ -55,7 +55,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
             "grams": _of(events, "meal", "carbs"),
         }
     )
-    found = extract_frame(
+    result = extract_frame(
         source,
         times,
         glucose=pl.col("value"),
@@ -71,7 +71,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
     if counted:
         notes.append(f"{counted} boluses name carbohydrate too; it was not used, for the meals have it.")
     rates = basal_rates(_basal_events(events, times["time"].to_list(), ends["time"].to_list()))
-    return Extract(frame=with_basal(found, rates), glucose_unit="mg/dl", notes=tuple(notes))
+    return Extract(frame=with_basal(result, rates), glucose_unit="mg/dl", notes=tuple(notes))
 
 
 def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Series:
@@ -82,17 +82,17 @@ def _of(events: list[tuple[str, dict[str, str]]], tag: str, key: str) -> pl.Seri
 def _basal_events(
     events: list[tuple[str, dict[str, str]]], begun: list[datetime | None], ends: list[datetime | None]
 ) -> list[BasalEvent]:
-    found: list[BasalEvent] = []
+    result: list[BasalEvent] = []
     for row, ((tag, about), time, end) in enumerate(zip(events, begun, ends, strict=True)):
         value = _number(about.get("value"))
         if time is None or value is None:
             continue
         if tag == "basal":
-            found.append(BasalEvent(row=row, time=time, what="usual", value=value))
+            result.append(BasalEvent(row=row, time=time, what="usual", value=value))
         elif tag == "temp_basal" and end is not None and end >= time:
             minutes = (end - time).total_seconds() / S_PER_MIN
-            found.append(BasalEvent(row=row, time=time, what="absolute", value=value, minutes=minutes))
-    return found
+            result.append(BasalEvent(row=row, time=time, what="absolute", value=value, minutes=minutes))
+    return result
 
 
 def _number(text: Any) -> float | None:

@@ -29,14 +29,14 @@ class ReaderPart(Part):
         """Whether a file is one of its kind."""
         return bool(loaded(f"{self.home}:recognised")(content))
 
-    def told(self, content: FileText, answers: Answers) -> Answers | None:
+    def with_zone(self, content: FileText, answers: Answers) -> Answers | None:
         """Answers with what a file tells about the other files of a person; None for a file with rows of its own."""
         return None
 
     def rows(self, content: FileText, answers: Answers) -> Extract:
         """Rows of a file, every one of them; Refusal where it leaves something open that was not given."""
-        found: Extract = loaded(f"{self.home}:rows")(content, answers)
-        return found
+        result: Extract = loaded(f"{self.home}:rows")(content, answers)
+        return result
 
 
 class DexcomClarity(ReaderPart, name="dexcom-clarity"):
@@ -62,10 +62,10 @@ class Nightscout(ReaderPart, name="nightscout"):
 
     home: ClassVar = "glucoloop.records.nightscout"
 
-    def told(self, content: FileText, answers: Answers) -> Answers | None:
+    def with_zone(self, content: FileText, answers: Answers) -> Answers | None:
         """Answers with the profiles that a file holds."""
-        found: Answers | None = loaded(f"{self.home}:told")(content, answers)
-        return found
+        result: Answers | None = loaded(f"{self.home}:told")(content, answers)
+        return result
 
 
 class Tidepool(ReaderPart, name="tidepool"):

@@ -21,7 +21,7 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
     """Record of a person from all files; FileRefusal where there is none."""
     chosen = None if reader is None else READERS.choose(reader)
     account, frames = Account(), list[pl.DataFrame]()
-    found: list[tuple[int, Path, FileText, ReaderPart]] = []
+    result: list[tuple[int, Path, FileText, ReaderPart]] = []
     for number, path in enumerate(paths, 1):
         with _refusing(path):
             data = read_bytes(path)
@@ -31,16 +31,16 @@ def read_files(paths: Sequence[Path], reader: str | None, answers: Answers) -> D
                 return record_from_parquet(data)
             content = content_of(data)
             part = chosen or _reader_of(content, answers)
-            told = part.told(content, answers)
-            if told is None:
-                found.append((number, path, content, part))
+            with_zone = part.with_zone(content, answers)
+            if with_zone is None:
+                result.append((number, path, content, part))
             elif len(paths) == 1:
                 raise Refusal(
                     "it has no readings, meals or insulin, only what helps to read other files; give those too"
                 )
             else:
-                answers = told
-    for number, path, content, part in found:
+                answers = with_zone
+    for number, path, content, part in result:
         before = len(account.notes)
         with _refusing(path):
             account.notes += content.notes
@@ -75,11 +75,11 @@ def _reader_of(content: FileText, answers: Answers) -> ReaderPart:
     if answers.columns:
         return READERS.choose("table")
     readers = [READERS.choose(name) for name in READERS.names()]
-    found = [reader for reader in readers if reader.recognised(content)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        names = [reader.name for reader in found]
+    result = [reader for reader in readers if reader.recognised(content)]
+    if len(result) == 1:
+        return result[0]
+    if result:
+        names = [reader.name for reader in result]
         raise Refusal(f"it could be read by {' and by '.join(names)}", f"say which with reader={names[0]} (--reader)")
     raise Refusal(
         f"no reader knows it: {_seen(content)}. The readers are {choices_text(READERS.names())}",

@@ -55,7 +55,7 @@ def rows(content: FileText, answers: Answers) -> Extract:
             "source": cells(item.get("deviceModel") or item.get("deviceId") for item in items),
         }
     )
-    found = extract_frame(
+    result = extract_frame(
         source,
         times,
         glucose=pl.col("value"),
@@ -66,21 +66,21 @@ def rows(content: FileText, answers: Answers) -> Extract:
         kind=pl.col("type").replace_strict(_KINDS, default="entries of other types", return_dtype=pl.String),
     )
     for mark in ("low", "high"):
-        count = found.filter(pl.col("out_of_range") == mark).height
+        count = result.filter(pl.col("out_of_range") == mark).height
         if count:
             notes.append(f"{count} readings are marked as {mark}er than the sensor can read.")
     spread = sum(item.get("type") == "bolus" and bool(finite(item.get("extended"))) for item in items)
     if spread:
         notes.append(f"{spread} boluses were given over a time; their whole dose stands at their beginning.")
-    events = _basal_events(items, found["time"].to_list())
-    return Extract(frame=with_basal(found, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
+    events = _basal_events(items, result["time"].to_list())
+    return Extract(frame=with_basal(result, basal_rates(events)), glucose_unit="mg/dl", notes=tuple(notes))
 
 
 def _times(items: list[dict[str, Any]], answers: Answers) -> tuple[pl.DataFrame, list[str]]:
     """Local time and offset: of the zone asked for, or as the clock of the device showed it."""
-    told, notes = times_of(cells(item.get("time") for item in items), answers)
+    with_zone, notes = times_of(cells(item.get("time") for item in items), answers)
     shown, _ = times_of(cells(item.get("deviceTime") for item in items), answers)
-    instants = told.select(
+    instants = with_zone.select(
         pl.col("time") - pl.duration(minutes=pl.col("utc_offset_min").fill_null(0), time_unit="us")
     ).to_series()
     offsets = pl.Series([finite(item.get("timezoneOffset")) for item in items], dtype=pl.Float64)

@@ -26,7 +26,7 @@ _WORDS: Final = {"glucose": "glucose", "carbs": "carbohydrate", "bolus": "a bolu
 _COLUMNS: Final = {"glucose": "glucose_mg_dl", "carbs": "carbs_g", "bolus": "bolus_U", "basal": "basal_U_h"}
 _LOW: Final = "low", "lo", "niedrig", "tief", "bas", "bajo", "basso", "laag", "baixo", "lav", "låg", "<"
 _HIGH: Final = "high", "hi", "hoch", "haut", "élevé", "alto", "hoog", "høy", "høj", "hög", ">"
-_LEAST_GAP_MIN: Final = 15.0
+_MIN_GAP_MIN: Final = 15.0
 
 
 @dataclass
@@ -239,7 +239,7 @@ def _on_gaps(frame: pl.DataFrame) -> list[str]:
     step = steps.filter(steps > 0).median()
     if step is None:
         return []
-    gaps = steps > max(3.0 * float(step), _LEAST_GAP_MIN)  # type: ignore[arg-type]
+    gaps = steps > max(3.0 * float(step), _MIN_GAP_MIN)  # type: ignore[arg-type]
     if not gaps.any():
         return []
     longest = int(steps.arg_max() or 0)

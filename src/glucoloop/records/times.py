@@ -20,7 +20,7 @@ _WRITTEN: Final = ("%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S", "%Y/%m/%d %H:%M:%S"
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 YEARS: Final = (1970, 2199)
 """First and last year of a time."""
-_MOST_STEPS_BACK: Final = 12
+_MAX_STEPS_BACK: Final = 12
 """Number of steps back in time up to which the rows of a file are in the order of time."""
 
 
@@ -62,8 +62,8 @@ def times_of(texts: pl.Series, answers: Answers, *, usual: str | None = None) ->
 
 def _parts(texts: pl.Series) -> pl.DataFrame:
     """Numbers of which each text is made; ``a``, ``b`` and ``c`` are those of its date, in the order of the text."""
-    found = texts.str.extract_groups(_PATTERN).struct.unnest()
-    found = found.with_columns(pl.col("b", "half", "zone").str.to_lowercase())
+    result = texts.str.extract_groups(_PATTERN).struct.unnest()
+    result = result.with_columns(pl.col("b", "half", "zone").str.to_lowercase())
 
     def number(name: str) -> pl.Expr:
         return pl.col(name).cast(pl.Int32, strict=False)
@@ -74,7 +74,7 @@ def _parts(texts: pl.Series) -> pl.DataFrame:
     minutes = digits.str.slice(0, 2).cast(pl.Int32, strict=False) * 60 + digits.str.slice(2, 2).cast(
         pl.Int32, strict=False
     )
-    return found.select(
+    return result.select(
         a=number("a"),
         b=pl.coalesce(number("b"), month),
         c=number("c"),
@@ -148,13 +148,13 @@ def settled_clock(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, 
     The rows are in the order of the file. A second pass is seen from the clock's going back within a file whose rows
     are otherwise in the order of time, or in the reverse one.
     """
-    frame, found = _with_second_pass(frame)
+    frame, result = _with_second_pass(frame)
     notes = []
-    if found:
+    if result:
         first = clock(frame.filter("second_pass")["time"].min())
         count = frame["second_pass"].sum()
         notes.append(
-            f"The clock went back in {found} place{'s' if found > 1 else ''}, first at {first}: "
+            f"The clock went back in {result} place{'s' if result > 1 else ''}, first at {first}: "
             f"{count} readings of a repeated hour are kept beside those of the first pass."
         )
     unknown = pl.col("utc_offset_min").is_null() & pl.col("time").is_not_null()
@@ -172,8 +172,8 @@ def settled_clock(frame: pl.DataFrame, answers: Answers) -> tuple[pl.DataFrame, 
     frame = frame.with_columns(_early=offset(early), _late=offset(late))
     repeated = pl.col("_early") != pl.col("_late")
     settled = pl.when("second_pass").then("_late").otherwise("_early")
-    told = pl.col("second_pass").any().over(pl.col("time").dt.date()) & pl.col("glucose_mg_dl").is_not_null()
-    frame = frame.with_columns(_open=unknown & repeated & ~told, _gone=unknown & pl.col("_early").is_null())
+    with_zone = pl.col("second_pass").any().over(pl.col("time").dt.date()) & pl.col("glucose_mg_dl").is_not_null()
+    frame = frame.with_columns(_open=unknown & repeated & ~with_zone, _gone=unknown & pl.col("_early").is_null())
     open_rows, gone = int(frame["_open"].fill_null(False).sum()), int(frame["_gone"].fill_null(False).sum())
     frame = frame.with_columns(
         utc_offset_min=pl.when(pl.col("_open")).then(None).when(unknown).then(settled).otherwise("utc_offset_min")
@@ -198,7 +198,7 @@ def _with_second_pass(frame: pl.DataFrame) -> tuple[pl.DataFrame, int]:
         if (steps < 0).sum() > (steps > 0).sum():
             rows = rows.reverse()
             steps = rows["time"].diff().dt.total_minutes()
-        if (steps < 0).sum() > _MOST_STEPS_BACK:
+        if (steps < 0).sum() > _MAX_STEPS_BACK:
             continue
         back = ((steps <= -30) & (steps >= -90)).arg_true()
         for place in back:

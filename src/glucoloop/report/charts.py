@@ -93,16 +93,16 @@ class Panel:
 
     def data(self) -> dict[str, Any]:
         """Plain values for JSON, in the unit that is shown; the other unit has the axis on the right."""
-        of, found = self.quantity, {**asdict(self), **self.quantity._asdict()}
+        of, results = self.quantity, {**asdict(self), **self.quantity._asdict()}
         if shown_unit(of.unit) == of.unit:
-            return found
+            return results
         rules = [{**rule, "values": [of.factor * value for value in rule["values"]]} for rule in self.rules]
         scaled = {
             name: None if ends is None else [of.factor * end for end in ends]
             for name, ends in (("range", self.range), ("band", self.band))
         }
         units = {"unit": of.other, "other": of.unit, "factor": 1.0 / of.factor}
-        return {**found, **scaled, **units, "rules": rules, "step": of.factor * of.step, "digits": of.digits + 1}
+        return {**results, **scaled, **units, "rules": rules, "step": of.factor * of.step, "digits": of.digits + 1}
 
 
 def differences(values: Floats, step: float) -> list[int | None]:

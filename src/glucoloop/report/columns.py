@@ -131,11 +131,11 @@ def measured(people: pl.DataFrame, cells: pl.DataFrame, columns: Sequence[Column
     each cell, with nothing but these columns.
     """
     by = cells.columns
-    found = people.group_by(by, maintain_order=True).agg(
+    results = people.group_by(by, maintain_order=True).agg(
         [c.value.alias(c.name) for c in columns if c.value is not None]
     )
-    found = found.with_columns(selectors.unsigned_integer().cast(pl.Int64))  # which is what counts are elsewhere
-    joined = cells.join(found, on=by, how="left", maintain_order="left", nulls_equal=True)
+    results = results.with_columns(selectors.unsigned_integer().cast(pl.Int64))  # which is what counts are elsewhere
+    joined = cells.join(results, on=by, how="left", maintain_order="left", nulls_equal=True)
     return joined.with_columns(
         pl.col(c.name).fill_null(c.empty) for c in columns if c.value is not None and c.empty is not None
     )

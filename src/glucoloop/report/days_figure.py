@@ -32,7 +32,7 @@ Floats = npt.NDArray[np.float64]
 
 _TARGET_MG_DL: Final = (70.0, 180.0)
 _LOWEST_MG_DL: Final = 40.0
-_LEAST_TOP_MG_DL: Final = 250.0
+_MIN_TOP_MG_DL: Final = 250.0
 _LARGEST_MG_DL: Final = 400.0
 _HEIGHT_MM: Final = 75.0
 
@@ -67,7 +67,7 @@ class DaysShown:
         """Ends of the axis of glucose."""
         tops = [self.reading_mg_dl, *self.course_mg_dl.values(), *(high for _, high in self.band_mg_dl.values())]
         highest = max(float(np.nanmax(top)) for top in tops)
-        return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_LEAST_TOP_MG_DL, 1.05 * highest))
+        return _LOWEST_MG_DL, min(_LARGEST_MG_DL, max(_MIN_TOP_MG_DL, 1.05 * highest))
 
 
 def days_plot(shown: DaysShown, band: str) -> Plot:
@@ -75,10 +75,10 @@ def days_plot(shown: DaysShown, band: str) -> Plot:
     start = shown.t_min[0]
     t_min = shown.t_min - start
     panel = Panel(GLUCOSE, shown.range_mg_dl, height=330, band=_TARGET_MG_DL, marks=shown.marks)
-    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
+    for place, (name, trajectory) in enumerate(shown.course_mg_dl.items()):
         if name in shown.band_mg_dl:
             panel.area(t_min, *shown.band_mg_dl[name], place, f"{band}, {name}")
-        panel.line(t_min, course, place, name=name, dash=place)
+        panel.line(t_min, trajectory, place, name=name, dash=place)
     readings = len(shown.course_mg_dl)
     panel.line(t_min, shown.reading_mg_dl, readings, name="readings", dash=readings)
     first = shown.first + dt.timedelta(minutes=float(start))
@@ -94,12 +94,12 @@ def plot_days(shown: DaysShown) -> Figure:
     for bound in _TARGET_MG_DL:
         axes.axhline(bound, **SETPOINT)
     axes.plot(t_min / divisor, shown.reading_mg_dl, ".", color=GREY, markersize=2.0, label="readings")
-    for place, (name, course) in enumerate(shown.course_mg_dl.items()):
+    for place, (name, trajectory) in enumerate(shown.course_mg_dl.items()):
         style = line_style(place)
         if name in shown.band_mg_dl:
             low, high = shown.band_mg_dl[name]
             axes.fill_between(t_min / divisor, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
-        axes.plot(t_min / divisor, course, label=name, **style)
+        axes.plot(t_min / divisor, trajectory, label=name, **style)
     axes.set(xlim=(0.0, t_min[-1] / divisor), ylim=shown.range_mg_dl, ylabel="Glucose (mg/dl)")
     axes.set_xlabel(f"Time from {shown.begins} ({unit})")
     axes.xaxis.set_major_locator(every(tick))

@@ -26,7 +26,7 @@ from glucoloop.units import MIN_PER_DAY, MIN_PER_H, MU_PER_U, UNIT_BY_ENDING, en
 # What changes nothing, if it is not 0.
 _NEUTRAL: Final = {"gain": 1.0}
 _REMARKABLE: Final = 3
-_MOST_MEALS: Final = 20
+_MAX_MEALS: Final = 20
 """Largest number of meals of a run that are named."""
 
 
@@ -38,9 +38,9 @@ def run_facts(run: Run, case: Case, designed: Mapping[str, float] | None = None)
     return {**_case_facts("Controller", "As designed", case, designed), **_run_facts(run)}
 
 
-def comparison_facts(asked: Run, designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+def comparison_facts(config: Run, designed: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Settings of a comparison, and those that followed from the designs of its controllers, by label."""
-    return {**controllers_facts(asked.cases, designed), **_run_facts(asked)}
+    return {**controllers_facts(config.cases, designed), **_run_facts(config)}
 
 
 def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
@@ -75,11 +75,11 @@ def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str,
     return facts
 
 
-def case_in_words(case: Case, told_apart: Iterable[str] = ()) -> str:
+def case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
     """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
-        _settings({key: value for key, value in case.tuning.items() if key not in told_apart and value != ""}),
+        _settings({key: value for key, value in case.tuning.items() if key not in distinguished and value != ""}),
         f"acts every {case.every_min:g} min" if case.every_min is not None else "",
         "knows the dead time" if case.known_dead_time else "",
         "with the guard" if case.guard is not None else "",
@@ -93,7 +93,7 @@ def _run_facts(run: Run) -> dict[str, str]:
     fast = "exponential" if goes_fast(run.nominal) and not (run.exercise or run.rhythm) else "explicit Runge-Kutta"
     integrator = f"{fast if run.integrator == 'fast' else 'adaptive Runge-Kutta'} integrator"
     return {
-        **_situation_facts(run, the_first(list(map(_meal, run.eaten())), _MOST_MEALS) or "none"),
+        **_situation_facts(run, the_first(list(map(_meal, run.eaten())), _MAX_MEALS) or "none"),
         **({} if start is None else {"Glucose at the start": f"{start:g} mg/dl"}),
         "Length": _length(run.horizon_min),
         "Arithmetic": f"float64, JAX {jax.__version__}, {integrator}",
@@ -108,7 +108,7 @@ def _exercise(situation: FedSituation) -> str:
 
 
 def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
-    limits, pump, under_the_skin = situation.limits, situation.pump, situation.patient.under_the_skin
+    limits, pump, subcutaneous = situation.limits, situation.pump, situation.patient.subcutaneous
     usual = (IdealSensor, WhiteNoise, DeadTime)
     least, most = float(limits.min_mU_min), float(limits.max_mU_min)
     noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
@@ -125,10 +125,10 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     ]
     pump_parts = [
         *([] if pump.called == PUMPS.usual else [pump.called, *beside_limits]),
-        f"{least:g} to {most:g} mU/min{per_hour if under_the_skin else ''}",
+        f"{least:g} to {most:g} mU/min{per_hour if subcutaneous else ''}",
         f"a change of at most {float(limits.max_change_mU_min):g} mU/min in a sample",
         f"steps of {pump.resolution_mU_min:g} mU/min" if pump.resolution_mU_min else "",
-        f"boluses of at most {float(situation.bolus.max_mU) / MU_PER_U:g} U" if under_the_skin else "",
+        f"boluses of at most {float(situation.bolus.max_mU) / MU_PER_U:g} U" if subcutaneous else "",
     ]
     if situation.announce_meals and meals != "none":
         meals += ", announced"
@@ -298,7 +298,7 @@ def person_in_words(population: Population, person: Mapping[str, Any], seed: int
     spans = {name: distributions[name].upper - distributions[name].lower for name in drawn}
     apart = {name: (value - distributions[name].centre) / (spans[name] or 1.0) for name, value in drawn.items()}
     basal = person["basal_insulin_mU_min"]
-    per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).under_the_skin else ""
+    per_hour = f" ({u_h_from_mu_min(basal):.2f} U/h)" if patient_entry(population.patient).subcutaneous else ""
     names = population.names(seed, [person["person"]]) if population.table else None
     phrases = [f"{f'{names[0]}: ' if names else ''}basal rate {basal:.1f} mU/min{per_hour}"]
     for name in sorted(drawn, key=lambda name: -abs(apart[name]))[:_REMARKABLE]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
-_MOST_NAMED: Final = 12
+_MAX_NAMED: Final = 12
 """Boluses whose size is written; more would hide one another."""
 
 
@@ -128,7 +128,7 @@ def _draw_people(
     """Medians in bands of half of the people and of nine in ten."""
     for index, (label, run) in enumerate(runs.items()):
         insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
-        for axes, values, held in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
+        for axes, values, stepwise in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
             low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
             drawn = _style.draw_bands(
                 axes,
@@ -136,7 +136,7 @@ def _draw_people(
                 [(low, high, 0.15), (quarter, three_quarters, 0.3)],
                 median,
                 _style.line_style(index),
-                held=held,
+                stepwise=stepwise,
             )
             names = [f"{label}: {name}" for name in ("90 % of people", "50 % of people", "median")]
             entries |= dict(zip(names, drawn, strict=True))
@@ -208,7 +208,7 @@ def _draw_boluses(axes: Axes, runs: Sequence[PlottedRun], divisor: float, entrie
         size = np.array([size for _, size in run.boluses])
         right.vlines(t, 0.0, size, color=colour, linewidth=1.2, zorder=4)
         right.plot(t, size, linestyle="none", marker="o", markersize=3.5, color=colour, zorder=4)
-        if len(runs) == 1 and t.size <= _MOST_NAMED:
+        if len(runs) == 1 and t.size <= _MAX_NAMED:
             for place, units in zip(t, size, strict=True):
                 _style.write(right, f"{units:.3g} U", (place, units), down=-3)
     largest = max(size for run in runs for _, size in run.boluses)

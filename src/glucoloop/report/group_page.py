@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from glucoloop.display_units import other_number
 from glucoloop.metrics.readings.people import PeopleSpread
 from glucoloop.report.profile_plot import percentile_rows, profile_plot
-from glucoloop.report.record_goals import HIGHEST_CV_PCT, LEAST_ACTIVE_PCT, LEAST_DAYS, Goals
+from glucoloop.report.record_goals import HIGHEST_CV_PCT, MIN_ACTIVE_PCT, MIN_DAYS, Goals
 from glucoloop.report.record_groups import ReportedGroup
 from glucoloop.text import NOT_AVAILABLE, percent
 
@@ -43,8 +43,8 @@ def groups_beside(groups: Sequence[ReportedGroup], goals: Goals) -> list[list[An
 
 def _numbers(goals: Goals) -> Iterator[_Number]:
     """Numbers of the consensus in its order."""
-    yield _Number("Days", "days", lambda value: f"{value:.1f}", "14 or more", lambda value: round(value) >= LEAST_DAYS)
-    yield _Number("Time active", "active_pct", percent, "70 % or more", lambda value: value >= LEAST_ACTIVE_PCT)
+    yield _Number("Days", "days", lambda value: f"{value:.1f}", "14 or more", lambda value: round(value) >= MIN_DAYS)
+    yield _Number("Time active", "active_pct", percent, "70 % or more", lambda value: value >= MIN_ACTIVE_PCT)
     yield _Number("Mean glucose (mg/dl)", "mean_mg_dl", lambda value: f"{value:.0f}")
     yield _Number("GMI", "gmi_pct", lambda value: f"{value:.1f} %")
     cv_goal = f"{HIGHEST_CV_PCT:g} % or less"

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 _CHARACTER_MM: Final = 1.45  # of the font
 _LINE_MM: Final = 3.0
-_LEAST_MM: Final = 6.0  # of a column
+_MIN_MM: Final = 6.0  # of a column
 _GAP_MM: Final = 4.0
 _AROUND_MM: Final = 24.0  # title and legend
 _APART: Final = 0.35  # of a row, below the first one
-_MOST_NAME: Final = 30  # characters
+_MAX_NAME: Final = 30  # characters
 
 
 class Shade(NamedTuple):
@@ -105,14 +105,14 @@ def plot_heat_maps(
     """
     # sizes: maps below each other, upright headings, and marks below the text are for want of room
     columns = maps[0].columns
-    names = [textwrap.fill(name, _MOST_NAME if width == "double" else _MOST_NAME * 2 // 3) for name in maps[0].rows]
+    names = [textwrap.fill(name, _MAX_NAME if width == "double" else _MAX_NAME * 2 // 3) for name in maps[0].rows]
     names_mm = _CHARACTER_MM * max(len(line) for name in names for line in name.split("\n"))
     room_mm = _style.WIDTHS_MM.get(width, 0.0) - names_mm - _GAP_MM * len(maps)
-    stacked = len(maps) > 1 and room_mm < _LEAST_MM * len(columns) * len(maps)
+    stacked = len(maps) > 1 and room_mm < _MIN_MM * len(columns) * len(maps)
     column_mm = room_mm / len(columns) / (1 if stacked else len(maps))
     characters = max(1, int(column_mm / _CHARACTER_MM))
     upright = any(len(word) > characters for head in columns for word in head.split())
-    heads = [textwrap.fill(head, _MOST_NAME if upright else characters) for head in columns]
+    heads = [textwrap.fill(head, _MAX_NAME if upright else characters) for head in columns]
     longest = max(len(f"{cell.text} {cell.mark}".strip()) for each in maps for cell in each.cells())
     two_lines = column_mm < _CHARACTER_MM * longest
     row_mm = _LINE_MM * max(2 if two_lines else 1, *(name.count("\n") + 1 for name in names)) + 1.2

@@ -62,8 +62,8 @@ class PlottedRun:
         # (samples + 1,) times of the samples and of the horizon, and rates from each on, of which the last is repeated
         sample_t_min = np.asarray(trace.t_min, float)
         self.t_min = np.append(sample_t_min, self.fine_t_min[-1])
-        self.insulin_mU_min = _held_to_the_end(trace.insulin_mU_min)
-        self.command_mU_min = _held_to_the_end(trace.command_mU_min)  # NaN where the controller gave no number
+        self.insulin_mU_min = _extended_to_the_end(trace.insulin_mU_min)
+        self.command_mU_min = _extended_to_the_end(trace.command_mU_min)  # NaN where the controller gave no number
         # valid readings, or none if all of them equal the patient's glucose
         reading = np.asarray(trace.reading_mg_dl, float)
         valid = np.asarray(trace.reading_valid, bool) & np.isfinite(reading)
@@ -81,9 +81,9 @@ class PlottedRun:
         self.periods = {text: periods(self.t_min, present) for text, present in there.items() if present.any()}
 
 
-def _held_to_the_end(rates: npt.ArrayLike) -> Floats:
-    held = np.asarray(rates, float)
-    return np.append(held, held[-1])
+def _extended_to_the_end(rates: npt.ArrayLike) -> Floats:
+    values = np.asarray(rates, float)
+    return np.append(values, values[-1])
 
 
 def labelled_runs(traces: Trace | Mapping[str, Trace]) -> list[PlottedRun]:

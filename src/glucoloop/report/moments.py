@@ -7,7 +7,7 @@ from typing import Final
 
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
-_MOST_PERIODS: Final = 3
+_MAX_PERIODS: Final = 3
 
 
 def moment_text(t_min: float, end_min: float | None = None, start_min: float = 0.0) -> str:
@@ -34,6 +34,6 @@ def period_text(first_min: float, last_min: float, end_min: float | None = None,
 def periods_text(periods: Sequence[tuple[float, float]], end_min: float, start_min: float = 0.0) -> str:
     """The first periods, and how many there are besides: ``from 10 to 20 min and at 35 min``."""
     phrases = [period_text(first, last, end_min, start_min) for first, last in periods]
-    if len(phrases) > _MOST_PERIODS:
-        phrases = [*phrases[: _MOST_PERIODS - 1], f"in {len(phrases) - _MOST_PERIODS + 1} later periods"]
+    if len(phrases) > _MAX_PERIODS:
+        phrases = [*phrases[: _MAX_PERIODS - 1], f"in {len(phrases) - _MAX_PERIODS + 1} later periods"]
     return phrases[0] if len(phrases) == 1 else f"{', '.join(phrases[:-1])} and {phrases[-1]}"

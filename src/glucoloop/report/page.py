@@ -36,12 +36,12 @@ TARGET_MG_DL: Final = (70.0, 180.0)
 """Range of glucose that plots mark."""
 _LOW_MG_DL: Final = (54.0, 70.0)
 _HIGH_MG_DL: Final = (250.0, 180.0)
-_MOST_POINTS: Final = 40_000
-"""Largest number of points of all curves of a page, but for `_LEAST_POINTS` of each."""
-_LEAST_POINTS: Final = 200
-_MOST_ROWS: Final = 61
-_MOST_BOLUSES: Final = 12
-_MOST_LANES: Final = 8
+_MAX_POINTS: Final = 40_000
+"""Largest number of points of all curves of a page, but for `_MIN_POINTS` of each."""
+_MIN_POINTS: Final = 200
+_MAX_ROWS: Final = 61
+_MAX_BOLUSES: Final = 12
+_MAX_LANES: Final = 8
 
 
 def interactive_page(
@@ -156,7 +156,7 @@ def _glucose_panel(runs: Sequence[PlottedRun], lowest_mg_dl: float) -> Panel:
     )
     if passed := limits_passed(runs):
         panel.rule(passed, 4, f"model not valid below {values_in_words(passed, 'mg/dl')}")
-    most = max(_LEAST_POINTS, _MOST_POINTS // (3 * len(runs)))
+    most = max(_MIN_POINTS, _MAX_POINTS // (3 * len(runs)))
     for index, run in enumerate(runs):
         if run.reading_t_min.size:
             panel.dot(run.reading_t_min, run.reading_mg_dl, index, run=index)
@@ -175,18 +175,18 @@ def _insulin_panel(runs: Sequence[PlottedRun], limits: DoseLimits) -> Panel:
     panel.rule(basal, 2, f"basal {values_in_words(basal, 'mU/min')}")
     seen = [bound for bound in bounds if 0.0 < bound <= high]
     panel.rule(seen, 3, f"pump limits {values_in_words(bounds, 'mU/min')}")
-    for index, (run, asked) in enumerate(zip(runs, commanded, strict=True)):
+    for index, (run, config) in enumerate(zip(runs, commanded, strict=True)):
         # a command is drawn where it differs from the delivered rate by more than the picture shows
-        if not np.allclose(asked, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
+        if not np.allclose(config, run.insulin_mU_min, rtol=0.0, atol=INSULIN.step, equal_nan=True):
             look = {"kind": "asked", "dash": 2, "run": index}
-            panel.line(run.t_min, asked[:-1], index, **look, name=_name(runs, run, "commanded"))
+            panel.line(run.t_min, config[:-1], index, **look, name=_name(runs, run, "commanded"))
         delivered = run.insulin_mU_min[:-1]
         panel.line(run.t_min, delivered, index, dash=index, run=index, name=_name(runs, run, "delivered"))
     return panel
 
 
 def _bolus_panel(runs: Sequence[PlottedRun]) -> Panel:
-    few = len(runs) == 1 and len(runs[0].boluses) <= _MOST_BOLUSES
+    few = len(runs) == 1 and len(runs[0].boluses) <= _MAX_BOLUSES
     panel = Panel(
         BOLUS,
         (0.0, 1.1 * max(size for run in runs for _, size in (*run.boluses, *run.command_boluses))),
@@ -213,14 +213,14 @@ def _lanes(runs: Sequence[PlottedRun], faults: Sequence[FaultPart], end_min: flo
     for name in STATUS_WORDS.values():
         rows = [{"periods": run.periods.get(name, []), "colour": index} for index, run in enumerate(runs)]
         if any(row["periods"] for row in rows):
-            yield {"name": name, "rows": rows if len(runs) <= _MOST_LANES else [row for row in rows if row["periods"]]}
+            yield {"name": name, "rows": rows if len(runs) <= _MAX_LANES else [row for row in rows if row["periods"]]}
 
 
 def _boluses_text(boluses: Sequence[tuple[float, float]], end_min: float, start_min: float) -> str:
     if not boluses:
         return "none"
     total = sum(size for _, size in boluses)
-    if len(boluses) > _MOST_BOLUSES:
+    if len(boluses) > _MAX_BOLUSES:
         return f"{len(boluses)} boluses, {total:.4g} U in all"
     return "; ".join(f"{size:.4g} U at {moment_text(t_min, end_min, start_min)}" for t_min, size in boluses)
 
@@ -256,7 +256,7 @@ def _events_of(run: PlottedRun, start_min: float) -> Iterator[str]:
 def _numbers(runs: Sequence[PlottedRun], start_min: float) -> dict[str, Any]:
     """Some of the samples as a table, in place of the picture."""
     t_min = runs[0].t_min
-    every = -(-(t_min.size - 1) // max(13, _MOST_ROWS // len(runs)))
+    every = -(-(t_min.size - 1) // max(13, _MAX_ROWS // len(runs)))
     end_min = float(t_min[-1])
     in_days = end_min > MIN_PER_DAY
     heads, numbers = ["Time" if in_days else "Time (min)"], []

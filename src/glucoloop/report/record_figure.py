@@ -22,7 +22,7 @@ from glucoloop.report._style import (
 from glucoloop.report.profile_plot import highest_shown
 from glucoloop.report.record_goals import Goals
 from glucoloop.report.record_groups import Reported
-from glucoloop.report.record_page import MOST_IN_FULL
+from glucoloop.report.record_page import MAX_IN_FULL
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ROW_MM: Final = 58.0
-_LEAST_WRITTEN_PCT: Final = 4.0
+_MIN_WRITTEN_PCT: Final = 4.0
 """Least share of the bar that has room for its number."""
 
 
@@ -40,7 +40,7 @@ def plot_records(records: Sequence[Reported], goals: Goals) -> Figure:
     The line is the median, the bands hold 25 to 75 % and 5 to 95 % of the readings; the bar has the time in each range
     in percent.
     """
-    shown = records[:MOST_IN_FULL]
+    shown = records[:MAX_IN_FULL]
     figure = new_figure("double", _ROW_MM * len(shown) + 6.0, None)
     rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[12.0, 1.0])
     top = max(highest_shown(record.profile) for record in shown)
@@ -73,7 +73,7 @@ def _draw_bar(axes: Axes, record: Reported, goals: Goals) -> None:
     for one in reversed(goals.ranges):
         share = record.numbers[one.result]
         axes.bar(0.0, share, bottom=below, width=0.8, color=one.colour)
-        if share >= _LEAST_WRITTEN_PCT:
+        if share >= _MIN_WRITTEN_PCT:
             write(axes, f"{share:.0f} %", (0.0, below + share / 2.0), va="center")
         below += share
     axes.set(xlim=(-0.4, 0.4), ylim=(0.0, 100.0), xticks=[], yticks=[])

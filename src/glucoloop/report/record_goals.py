@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 
 from glucoloop.report._style import RANGE_COLOURS
 
-LEAST_DAYS: Final = 14.0
-LEAST_ACTIVE_PCT: Final = 70.0
+MIN_DAYS: Final = 14.0
+MIN_ACTIVE_PCT: Final = 70.0
 """Least days, and least share of the readings, for which the consensus takes a record to stand for other days."""
 HIGHEST_CV_PCT: Final = 36.0
 

@@ -10,10 +10,10 @@ from typing import Final
 from glucoloop.metrics.readings.people import PeopleSpread, over_people
 from glucoloop.metrics.readings.profile import DayProfile, day_profile
 from glucoloop.metrics.readings.series import Readings
-from glucoloop.report.record_goals import LEAST_ACTIVE_PCT, LEAST_DAYS
+from glucoloop.report.record_goals import MIN_ACTIVE_PCT, MIN_DAYS
 from glucoloop.text import how_many, percent, the_first
 
-_MOST_WARNED: Final = 3
+_MAX_WARNED: Final = 3
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ReportedRecord:
     @property
     def sufficient(self) -> bool:
         """Whether it is as long, in whole days, and as complete as the consensus asks for."""
-        return round(self.numbers["days"]) >= LEAST_DAYS and self.numbers["active_pct"] >= LEAST_ACTIVE_PCT
+        return round(self.numbers["days"]) >= MIN_DAYS and self.numbers["active_pct"] >= MIN_ACTIVE_PCT
 
 
 @dataclass(frozen=True)
@@ -84,27 +84,27 @@ Reported = ReportedRecord | ReportedGroup
 
 def groups_of(records: Sequence[ReportedRecord]) -> list[ReportedGroup]:
     """Groups of records, in each period that was asked for, in the order of the records."""
-    found: dict[str, list[ReportedRecord]] = {}
+    results: dict[str, list[ReportedRecord]] = {}
     for record in records:
         if record.group:
-            found.setdefault(": ".join(filter(None, (record.group, record.period))), []).append(record)
-    return [ReportedGroup(label, own) for label, own in found.items()]
+            results.setdefault(": ".join(filter(None, (record.group, record.period))), []).append(record)
+    return [ReportedGroup(label, own) for label, own in results.items()]
 
 
 def warnings(records: Sequence[ReportedRecord]) -> Iterator[str]:
     """Sentences on records that are too short or have too many gaps."""
     short = [record for record in records if not record.sufficient]
-    asked = f"at least {LEAST_DAYS:g} days with {LEAST_ACTIVE_PCT:g} % of the readings"
-    if len(short) > _MOST_WARNED:
+    config = f"at least {MIN_DAYS:g} days with {MIN_ACTIVE_PCT:g} % of the readings"
+    if len(short) > _MAX_WARNED:
         yield (
             f"{len(short)} of {len(records)} records are shorter than the consensus asks for, or have more gaps: "
-            f"{the_first([record.label for record in short])}. It asks for {asked}, so the numbers of these may not "
+            f"{the_first([record.label for record in short])}. It asks for {config}, so the numbers of these may not "
             "stand for other days."
         )
         return
     for record in short:
         days, active = record.numbers["days"], percent(record.numbers["active_pct"])
         yield (
-            f"{record.label} has {days:.1f} days with {active} of the readings. The consensus asks for {asked}, so "
+            f"{record.label} has {days:.1f} days with {active} of the readings. The consensus asks for {config}, so "
             "these numbers may not stand for other days."
         )

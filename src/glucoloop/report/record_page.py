@@ -25,19 +25,19 @@ from glucoloop.metrics.settings import Result
 from glucoloop.report.columns import MetricRow, in_other_unit
 from glucoloop.report.group_page import group_parts, groups_beside
 from glucoloop.report.profile_plot import AXIS_MG_DL, LARGEST_MG_DL, medians_plot, percentile_rows, profile_plot
-from glucoloop.report.record_goals import HIGHEST_CV_PCT, LEAST_ACTIVE_PCT, LEAST_DAYS, Goals
+from glucoloop.report.record_goals import HIGHEST_CV_PCT, MIN_ACTIVE_PCT, MIN_DAYS, Goals
 from glucoloop.report.record_groups import ReportedRecord, groups_of, warnings
 from glucoloop.report.template import render
 from glucoloop.text import how_many, percent
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
-MOST_IN_FULL: Final = 6
+MAX_IN_FULL: Final = 6
 """Largest number of records that each have their profile; of more there is a row for each."""
-_MOST_DAYS: Final = {True: 28, False: 14}
+_MAX_DAYS: Final = {True: 28, False: 14}
 """Largest number of days that are drawn of each record, where it is the only one and where it is not."""
-_MOST_POINTS: Final = {True: 288, False: 144}
+_MAX_POINTS: Final = {True: 288, False: 144}
 """Largest number of points of the curve of a day."""
-_MOST_EPISODES: Final = 40
+_MAX_EPISODES: Final = 40
 _DAY_SIZE: Final = (240, 90)
 _EPISODE_WORDS: Final = {
     kind: f"{'below' if bound < 100 else 'above'} {bound:g} mg/dl" for kind, bound in BOUNDS_MG_DL.items()
@@ -71,9 +71,9 @@ def record_page(
     str
         HTML; labels and notes are shown as they are, whatever they hold.
     """
-    full = len(records) <= MOST_IN_FULL
+    full = len(records) <= MAX_IN_FULL
     groups = groups_of(records)
-    drawn_groups = groups[:MOST_IN_FULL]
+    drawn_groups = groups[:MAX_IN_FULL]
     beside = drawn_groups if len(groups) > 1 else records if full and not groups else ()
     return render(
         Path(__file__).with_name("templates") / "record.html",
@@ -139,9 +139,9 @@ def _short(record: ReportedRecord) -> Iterator[tuple[str, Any]]:
 
 def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, Any]:
     readings = record.readings
-    found = {kind: glucose_episodes(readings, kind) for kind in BOUNDS_MG_DL}
+    results = {kind: glucose_episodes(readings, kind) for kind in BOUNDS_MG_DL}
     days = np.unique(readings.day)
-    drawn = days[-_MOST_DAYS[alone] :]
+    drawn = days[-_MAX_DAYS[alone] :]
     return {
         "of": record,
         "statistics": list(_statistics(record)),
@@ -149,20 +149,20 @@ def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, A
         "times": list(_times(record, goals)),
         "plot": profile_plot(record.label, record.profile, goals),
         "percentiles": list(percentile_rows(record.profile)),
-        "days": [_day(readings, int(day), goals, _MOST_POINTS[alone]) for day in drawn],
+        "days": [_day(readings, int(day), goals, _MAX_POINTS[alone]) for day in drawn],
         "all_days": days.size,
         "weekday": _weekday(readings, int(drawn[0])),
         "parts_of_day": list(_parts_of_day(readings, goals)),
-        "counts": [_count(kind, of, record.numbers["days"]) for kind, of in found.items()],
-        "listed": _listed(readings, [*found["low"], *found["very_high"]]),
+        "counts": [_count(kind, of, record.numbers["days"]) for kind, of in results.items()],
+        "listed": _listed(readings, [*results["low"], *results["very_high"]]),
     }
 
 
 def _statistics(record: ReportedRecord) -> Iterator[tuple[str, str, str, str, bool | None]]:
     """Name, value, value in the other unit, goal, and whether the goal is reached, of the first numbers of the page."""
     of = record.numbers
-    yield "Days", f"{of['days']:.1f}", "", "14 or more", round(of["days"]) >= LEAST_DAYS
-    yield "Time active", percent(of["active_pct"]), "", "70 % or more", of["active_pct"] >= LEAST_ACTIVE_PCT
+    yield "Days", f"{of['days']:.1f}", "", "14 or more", round(of["days"]) >= MIN_DAYS
+    yield "Time active", percent(of["active_pct"]), "", "70 % or more", of["active_pct"] >= MIN_ACTIVE_PCT
     mean = f"{of['mean_mg_dl']:.0f}"
     yield "Mean glucose", f"{mean} mg/dl", f"{other_number(mean, of['mean_mg_dl'], 'mg/dl')} mmol/l", "", None
     yield "Glucose management indicator (GMI)", f"{of['gmi_pct']:.1f} %", "", "", None
@@ -246,24 +246,27 @@ def _either(text: str) -> tuple[str, str, str]:
     return text, other, "mg/dl"
 
 
-def _count(kind: str, found: Sequence[GlucoseEpisode], days: float) -> list[Any]:
-    mean = _minutes(sum(one.duration_min for one in found) / len(found)) if found else "none"
-    per_week = f"{7.0 * len(found) / days:.1f}"
-    more = [str(sum(one.extended for one in found)) if kind == "low" else "", str(sum(one.nocturnal for one in found))]
-    return [_either(_EPISODE_WORDS[kind]), str(len(found)), per_week, mean, *more]
+def _count(kind: str, results: Sequence[GlucoseEpisode], days: float) -> list[Any]:
+    mean = _minutes(sum(one.duration_min for one in results) / len(results)) if results else "none"
+    per_week = f"{7.0 * len(results) / days:.1f}"
+    more = [
+        str(sum(one.extended for one in results)) if kind == "low" else "",
+        str(sum(one.nocturnal for one in results)),
+    ]
+    return [_either(_EPISODE_WORDS[kind]), str(len(results)), per_week, mean, *more]
 
 
 def _minutes(duration_min: float) -> str:
     return _of_a_day(100.0 * duration_min / MIN_PER_DAY)
 
 
-def _listed(readings: Readings, found: Sequence[GlucoseEpisode]) -> dict[str, Any]:
+def _listed(readings: Readings, results: Sequence[GlucoseEpisode]) -> dict[str, Any]:
     """Rows of the latest episodes, and the number of all."""
-    latest = sorted(found, key=lambda one: one.t_min, reverse=True)
+    latest = sorted(results, key=lambda one: one.t_min, reverse=True)
     rows = []
-    for one in latest[:_MOST_EPISODES]:
+    for one in latest[:_MAX_EPISODES]:
         extreme = f"{one.extreme_mg_dl:.0f}"
         other = other_number(extreme, one.extreme_mg_dl, "mg/dl")
         cells = [_either(_EPISODE_WORDS[one.kind]), _minutes(one.duration_min), (extreme, other, "mg/dl")]
         rows.append([readings.moment(one.t_min), *cells])
-    return {"rows": rows, "all": how_many(len(found), "episode")}
+    return {"rows": rows, "all": how_many(len(results), "episode")}

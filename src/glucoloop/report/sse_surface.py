@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_PANELS: Final = 12
+MAX_PANELS: Final = 12
 # The first of these that vary become the axes; the others, panels.
 PARAMETERS: Final = ("prediction_horizon", "reference_filter", "move_horizon", "move_weight", "output_weight")
 _SYMBOLS: Final = {
@@ -40,7 +40,7 @@ _NAMES: Final = {
 _PANELS_PER_ROW: Final = {"single": 2, "double": 4}
 _ROW_MM: Final = 42.0
 _AROUND_MM: Final = 40.0
-_MOST_TICKS: Final = 8
+_MAX_TICKS: Final = 8
 _DARK: Final = 0.45  # a ground of less luminance than this has white letters
 _LEAST: Final = 1e-12  # a logarithm is taken
 CELL_WORDS: Final = {
@@ -96,9 +96,9 @@ def layout(surface: TuningSurface) -> SurfaceLayout:
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
     panels = tuple(varying[2:])
     combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in known})
-    if len(combinations) > MOST_PANELS:
+    if len(combinations) > MAX_PANELS:
         raise Refusal(
-            f"the surface would need {len(combinations)} panels, at most {MOST_PANELS} can be seen; "
+            f"the surface would need {len(combinations)} panels, at most {MAX_PANELS} can be seen; "
             f"give fewer values of {' and '.join(panels)}"
         )
 
@@ -159,7 +159,7 @@ def plot_surface(
             (places.levels[places.x], axes.set_xticks),
             (places.levels[places.y], axes.set_yticks),
         ):
-            at = np.arange(0, len(levels), -(-len(levels) // _MOST_TICKS))
+            at = np.arange(0, len(levels), -(-len(levels) // _MAX_TICKS))
             set_ticks(at + 0.5, [f"{levels[place]:g}" for place in at])
         axes.set_title(texts(places.panels, _SYMBOLS, values), fontsize=FONT_PT)
         if number + columns >= count:

@@ -32,7 +32,7 @@ _INSULIN_MM: Final = 24.0
 _BAR_MM: Final = 8.5
 _CHARACTER_MM: Final = 1.7  # of the font's boldest
 _AROUND_MM: Final = 30.0  # title, legend and the axis of the bars
-_LEAST_SHARE_WRITTEN: Final = 7.0  # percent of a bar that has room for its own number
+_MIN_SHARE_WRITTEN: Final = 7.0  # percent of a bar that has room for its own number
 _BANDS: Final = ((0.01, 0.99, 0.13), (0.05, 0.95, 0.22), (0.25, 0.75, 0.36))
 """Lower and upper quantile of each band, and its opacity."""
 
@@ -66,14 +66,14 @@ def plot_trial(report: TrialReport, *, title: str | None = None, width: Width = 
     for index, (label, case) in enumerate(report.cases.items()):
         glucose, insulin, grid = (panels[f"{kind} {index}"] for kind in ("glucose", "insulin", "grid"))
         style = {"color": _style.line_style(index)["color"], "linewidth": 1.1}
-        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
-        held = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
+        steps_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
+        stepwise = {quantile: np.append(values, values[-1:]) for quantile, values in case.insulin_quantiles.items()}
         for axes, t_min, quantiles in (
             (glucose, case.bands_t_min, case.glucose_quantiles),
-            (insulin, held_t, held),
+            (insulin, steps_t, stepwise),
         ):
             bands = [(quantiles[below], quantiles[above], opacity) for below, above, opacity in _BANDS]
-            _style.draw_bands(axes, t_min / divisor, bands, quantiles[0.5], style, held=axes is insulin)
+            _style.draw_bands(axes, t_min / divisor, bands, quantiles[0.5], style, stepwise=axes is insulin)
             axes.set_xlim(0.0, report.horizon_min / divisor)
             axes.xaxis.set_major_locator(_style.every(tick))
         setpoint = glucose.axhline(report.setpoint_mg_dl, **_style.SETPOINT, zorder=4)
@@ -165,7 +165,7 @@ def _draw_ranges(axes: Axes, report: TrialReport, entries: dict[str, Artist], wi
         for name, time in zip(RANGES, times, strict=True):
             bar = axes.barh(index, time, left=left, height=0.42, color=RANGE_COLOURS[name], linewidth=0.0)
             entries.setdefault(f"{name} mg/dl", bar[0])
-            if time >= _LEAST_SHARE_WRITTEN:
+            if time >= _MIN_SHARE_WRITTEN:
                 _style.write(axes, percent(time), (left + time / 2.0, index), va="center_baseline")
             left += time
         name = _style.literal(label if len(label) <= room else label[: room - 1] + "…")

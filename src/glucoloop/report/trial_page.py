@@ -30,8 +30,8 @@ BANDS: Final = ((0.05, 0.95), (0.25, 0.75))
 _BAND_TIMES: Final = 700
 _WORST_TIMES: Final = 500
 """Largest number of times, over all controllers, at which bands and curves of people are drawn: a page stays small."""
-_LEAST_TIMES: Final = 40
-_MOST_WORST: Final = 60
+_MIN_TIMES: Final = 40
+_MAX_WORST: Final = 60
 """Largest number of people whose curves are drawn, over all controllers, but for two of each."""
 
 
@@ -50,8 +50,8 @@ def trial_page(report: TrialReport) -> str:
     """
     cases = list(report.cases.values())
     most = max(float(np.max(case.cvga_counts)) for case in cases)
-    band_times, worst_times = (max(_LEAST_TIMES, times // len(cases)) for times in (_BAND_TIMES, _WORST_TIMES))
-    shown = max(2, _MOST_WORST // len(cases))
+    band_times, worst_times = (max(_MIN_TIMES, times // len(cases)) for times in (_BAND_TIMES, _WORST_TIMES))
+    shown = max(2, _MAX_WORST // len(cases))
     people = [person for case in cases for person in case.worst[:shown]]
     return render(
         Path(__file__).with_name("templates") / "trial.html",
@@ -115,10 +115,10 @@ def _responses(report: TrialReport, most: int) -> list[Plot]:
     for index, (label, case) in enumerate(report.cases.items()):
         panels, whose = _panels(report, glucose, insulin), "people's days" if case.weeks else "people"
         # each rate is held until the next, the last until the end
-        held_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
+        steps_t = np.append(case.insulin_t_min, case.bands_t_min[-1])
         for panel, t_min, quantiles in (
             (panels[0], case.bands_t_min, case.glucose_quantiles),
-            (panels[1], held_t, case.insulin_quantiles),
+            (panels[1], steps_t, case.insulin_quantiles),
         ):
             drawn = np.unique(np.append(np.arange(0, len(t_min), -(-len(t_min) // most)), len(t_min) - 1))
             shown = {q: values[drawn[drawn < len(values)]] for q, values in quantiles.items()}

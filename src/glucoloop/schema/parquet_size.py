@@ -57,13 +57,13 @@ def parquet_size(data: bytes) -> ParquetSize:
         rows, of_groups = int(meta[_ROWS]), [int(group[_GROUP_ROWS]) for group in groups]
         if min(folded, default=0) < 0 or sum(folded) > len(data):  # pages in common would be walked again and again
             raise ValueError
-        found = [_of_pages(data, column) for column in columns]
+        result = [_of_pages(data, column) for column in columns]
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, RecursionError):
         raise Refusal("its footer or the header of a page is damaged") from None
     if rows != sum(of_groups) or min([*of_groups, *unfolded, *values], default=0) < 0:
         raise Refusal("its footer contradicts itself")
     footer = zip(unfolded, values, strict=True)
-    by_column = [tuple(map(max, *both)) for both in zip(footer, found, strict=True)]
+    by_column = [tuple(map(max, *both)) for both in zip(footer, result, strict=True)]
     return ParquetSize(rows, sum(size for size, _ in by_column), sum(count for _, count in by_column))
 
 
@@ -89,19 +89,19 @@ class _Thrift(io.BytesIO):
 
     def take(self, size: int) -> bytes:
         """The next bytes; ValueError if there are fewer than that."""
-        found = self.read(max(size, 0))
-        if len(found) != size:
+        result = self.read(max(size, 0))
+        if len(result) != size:
             raise ValueError
-        return found
+        return result
 
     def struct(self) -> dict[int, Any]:
-        found: dict[int, Any] = {}
+        result: dict[int, Any] = {}
         field = 0
         while head := self.take(1)[0]:
             step, kind = head >> 4, head & 15
             field = field + step if step else self._signed()
-            found[field] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind)
-        return found
+            result[field] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind)
+        return result
 
     def _value(self, kind: int) -> Any:
         if kind in (_TRUE, _FALSE, _BYTE):  # in a list each takes a byte

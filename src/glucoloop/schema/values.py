@@ -81,8 +81,8 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def checked(form: type[F], value: object, place: str = "") -> F:
     """A value of a file in its form; Refusal, as a clause that names the place in the file, for any other."""
-    found: F = _value(form, value, place)
-    return found
+    result: F = _value(form, value, place)
+    return result
 
 
 def _value(hint: Any, value: Any, place: str, bounds: ValueBounds = _NONE) -> Any:
@@ -114,9 +114,9 @@ def _value(hint: Any, value: Any, place: str, bounds: ValueBounds = _NONE) -> An
         return {key_of(key): _value(arguments[1], table[key], _inside(place, key)) for key in table}
     if dataclasses.is_dataclass(hint):
         return _form(hint, _of_type(dict, value, name), place)
-    found = _text(value, name) if hint is str else _of_type(hint, value, name)
-    bounds.check(found, name)
-    return found
+    result = _text(value, name) if hint is str else _of_type(hint, value, name)
+    bounds.check(result, name)
+    return result
 
 
 _WORDS: Final[dict[type, str]] = {
@@ -153,13 +153,13 @@ def _form(form: Any, table: Mapping[str, Any], place: str) -> Any:
     for key in table:
         if key not in hints:
             raise Refusal(f"{_inside(place, key)} is not a known key; leave it out")
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for field in dataclasses.fields(form):
         if field.name in table:
-            found[field.name] = _value(hints[field.name], table[field.name], _inside(place, field.name))
+            result[field.name] = _value(hints[field.name], table[field.name], _inside(place, field.name))
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
             raise Refusal(f"{_inside(place, field.name)} is missing; add it")
-    return form(**found)
+    return form(**result)
 
 
 @functools.cache

@@ -24,13 +24,13 @@ from glucoloop.meals.moments import points_of_sample
 from glucoloop.meals.ode import OdeAbsorption, eaten_of
 from glucoloop.meals.protocol import OdeMealModel
 from glucoloop.patients.protocol import Patient
-from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import NO_MINUTE_INPUTS, Exogenous, MinuteInputs, SampleGrid
 
 diffrax: Any = lazy_loader.load("diffrax")
 """Imported when an adaptive step is first taken: it takes a sixth of all imports, and few runs need it."""
 
 
-_MOST_STEPS: Final = 4096
+_MAX_STEPS: Final = 4096
 """Largest number of steps from one sample to the next through which derivatives are taken."""
 
 
@@ -47,26 +47,31 @@ class AdaptivePlant:
 
     def advance(self, x: jax.Array, insulin_mU_min: jax.Array, exogenous: Exogenous) -> tuple[jax.Array, jax.Array]:
         """State after one sample, and glucose on the fine grid inside it."""
-        start, held = exogenous.t_min, exogenous.held
-        if not held.names:
-            states = self._between(x, insulin_mU_min, start, self.inside_min, held)
+        start, minute_inputs = exogenous.t_min, exogenous.minute_inputs
+        if not minute_inputs.names:
+            states = self._between(x, insulin_mU_min, start, self.inside_min, minute_inputs)
         else:
             from_min = jnp.concatenate([jnp.zeros(1), self.inside_min[:-1]])
 
-            def point(x: jax.Array, entry: tuple[jax.Array, jax.Array, Held]) -> tuple[jax.Array, jax.Array]:
-                after, to, held = entry
-                [x] = self._between(x, insulin_mU_min, start + after, (to - after)[None], held)
+            def point(x: jax.Array, entry: tuple[jax.Array, jax.Array, MinuteInputs]) -> tuple[jax.Array, jax.Array]:
+                after, to, minute_inputs = entry
+                [x] = self._between(x, insulin_mU_min, start + after, (to - after)[None], minute_inputs)
                 return x, x
 
-            _, states = jax.lax.scan(point, x, (from_min, self.inside_min, held))
+            _, states = jax.lax.scan(point, x, (from_min, self.inside_min, minute_inputs))
         return states[-1], jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def _between(
-        self, x: jax.Array, insulin_mU_min: jax.Array, start: jax.Array, after_min: jax.Array, held: Held
+        self,
+        x: jax.Array,
+        insulin_mU_min: jax.Array,
+        start: jax.Array,
+        after_min: jax.Array,
+        minute_inputs: MinuteInputs,
     ) -> jax.Array:
         """States at times after a start, under inputs that are held from there to the last of them."""
         states: jax.Array = _solved(
-            _body_rates, self, x, start, after_min, self.absorption.jumps.t_min, (insulin_mU_min, held)
+            _body_rates, self, x, start, after_min, self.absorption.jumps.t_min, (insulin_mU_min, minute_inputs)
         )
         return states
 
@@ -96,7 +101,7 @@ class AdaptiveGutPlant:
         """State after one sample, and glucose on the fine grid inside it."""
         assert isinstance(exogenous, Fed)
 
-        (x, _), states = self._points(_body_and_gut_rates, x, exogenous, insulin_mU_min, exogenous.held)
+        (x, _), states = self._points(_body_and_gut_rates, x, exogenous, insulin_mU_min, exogenous.minute_inputs)
         return x, jax.vmap(self.patient.glucose_mg_dl)(states)
 
     def digested(self, outside: Fed) -> jax.Array:
@@ -111,29 +116,29 @@ class AdaptiveGutPlant:
         x: jax.Array,
         outside: Fed,
         insulin_mU_min: jax.Array,
-        held: Held = NOTHING_HELD,
+        minute_inputs: MinuteInputs = NO_MINUTE_INPUTS,
     ) -> Any:
         """Body and gut after one sample, and the body at the points inside it."""
         point_min = self.inside_min[0]
 
         def point(carry: Any, entry: Any) -> Any:
-            (x, gut, start), (eaten_mg, begins, held) = carry, entry
+            (x, gut, start), (eaten_mg, begins, minute_inputs) = carry, entry
             gut = self.model.at_point(gut, eaten_mg, begins > 0.0)
-            inputs = (insulin_mU_min, held, eaten_mg / point_min)
+            inputs = (insulin_mU_min, minute_inputs, eaten_mg / point_min)
             states = _solved(rates, self, (x, gut), start, point_min[None], jnp.zeros(0), inputs)
             x, gut = jax.tree.map(lambda state: state[-1], states)
             return (x, gut, start + point_min), x
 
         (x, gut, _), states = jax.lax.scan(
-            point, (x, outside.gut, outside.t_min), (outside.eaten[:, 0], outside.eaten[:, 1], held)
+            point, (x, outside.gut, outside.t_min), (outside.eaten[:, 0], outside.eaten[:, 1], minute_inputs)
         )
         return (x, gut), states
 
 
 def _body_rates(t: jax.Array, x: jax.Array, known: tuple[AdaptivePlant, Any]) -> jax.Array:
-    plant, (insulin_mU_min, held) = known
-    inputs = held.inputs(insulin_mU_min, appearance_mg_min(t, plant.absorption))
-    rates: jax.Array = held.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
+    plant, (insulin_mU_min, minute_inputs) = known
+    inputs = minute_inputs.inputs(insulin_mU_min, appearance_mg_min(t, plant.absorption))
+    rates: jax.Array = minute_inputs.of(plant.patient).derivative(plant.clock_min + t, x, inputs)
     return rates
 
 
@@ -143,10 +148,10 @@ def _gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> 
 
 
 def _body_and_gut_rates(t: jax.Array, both: Any, known: tuple[AdaptiveGutPlant, Any]) -> tuple[jax.Array, jax.Array]:
-    plant, (insulin_mU_min, held, _) = known
+    plant, (insulin_mU_min, minute_inputs, _) = known
     x, gut = both
-    inputs = held.inputs(insulin_mU_min, plant.model.appearance_mg_min(gut))
-    return held.of(plant.patient).derivative(plant.clock_min + t, x, inputs), _gut_rates(t, both, known)[1]
+    inputs = minute_inputs.inputs(insulin_mU_min, plant.model.appearance_mg_min(gut))
+    return minute_inputs.of(plant.patient).derivative(plant.clock_min + t, x, inputs), _gut_rates(t, both, known)[1]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -162,14 +167,14 @@ def _solved(
     """States at moments after a start, the last of which is the end, under ``rates(t, x, (plant, inputs))``.
 
     The solution takes as many steps as it needs, none across a jump, in a loop that JAX cannot differentiate. Its
-    derivatives, in either mode, are those of at most `_MOST_STEPS` such steps.
+    derivatives, in either mode, are those of at most `_MAX_STEPS` such steps.
     """
     return _states(rates, plant, x, start, after_min, jumps_min, inputs, max_steps=None)
 
 
 @_solved.defjvp
 def _solved_jvp(rates: Callable[..., Any], primals: Any, tangents: Any) -> Any:
-    of_known = functools.partial(_states, rates, max_steps=_MOST_STEPS, adjoint=diffrax.DirectAdjoint())
+    of_known = functools.partial(_states, rates, max_steps=_MAX_STEPS, adjoint=diffrax.DirectAdjoint())
     return jax.jvp(of_known, primals, tangents)
 
 

@@ -25,8 +25,8 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import IdealSensor, Sensor
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, sample
-from glucoloop.simulation.minute_inputs import held_of
-from glucoloop.simulation.plant import Held, Integrator, SampleGrid
+from glucoloop.simulation.minute_inputs import minute_inputs_of
+from glucoloop.simulation.plant import Integrator, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import Fixed, apart, sample_time_of, wrong_with
 from glucoloop.units import MIN_PER_DAY
 
@@ -204,8 +204,8 @@ def on_the_grid(scenario: Scenario, grid: SampleGrid) -> OnGrid:
     carbs_g = at_samples(meals.t_min, meals.carbs_g)
     announced = 0.0 * carbs_g
     if scenario.announced:
-        told_min = scenario.warm_up_min + announced_min(scenario.meals, scenario.announced_before_min)
-        announced = at_samples(told_min, announced_g(scenario.meals))
+        announced_at_min = scenario.warm_up_min + announced_min(scenario.meals, scenario.announced_before_min)
+        announced = at_samples(announced_at_min, announced_g(scenario.meals))
     return OnGrid(
         t_min=grid.t_min,
         fine_t_min=grid.fine_t_min,
@@ -383,10 +383,12 @@ def closed_loop(
 
     counted = sample_grid(scenario.horizon_min, sample_time_of(controller), scenario.start_min, scenario.warm_up_min)
     grid = counted.whole
-    held = held_of(patient, scenario, grid)
-    integrator = default_integrator(patient, held=bool(held.names)) if integrator is None else integrator
+    minute_inputs = minute_inputs_of(patient, scenario, grid)
+    integrator = (
+        default_integrator(patient, minute_inputs=bool(minute_inputs.names)) if integrator is None else integrator
+    )
     plant, exogenous = integrator.prepare(patient, scenario.absorbed_by(patient), grid)
-    exogenous = dataclasses.replace(exogenous, held=held)
+    exogenous = dataclasses.replace(exogenous, minute_inputs=minute_inputs)
     start = start_of(patient, scenario)
     rescue = scenario.rescue and scenario.rescue.for_gut(meal_model_of(patient, scenario.meal_model))
     loop = Loop(
@@ -407,13 +409,13 @@ def closed_loop(
         if wrong is None:
             raise
         raise ArgumentTypeError(wrong) from None
-    return with_what_was_held(trace, scenario, on_grid, held).after(counted.warm_up)
+    return with_minute_inputs(trace, scenario, on_grid, minute_inputs).after(counted.warm_up)
 
 
-def with_what_was_held(trace: Trace, scenario: Scenario, on_grid: OnGrid, held: Held) -> Trace:
+def with_minute_inputs(trace: Trace, scenario: Scenario, on_grid: OnGrid, minute_inputs: MinuteInputs) -> Trace:
     """A trace with what was announced, and the exercise of its scenario."""
     announced_g = jnp.asarray(on_grid.announced_g) if scenario.announced else None
-    exercise = None if held.exercise_pct is None else jnp.mean(jnp.asarray(held.exercise_pct), axis=1)
+    exercise = None if minute_inputs.exercise_pct is None else jnp.mean(jnp.asarray(minute_inputs.exercise_pct), axis=1)
     return dataclasses.replace(trace, announced_carbs_g=announced_g, exercise_pct=exercise)
 
 

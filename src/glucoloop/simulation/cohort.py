@@ -31,18 +31,18 @@ from glucoloop.sensors import Reading, Sensor
 from glucoloop.simulation.engines import Engine, make_engine, one_at_a_time
 from glucoloop.simulation.integrators import plants_of_people
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
-from glucoloop.simulation.minute_inputs import HeldOfPeople, refuse_held
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
 from glucoloop.simulation.people_meals import PeopleMeals
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
-from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import NEED_VALUES, needs_values
-from glucoloop.simulation.vector_stepper import MOST_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
+from glucoloop.simulation.vector_stepper import MAX_AT_ONCE, Begun, SeenAtSample, SteppedPeople, StoredInputs
 from glucoloop.units import MIN_PER_DAY
 
 Array = npt.NDArray[Any]
 
 _PEOPLE_AT_ONCE: Final = 1024
-"""Number of people of whom a piece of a run in native code has `MOST_AT_ONCE` samples; of fewer it has more."""
+"""Number of people of whom a piece of a run in native code has `MAX_AT_ONCE` samples; of fewer it has more."""
 
 
 @pytree
@@ -53,7 +53,7 @@ class SampledInside(Sampled):
     after: LoopState
 
 
-class Fold(Protocol):
+class Accumulator(Protocol):
     """Reduction of the loop as it runs, in place of a trace; a pytree."""
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
@@ -85,7 +85,7 @@ class People:
     """(meals, people) announced carbohydrate of each meal, in a cohort that was made for individual announcements, or
     None for the true carbohydrate.
     """
-    held: HeldOfPeople | None = None
+    minute_inputs: PeopleMinuteInputs | None = None
     """Exercise and what rhythms change, from the beginning of the warm-up on, in a cohort that was made for them."""
     announced_min: Array | None = None
     """(meals, people) time at which each meal is announced, or None for that at which eating begins."""
@@ -95,7 +95,7 @@ class People:
 class CohortRun:
     """Results of people."""
 
-    fold: Any
+    accumulator: Any
     """The fold's state at the end, ``(..., people)``, float64."""
     glucose_mg_dl: Array
     """(samples + 1, people) noise-free glucose at each sample and at the horizon, in the engine's precision."""
@@ -116,14 +116,14 @@ class CohortRun:
 class _Counted:
     """A fold that begins at the end of the warm-up, as that of a run which begins there."""
 
-    fold: Fold
+    accumulator: Accumulator
 
     def init(self, glucose_mg_dl: jax.Array, insulin_mU_min: jax.Array) -> Any:
-        return self.fold.init(glucose_mg_dl, insulin_mU_min)
+        return self.accumulator.init(glucose_mg_dl, insulin_mU_min)
 
     def step(self, state: Any, happened: SampledInside, t_min: jax.Array) -> Any:
-        begun = self.fold.init(happened.inside_mg_dl[-1], happened.delivery.insulin_mU_min)
-        counted = self.fold.step(state, happened, t_min)
+        begun = self.accumulator.init(happened.inside_mg_dl[-1], happened.delivery.insulin_mU_min)
+        counted = self.accumulator.step(state, happened, t_min)
         return jax.tree.map(lambda new, old: jnp.where(t_min < 0.0, new, old), begun, counted)
 
 
@@ -132,7 +132,7 @@ class _Carry:
     loop: LoopState
     gut: jax.Array | None
     """State of the gut; None where meals and guts are the same for all people."""
-    fold: Any
+    accumulator: Any
 
 
 @pytree
@@ -157,9 +157,9 @@ class Cohort:
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
     precision and products see `make_engine`. By default the integrator makes the steps
-    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `held` has the
-    names of the inputs of people that are held over minutes, see `plant.Held`. One that is `stepped` is advanced from
-    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `Asked`, or has one inside. With
+    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `minute_inputs` has the
+    names of the inputs of people that are held over minutes, see `plant.MinuteInputs`. One that is `stepped` is advanced from
+    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `ExternalDoses`, or has one inside. With
     `rescue` people eat when their glucose is low.
     """
 
@@ -171,7 +171,7 @@ class Cohort:
         sensor: Sensor,
         pump: Pump,
         grid: SampleGrid,
-        fold: Fold,
+        accumulator: Accumulator,
         *,
         setpoint_mg_dl: float,
         meals: Eaten | None,
@@ -188,18 +188,20 @@ class Cohort:
         products: str = FUSED,
         substeps: int | None = None,
         record_decisions: bool = False,
-        held: Sequence[str] = (),
+        minute_inputs: Sequence[str] = (),
         stepped: bool = False,
         rescue: RescueCarbs | None = None,
     ) -> None:
-        self._held, self._stepped = tuple(held), stepped
-        refuse_held(nominal, Held(**{name: np.zeros(0) for name in self._held}))
+        self._minute_inputs, self._stepped = tuple(minute_inputs), stepped
+        refuse_minute_inputs(nominal, MinuteInputs(**{name: np.zeros(0) for name in self._minute_inputs}))
         self._records_decisions = record_decisions
         self._nominal, self._announced = nominal, announced
         self._warm_up, self._warm_up_min = grid.warm_up, grid.warm_up_min
-        self._fold: Fold = _Counted(fold=fold) if self._warm_up else fold
+        self._fold: Accumulator = _Counted(accumulator=accumulator) if self._warm_up else accumulator
         grid = self._grid = dataclasses.replace(grid, start_min=start_min or 0.0).whole
-        self._plants = plants_of_people(nominal, varied, grid, substeps, products, held=bool(self._held))
+        self._plants = plants_of_people(
+            nominal, varied, grid, substeps, products, minute_inputs=bool(self._minute_inputs)
+        )
         eating = self._eating = PeopleMeals(
             nominal,
             varied,
@@ -226,7 +228,7 @@ class Cohort:
             "sensor": varying(sensor if varied_sensor is None else varied_sensor, sensor),
             "pump": varying(pump if varied_pump is None else varied_pump, pump),
         }
-        self._shared = {"moments": eating.moments, "t_min": grid.t_min, "told": eating.told_g}
+        self._shared = {"moments": eating.moments, "t_min": grid.t_min, "told": eating.announced_by_sample}
         if start_min is not None:
             self._shared["time_of_day_min"] = (grid.start_min + grid.t_min) % MIN_PER_DAY
         if self._warm_up:
@@ -257,13 +259,13 @@ class Cohort:
         The result does not depend on the number of threads of native code.
         """
         pieces: list[tuple[Array, ...]] = []
-        fold, end, lowest = self.follow(people, lambda *piece: pieces.append(piece), threads=threads)
+        accumulator, end, lowest = self.follow(people, lambda *piece: pieces.append(piece), threads=threads)
         outputs = pieces[0] if len(pieces) == 1 else [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
         glucose, delivered, *decisions = outputs
         reading, status, reported = decisions or (None, None, None)
         whole = np.concatenate([glucose, end[None]])
         return CohortRun(
-            fold=fold,
+            accumulator=accumulator,
             glucose_mg_dl=whole,
             glucose_valid=whole >= lowest,
             insulin_mU_min=delivered,
@@ -282,7 +284,7 @@ class Cohort:
         so do glucose at the end and the lower end of its valid range. Of a `number` only so many of the first people
         are run, and meals, announcements and what is held are of them alone.
         """
-        samples, everybody, most = self._grid.samples, people.insulin_mU_min.shape[0], MOST_AT_ONCE
+        samples, everybody, most = self._grid.samples, people.insulin_mU_min.shape[0], MAX_AT_ONCE
         number = everybody if number is None else number
         if self.engine == "native":
             most *= max(1, _PEOPLE_AT_ONCE // number)
@@ -309,7 +311,7 @@ class Cohort:
             take(*(output[uncounted:] for output in outputs))
         with one_at_a_time:
             end, lowest = (np.asarray(of)[:number] for of in self._end_people(of_all, carry.loop.x[:, again]))
-        return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.fold), end, lowest
+        return jax.tree.map(lambda values: np.asarray(values, np.float64), carry.accumulator), end, lowest
 
     def begin(self, people: People) -> Begun:
         """People before their first sample, for the `lanes` of a stepped cohort."""
@@ -323,7 +325,7 @@ class Cohort:
 
         @functools.lru_cache(maxsize=1)
         def inputs_in(piece: int) -> dict[str, StoredInputs]:
-            within = slice(piece * MOST_AT_ONCE, min((piece + 1) * MOST_AT_ONCE, samples))
+            within = slice(piece * MAX_AT_ONCE, min((piece + 1) * MAX_AT_ONCE, samples))
             of_all = {name: values[within] for name, values in self._shared.items()}
             together = {name: np.broadcast_to(v[..., None], (*v.shape, number)) for name, v in of_all.items()}
             return {name: StoredInputs(values) for name, values in {**together, **reaching_in(within)}.items()}
@@ -359,7 +361,7 @@ class Cohort:
         state, reading_key = begin(loop, x, insulin, announced, key, None if times is None else jnp.asarray(times[0]))
         glucose = loop.plant.patient.glucose_mg_dl(x)
         gut = self._eating.digestion.init() if self._eating.individual else None
-        return _Carry(loop=state, gut=gut, fold=self._fold.init(glucose, insulin)), reading_key
+        return _Carry(loop=state, gut=gut, accumulator=self._fold.init(glucose, insulin)), reading_key
 
     def _step(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> tuple[_Carry, Any]:
         """One sample: it outputs glucose and the delivered rate, and what is decided if it is asked for."""
@@ -371,16 +373,18 @@ class Cohort:
                 gut, moments = own.sample(gut, inputs["meals"])
         announced = inputs["told"] if self._announced else jnp.zeros(())
         (key, index), time = rng, inputs.get("time_of_day_min")
-        held = Held(**{name: inputs[name] for name in self._held})
-        outside = Exogenous(t_min=inputs["t_min"], moments=moments, held=held)
+        minute_inputs = MinuteInputs(**{name: inputs[name] for name in self._minute_inputs})
+        outside = Exogenous(t_min=inputs["t_min"], moments=moments, minute_inputs=minute_inputs)
         state, happened = sample(self._loop(person), carry.loop, outside, announced, key, index, time)
         with jax.named_scope("metrics"):
             inside = SampledInside(**vars(happened), before=carry.loop, after=state)
-            fold = self._fold.step(carry.fold, inside, inputs["counted_min" if self._warm_up else "t_min"])
+            accumulator = self._fold.step(
+                carry.accumulator, inside, inputs["counted_min" if self._warm_up else "t_min"]
+            )
         outputs: tuple[Any, ...] = happened.glucose_mg_dl, happened.infused_mU_min
         if self._records_decisions:
             outputs += _or_nan(happened.reading), happened.decision.status, happened.delivery.reported_mU_min
-        return _Carry(loop=state, gut=gut, fold=fold), outputs
+        return _Carry(loop=state, gut=gut, accumulator=accumulator), outputs
 
     def _look(self, person: _PersonValues, carry: _Carry, key: Any, index: Any) -> tuple[jax.Array, jax.Array]:
         """Glucose, and the reading or NaN, at the coming sample."""
@@ -391,8 +395,8 @@ class Cohort:
     def _step_apart(self, person: _PersonValues, carry: _Carry, reaching: Any, shared: Any, rng: Any) -> Any:
         """One sample of a person who is stepped; it outputs what is seen at its end."""
         # Native code takes what depends on the person alone out of the loop, and would round a dose there differently.
-        asked, own = reaching["asked"], person.controller[len(reaching["asked"]) :]
-        person = dataclasses.replace(person, controller=[*asked, *own])
+        requested, own = reaching["asked"], person.controller[len(reaching["asked"]) :]
+        person = dataclasses.replace(person, controller=[*requested, *own])
         after, outputs = self._step(person, carry, reaching, shared, rng)
         with jax.named_scope("sensor"):
             glucose, reading = self._look(person, after, rng[0], rng[1] + 1)
@@ -405,15 +409,15 @@ class Cohort:
         insulin = self._nominal.basal_insulin_mU_min
         rest = self._nominal.steady_state(insulin)
         carry, key = jax.eval_shape(self._begin, person, rest, insulin, jnp.zeros(()), jax.random.key(0))
-        reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._held}
+        reaching: dict[str, Any] = {name: np.zeros(self._grid.inside_min.size) for name in self._minute_inputs}
         if self._eating.individual:
             reaching["meals"] = np.zeros(self._eating.digestion.inputs)
         if self._eating.announced_each:
             reaching["told"] = np.zeros(())
         shared = {name: values[0] for name, values in self._shared.items()}
         if self._stepped:
-            asked = parts["controller"][: 2 if gives_boluses(self._single.controller) else 1]
-            reaching, shared = {**shared, **reaching, "asked": asked}, {}
+            requested = parts["controller"][: 2 if gives_boluses(self._single.controller) else 1]
+            reaching, shared = {**shared, **reaching, "asked": requested}, {}
         try:
             return make_engine(
                 self._step_apart if self._stepped else self._step,
@@ -448,15 +452,15 @@ class Cohort:
 
     def _inputs_of(self, people: People, n: int) -> tuple[Callable[[slice], dict[str, Any]], Array]:
         """Function of a piece of the run that gives the inputs of the first people, and what is announced first."""
-        if (() if people.held is None else people.held.names) != self._held:
-            raise TypeError(f"this cohort was made for people with {self._held}; give their values as held")
-        told = people.announced_g, people.announced_min
+        if (() if people.minute_inputs is None else people.minute_inputs.names) != self._minute_inputs:
+            raise TypeError(f"this cohort was made for people with {self._minute_inputs}; give their values as held")
+        announced = people.announced_g, people.announced_min
         everybody = people.insulin_mU_min.shape[0]
-        eaten, first_announced = self._eating.inputs(people.patient, n, people.meals, *told, everybody)
+        eaten, first_announced = self._eating.inputs(people.patient, n, people.meals, *announced, everybody)
 
         def inputs(piece: slice) -> dict[str, Any]:
-            held = Held() if people.held is None else people.held.of(piece)
-            return {**{name: getattr(held, name) for name in self._held}, **eaten(piece)}
+            minute_inputs = MinuteInputs() if people.minute_inputs is None else people.minute_inputs.of(piece)
+            return {**{name: getattr(minute_inputs, name) for name in self._minute_inputs}, **eaten(piece)}
 
         return inputs, first_announced
 

@@ -127,9 +127,9 @@ def driven_matrices(
         carry[:] = 0.0
         carry[: states * size : size + 1] = 1.0  # the power begins as the identity
         series.run(person, carry, nothing[: k.size], terms, nothing[: k.size])
-        found = carry[states * size :]
-        doubling.run(person[:0], found, nothing[:doublings], np.zeros((doublings, 0)), nothing[:doublings])
-        parts = found[:, :n].reshape(4, states, size, n)
+        result = carry[states * size :]
+        doubling.run(person[:0], result, nothing[:doublings], np.zeros((doublings, 0)), nothing[:doublings])
+        parts = result[:, :n].reshape(4, states, size, n)
         E[..., block] = parts[0]
         path[..., block] = np.tensordot(PATH, parts[1:], 1)
     return E, path

@@ -75,7 +75,7 @@ def _excite(
     return jnp.concatenate([readings, last[None]])
 
 
-_LEAST_CHANGE_MG_DL: Final = 1e-6
+_MIN_CHANGE_MG_DL: Final = 1e-6
 """Least change of glucose to which a model is fitted; rounding makes 1e-12 of it."""
 
 
@@ -137,7 +137,7 @@ def identify(
     samples: int | None = None,
     laguerre_pole: float | None = None,
     laguerre_functions: int | str | None = "usual",
-    under_the_skin: bool | None = None,
+    subcutaneous: bool | None = None,
     sample_time_min: float = 5.0,
 ) -> Identification:
     """Identify a step-response model of a patient by the paper's pulse experiment (Sec. III): the result's ``model``.
@@ -146,7 +146,7 @@ def identify(
     ----------
     sensor : Sensor, optional
         Sensor; an ideal one by default, while `white_noise` gives the paper's noisy record.
-    memory, laguerre_pole, laguerre_functions, under_the_skin
+    memory, laguerre_pole, laguerre_functions, subcutaneous
         As for `identify_record`; by default 3 h, a pole of 0.84 at 5-min samples and 2 functions for a vein; 24 h, 0.96
         and 8 under the skin.
     amplitude_mU_min : float, optional
@@ -176,10 +176,10 @@ def identify(
             f"give an amplitude of at most {basal:.2f} mU/min"
         )
     paper, *_, slow = usual_bases(sample_time_min)
-    if under_the_skin is None:
+    if subcutaneous is None:
         of_route = insulin_route(patient) == SUBCUTANEOUS
-        under_the_skin = of_route or _is_slow(patient, sample_time_min, paper.memory)
-    usual = slow if under_the_skin else paper
+        subcutaneous = of_route or _is_slow(patient, sample_time_min, paper.memory)
+    usual = slow if subcutaneous else paper
     memory = usual.memory if memory is None else memory
     sequence = design_csrs(memory, amplitude_mU_min, samples)
     record = excite(patient, basal + np.asarray(sequence), sensor, key, sample_time_min=sample_time_min)
@@ -188,7 +188,7 @@ def identify(
         memory=memory,
         laguerre_pole=usual.pole if laguerre_pole is None else laguerre_pole,
         laguerre_functions=usual.functions if laguerre_functions == "usual" else laguerre_functions,
-        under_the_skin=under_the_skin,
+        subcutaneous=subcutaneous,
         basal_insulin_mU_min=basal,
     )
 
@@ -262,7 +262,7 @@ def fit_step(
         step_mU_min = min(LARGEST_PULSE_MU_MIN, basal) / 2.0
     record = excite(patient, np.full(samples, basal + step_mU_min), sample_time_min=sample_time_min)
     response = np.asarray(record.glucose_mg_dl - patient.setpoint_mg_dl)
-    if not np.abs(response).max() >= _LEAST_CHANGE_MG_DL:
+    if not np.abs(response).max() >= _MIN_CHANGE_MG_DL:
         raise Refusal(
             f"a step of {step_mU_min:g} mU/min moves glucose by {np.abs(response).max():.2g} mg/dl, which is "
             "hardly more than rounding; give a larger step"

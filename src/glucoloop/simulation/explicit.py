@@ -25,11 +25,11 @@ from glucoloop.meals.moments import at_start_middle_end
 from glucoloop.patients.protocol import Patient, inputs_of
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
-from glucoloop.simulation.plant import NOTHING_HELD, Exogenous, Held, SampleGrid
+from glucoloop.simulation.plant import NO_MINUTE_INPUTS, Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.user_objects import Content, compiled_by_class
 
-USUAL_STEPS_PER_MIN: Final = 2
-_MOST_STEPS_PER_MIN: Final = 20
+DEFAULT_STEPS_PER_MIN: Final = 2
+_MAX_STEPS_PER_MIN: Final = 20
 _STABLE: Final = 2.4
 """Largest product of a step and a rate; the method itself is stable up to 2.78 on the real axis."""
 
@@ -51,13 +51,13 @@ class ExplicitPlant:
         assert moments is not None
         of_points = moments.reshape(-1, self.steps_per_point, *moments.shape[1:])
 
-        def point(carry: tuple[jax.Array, jax.Array], entry: tuple[jax.Array, Held]) -> tuple[Any, jax.Array]:
-            (x, clock), (moments, held) = carry, entry
+        def point(carry: tuple[jax.Array, jax.Array], entry: tuple[jax.Array, MinuteInputs]) -> tuple[Any, jax.Array]:
+            (x, clock), (moments, minute_inputs) = carry, entry
             for of_step in moments:
-                x, clock = self.step(x, clock, insulin_mU_min, of_step, held), clock + self.step_min
+                x, clock = self.step(x, clock, insulin_mU_min, of_step, minute_inputs), clock + self.step_min
             return (x, clock), self.patient.glucose_mg_dl(x)
 
-        (x, _), inside = jax.lax.scan(point, (x, start), (of_points, exogenous.held))
+        (x, _), inside = jax.lax.scan(point, (x, start), (of_points, exogenous.minute_inputs))
         return x, inside
 
     def step(
@@ -66,13 +66,13 @@ class ExplicitPlant:
         t_min: jax.Array,
         insulin_mU_min: jax.Array,
         moments: jax.Array,
-        held: Held = NOTHING_HELD,
+        minute_inputs: MinuteInputs = NO_MINUTE_INPUTS,
     ) -> jax.Array:
         """State after one step from a time of day on, with the moments ``(3, ...)`` of the meals over the step."""
-        patient = held.of(self.patient)
+        patient = minute_inputs.of(self.patient)
 
         def rate(t: jax.Array, x: jax.Array, meal_mg_min: jax.Array) -> jax.Array:
-            return patient.derivative(t, x, held.inputs(insulin_mU_min, meal_mg_min))
+            return patient.derivative(t, x, minute_inputs.inputs(insulin_mU_min, meal_mg_min))
 
         h = self.step_min
         start, middle, end = at_start_middle_end(moments)
@@ -103,13 +103,13 @@ class Explicit:
     def steps_per_point(self, patient: Patient, grid: SampleGrid) -> int:
         """Steps from a moment of the fine grid of samples to the next; refuses a patient that is too fast for them."""
         point_min = float(grid.inside_min[0])
-        wanted = USUAL_STEPS_PER_MIN if self.steps_per_min is None else self.steps_per_min
+        wanted = DEFAULT_STEPS_PER_MIN if self.steps_per_min is None else self.steps_per_min
         steps = math.ceil(wanted * point_min - 1e-9)
         if is_traced(patient):
             if self.steps_per_min is None:
                 raise ArgumentTypeError(
                     "the patient is traced by JAX, so that its fastest rate, from which the steps follow, has no "
-                    f"value; give them, as in integrator=Explicit(steps_per_min={USUAL_STEPS_PER_MIN})"
+                    f"value; give them, as in integrator=Explicit(steps_per_min={DEFAULT_STEPS_PER_MIN})"
                 )
             return steps
         fastest = fastest_rate_per_min(patient)
@@ -121,11 +121,11 @@ class Explicit:
                 f"{self.steps_per_min} steps per minute are too few for {type(patient).__name__}, whose fastest rate "
                 f"at rest is {fastest:.3g} per minute; give {math.ceil(fastest / _STABLE)} or more, or leave them out"
             )
-        if needed > _MOST_STEPS_PER_MIN * point_min:
+        if needed > _MAX_STEPS_PER_MIN * point_min:
             raise Refusal(
                 f"the fastest rate of {type(patient).__name__} at rest is {fastest:.3g} per minute, for which the "
                 f"explicit integrator would need {math.ceil(fastest / _STABLE)} steps per minute, more than "
-                f"{_MOST_STEPS_PER_MIN}; put the fast states at their equilibrium, or use the adaptive integrator"
+                f"{_MAX_STEPS_PER_MIN}; put the fast states at their equilibrium, or use the adaptive integrator"
             )
         return needed
 

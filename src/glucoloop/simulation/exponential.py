@@ -271,7 +271,7 @@ class ExponentialPlant:
         """State after one sample, and glucose on the fine grid inside it."""
         dense, moments = self.matrices.dense, exogenous.moments
         assert moments is not None
-        if exogenous.held.names:
+        if exogenous.minute_inputs.names:
             raise Refusal(
                 "the exponential integrator has matrices for a patient whose constants stay, and knows no exercise; "
                 "leave the integrator out, or take Explicit() or Adaptive()"
@@ -295,15 +295,15 @@ def substeps_of(grid: SampleGrid, substeps: int) -> tuple[float, list[Matrix]]:
     return h, [grid.inside_min[index == i] - i * h for i in range(substeps)]
 
 
-_USUAL_STEP_MIN: Final = 5.0
-USUAL_ACCURACY_MG_DL: Final = 0.06
+_DEFAULT_STEP_MIN: Final = 5.0
+DEFAULT_ACCURACY_MG_DL: Final = 0.06
 """Largest error of glucose with steps of 5 min, under the roughest insulin that the paper's pump can give."""
 _ROUGH_ORDER: Final = 2.4
 """Exponent with which that error grows with the step. It is less than four, since insulin that jumps moves within a
 minute."""
 
 
-def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL) -> int:
+def substeps_for(sample_time_min: float, accuracy_mg_dl: float = DEFAULT_ACCURACY_MG_DL) -> int:
     """Steps of one sample for an accuracy, by the measured error of rough insulin.
 
     Smooth insulin has a much smaller error. With steps of h min and insulin that jumps at every sample, the largest
@@ -312,7 +312,7 @@ def substeps_for(sample_time_min: float, accuracy_mg_dl: float = USUAL_ACCURACY_
     """
     if not 0.0 < accuracy_mg_dl < math.inf:
         raise Refusal(f"accuracy_mg_dl of {accuracy_mg_dl:g} is not possible; give a finite number above 0")
-    step_min = _USUAL_STEP_MIN * math.pow(accuracy_mg_dl / USUAL_ACCURACY_MG_DL, 1.0 / _ROUGH_ORDER)
+    step_min = _DEFAULT_STEP_MIN * math.pow(accuracy_mg_dl / DEFAULT_ACCURACY_MG_DL, 1.0 / _ROUGH_ORDER)
     return max(1, math.ceil(sample_time_min / step_min - 1e-9))
 
 
@@ -334,12 +334,12 @@ class Exponential:
 
     substeps: int | None = None
     near_rest: bool = False
-    accuracy_mg_dl: float = USUAL_ACCURACY_MG_DL
+    accuracy_mg_dl: float = DEFAULT_ACCURACY_MG_DL
 
     def __post_init__(self) -> None:
         if self.substeps is not None and self.substeps < 1:
             raise Refusal(f"substeps of {self.substeps} are not possible; give 1 or more")
-        substeps_for(_USUAL_STEP_MIN, self.accuracy_mg_dl)
+        substeps_for(_DEFAULT_STEP_MIN, self.accuracy_mg_dl)
 
     def steps_of(self, grid: SampleGrid) -> int:
         """Steps that this integrator makes in each sample of a grid."""

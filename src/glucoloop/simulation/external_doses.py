@@ -12,7 +12,7 @@ from glucoloop.control.protocol import Decision, Observation, Status
 
 
 @pytree
-class Asked:
+class ExternalDoses:
     """Controller whose rate and bolus are numbers of its own, which are set before each sample; it has no memory."""
 
     insulin_mU_min: jax.Array

@@ -18,13 +18,13 @@ from glucoloop.simulation.plant import SampleGrid, SteppingIntegrator
 from glucoloop.simulation.user_objects import goes_fast
 
 
-def default_integrator(patient: Patient, *, held: bool = False) -> SteppingIntegrator:
+def default_integrator(patient: Patient, *, minute_inputs: bool = False) -> SteppingIntegrator:
     """The exponential integrator if the patient has its parts and makes nothing of the time, otherwise the explicit.
 
     With inputs that are held over minutes, exercise or what a rhythm changes, it is always an explicit one. A patient
     that JAX traces has no rates from which the steps of the explicit one follow, and gets the adaptive one.
     """
-    if goes_fast(patient) and not held:
+    if goes_fast(patient) and not minute_inputs:
         return Exponential()
     return Adaptive() if is_traced(patient) else Explicit()
 
@@ -55,9 +55,9 @@ def plants_of_people(
     substeps: int | None = None,
     products: str = FUSED,
     *,
-    held: bool = False,
+    minute_inputs: bool = False,
 ) -> PlantsOfPeople:
     """Plants by the integrator that `default_integrator` chooses."""
-    if goes_fast(nominal) and not held:
+    if goes_fast(nominal) and not minute_inputs:
         return PeoplePlant(nominal, varied, grid, substeps, products)  # type: ignore[arg-type]  # by goes_fast
     return ExplicitPeople(nominal, varied, grid, substeps)

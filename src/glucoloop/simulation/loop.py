@@ -196,7 +196,7 @@ def sample(
     pump_key = jax.random.fold_in(_for_pump(reading_key), index)
     # The least that any pump can be asked for, in place of what is no number.
     command, bolus = jax.tree.map(
-        lambda asked: jnp.where(finite, asked, 0.0), (decision.insulin_mU_min, decision.bolus_mU)
+        lambda requested: jnp.where(finite, requested, 0.0), (decision.insulin_mU_min, decision.bolus_mU)
     )
     with jax.named_scope("pump"):
         given = deliver(loop.pump, state.in_pump, command, pump_key, bolus)

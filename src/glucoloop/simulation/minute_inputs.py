@@ -14,11 +14,11 @@ from glucoloop.patients.capabilities import declared_by
 from glucoloop.patients.protocol import Patient
 from glucoloop.physiology.exercise import Bouts, bouts_of_one, mean_intensity_pct, refuse_exercise
 from glucoloop.physiology.protocol import Rhythm, changes_of
-from glucoloop.simulation.plant import Held, SampleGrid
+from glucoloop.simulation.plant import MinuteInputs, SampleGrid
 
 
 @dataclass(frozen=True)
-class HeldOfPeople:
+class PeopleMinuteInputs:
     """Inputs of people from their bouts and their rhythms, made for a piece of a run at a time.
 
     So memory does not grow with the length of the run.
@@ -35,49 +35,53 @@ class HeldOfPeople:
         """Names of the inputs that are there."""
         return self.of(slice(0, 1)).names
 
-    def of(self, piece: slice) -> Held:
+    def of(self, piece: slice) -> MinuteInputs:
         """Inputs ``(samples, points, people)`` in samples of the run, all by default."""
         if not self.rhythms and self.bouts is None:
-            return Held()
+            return MinuteInputs()
         start, stop, _ = piece.indices(self.grid.samples)
         points = self.grid.inside_min.size
         edges_min = self.grid.fine_t_min[start * points : stop * points + 1]
-        held = held_between(edges_min, self.bouts, self.rhythms, self.seed, self.person, self.grid.start_min)
-        return Held(**{name: getattr(held, name).reshape(stop - start, points, -1) for name in held.names})
+        minute_inputs = minute_inputs_between(
+            edges_min, self.bouts, self.rhythms, self.seed, self.person, self.grid.start_min
+        )
+        return MinuteInputs(
+            **{name: getattr(minute_inputs, name).reshape(stop - start, points, -1) for name in minute_inputs.names}
+        )
 
 
-def held_between(
+def minute_inputs_between(
     edges_min: npt.NDArray[np.float64],
     bouts: Bouts | None,
     rhythms: Sequence[Rhythm],
     seed: int,
     person: npt.ArrayLike,
     clock_min: float,
-) -> Held:
+) -> MinuteInputs:
     """Inputs ``(n, people)`` between consecutive times ``(n + 1,)`` of a run that starts at a time of day."""
     if not rhythms and bouts is None:
-        return Held()
+        return MinuteInputs()
     changes = changes_of(rhythms, clock_min + (edges_min[:-1] + edges_min[1:]) / 2.0, seed, person)
-    return Held(exercise_pct=None if bouts is None else mean_intensity_pct(bouts, edges_min), **vars(changes))
+    return MinuteInputs(exercise_pct=None if bouts is None else mean_intensity_pct(bouts, edges_min), **vars(changes))
 
 
-def held_of(patient: Patient, scenario: Scenario, grid: SampleGrid) -> Held:
+def minute_inputs_of(patient: Patient, scenario: Scenario, grid: SampleGrid) -> MinuteInputs:
     """Inputs ``(samples, points)`` of a scenario on a grid that begins with its warm-up.
 
     Refused where the patient does not take them.
     """
     bouts = bouts_of_one(scenario.exercise).later(scenario.warm_up_min) if scenario.exercise else None
-    of_person = HeldOfPeople(grid, bouts, scenario.rhythms, scenario.rhythm_seed, [scenario.rhythm_person])
-    held = of_person.of(slice(None))
-    refuse_held(patient, held)
-    return Held(**{name: getattr(held, name)[..., 0] for name in held.names})
+    of_person = PeopleMinuteInputs(grid, bouts, scenario.rhythms, scenario.rhythm_seed, [scenario.rhythm_person])
+    minute_inputs = of_person.of(slice(None))
+    refuse_minute_inputs(patient, minute_inputs)
+    return MinuteInputs(**{name: getattr(minute_inputs, name)[..., 0] for name in minute_inputs.names})
 
 
-def refuse_held(patient: Any, held: Held, called: str = "") -> None:
+def refuse_minute_inputs(patient: Any, minute_inputs: MinuteInputs, called: str = "") -> None:
     """Refuse inputs that a patient does not take; a sentence has the name by which the patient was asked for."""
-    if held.exercise_pct is not None:
+    if minute_inputs.exercise_pct is not None:
         refuse_exercise(patient, called)
-    if held.sensitivity is not None:
+    if minute_inputs.sensitivity is not None:
         declared_by(patient, "insulin_sensitivity", called)
-    if held.production_mg_kg_min is not None:
+    if minute_inputs.production_mg_kg_min is not None:
         declared_by(patient, "glucose_production", called)

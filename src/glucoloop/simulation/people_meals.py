@@ -71,13 +71,13 @@ class PeopleMeals:
         self.announced_each = announced and (self.individual or own_announcements)
         """Whether what is announced reaches each person."""
         samples = grid.samples
-        self.moments, self.told_g = np.zeros((samples, substeps, 0)), np.zeros(samples)
+        self.moments, self.announced_by_sample = np.zeros((samples, substeps, 0)), np.zeros(samples)
         """Moments ``(samples, substeps, 3)`` and announced carbohydrate ``(samples,)`` that reach all people."""
         if meals is not None and not self.individual:
             in_loop = self._in_loop(meals)
             self.moments = np.asarray(absorb(one, in_loop).moments(samples, substeps, self._step_min))
-            self.told_g = _AtSamples(_for_people(in_loop, 1), grid).of(slice(0, samples)).dense()[:, 0]
-        self._first_told_g = float(self.told_g[0]) if announced else 0.0
+            self.announced_by_sample = _AtSamples(_for_people(in_loop, 1), grid).of(slice(0, samples)).dense()[:, 0]
+        self._first_announced_g = float(self.announced_by_sample[0]) if announced else 0.0
 
     def gut(self, patient: Patient) -> MealModel:
         """Meal model of a patient in this cohort."""
@@ -101,15 +101,17 @@ class PeopleMeals:
         The `patient` is of `everybody`; for what else is given see `cohort.People`.
         """
         if not (self.individual or self.announced_each):
-            return lambda piece: {}, np.full(people, self._first_told_g)
+            return lambda piece: {}, np.full(people, self._first_announced_g)
         if self._meals is not None:
             meals = _for_people(self._meals, people)
         if meals is None:
             raise TypeError("this cohort was made for people with meals of their own; give meals")
         meals = self._in_loop(meals)
         counted_g = meals.carbs_g if announced_g is None else announced_g
-        told_min = meals.t_min if announced_min is None else announced_min + self._warm_up_min
-        told = _AtSamples(dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(told_min, 0.0)), self._grid)
+        announced_at_min = meals.t_min if announced_min is None else announced_min + self._warm_up_min
+        announced = _AtSamples(
+            dataclasses.replace(meals, carbs_g=counted_g, t_min=np.maximum(announced_at_min, 0.0)), self._grid
+        )
         gut = jax.tree.map(
             lambda leaf: leaf[..., :people] if np.shape(leaf)[-1:] == (everybody,) else leaf, self.gut(patient)
         )
@@ -120,10 +122,10 @@ class PeopleMeals:
             if self.individual:
                 reaching["meals"] = reaching_gut(piece.start, piece.stop - piece.start)
             if self.announced_each:
-                reaching["told"] = told.of(piece)
+                reaching["told"] = announced.of(piece)
             return reaching
 
-        return inputs, told.of(slice(0, 1)).dense()[0] if self.announced_each else np.zeros(people)
+        return inputs, announced.of(slice(0, 1)).dense()[0] if self.announced_each else np.zeros(people)
 
     def _digestion(self, gut: MealModel) -> Digestion:
         return digestion(gut, self._substeps, self._step_min)

@@ -64,7 +64,7 @@ class SampleGrid:
 
 
 @pytree
-class Held:
+class MinuteInputs:
     """Inputs that are held constant from one moment of the fine grid to the next, ``(points, ...)`` of a sample each.
 
     What is None is not there, and no program knows of it.
@@ -91,7 +91,7 @@ class Held:
         return paced(patient, self.sensitivity, self.production_mg_kg_min)  # type: ignore[arg-type]
 
 
-NOTHING_HELD: Final = Held()
+NO_MINUTE_INPUTS: Final = MinuteInputs()
 
 
 @pytree
@@ -102,7 +102,7 @@ class Exogenous:
     """Time since the start, at the sample."""
     moments: jax.Array | None = None
     """(steps, 3, ...) Legendre moments of the appearance of meals in each step; None where the plant has the meals."""
-    held: Held = NOTHING_HELD
+    minute_inputs: MinuteInputs = NO_MINUTE_INPUTS
     """Exercise, and what a rhythm changes."""
 
 

@@ -34,13 +34,13 @@ from glucoloop.simulation.closed_loop import (
     start_of,
     trace_of,
     usual_limits,
-    with_what_was_held,
+    with_minute_inputs,
 )
-from glucoloop.simulation.external_doses import Asked
+from glucoloop.simulation.external_doses import ExternalDoses
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.loop import Loop, LoopState, Sampled, begin, look, sample
-from glucoloop.simulation.minute_inputs import held_between, held_of, refuse_held
-from glucoloop.simulation.plant import Held, SampleGrid, SteppingIntegrator
+from glucoloop.simulation.minute_inputs import minute_inputs_between, minute_inputs_of, refuse_minute_inputs
+from glucoloop.simulation.plant import MinuteInputs, SampleGrid, SteppingIntegrator
 from glucoloop.simulation.user_objects import Fixed, apart
 from glucoloop.snapshot import fingerprint, pack, unpack
 from glucoloop.units import MIN_PER_DAY
@@ -89,20 +89,20 @@ def _step(
     grid: SampleGrid,
     now: _Now,
     absorption: Absorption,
-    held: Held,
+    minute_inputs: MinuteInputs,
     insulin_mU_min: float,
     bolus_mU: float | None,
 ) -> tuple[_Now, Sampled]:
     loop: Loop = fixed.joined(numbers)
     plant, outside, gut = integrator.at_sample(loop.plant, absorption.goes_on(now.gut), grid, now.sample)
-    outside = dataclasses.replace(outside, held=held)
+    outside = dataclasses.replace(outside, minute_inputs=minute_inputs)
     bolus = None if bolus_mU is None else jnp.asarray(bolus_mU, float)
-    asked = dataclasses.replace(
+    controller = dataclasses.replace(
         loop.controller,  # type: ignore[type-var]
         insulin_mU_min=jnp.asarray(insulin_mU_min),
         bolus_mU=bolus,
     )
-    loop = dataclasses.replace(loop, plant=plant, controller=asked)
+    loop = dataclasses.replace(loop, plant=plant, controller=controller)
     after, happened = sample(loop, now.loop, outside, jnp.zeros(()), now.key, now.sample)
     return dataclasses.replace(now, loop=after, sample=now.sample + 1, gut=gut), happened
 
@@ -176,7 +176,7 @@ class Stepper:
         begins_min = ((start_min or 0.0) - warm_up_min) % MIN_PER_DAY
         self._grid = SampleGrid(sample_time_min=sample_time_min, samples=1, start_min=begins_min)
         self._rhythms = tuple(rhythms), rhythm_seed, rhythm_person
-        self._integrator = integrator or default_integrator(patient, held=bool(self._rhythms[0]))
+        self._integrator = integrator or default_integrator(patient, minute_inputs=bool(self._rhythms[0]))
         fasting = Scenario(
             (),
             setpoint_mg_dl=setpoint_mg_dl,
@@ -189,14 +189,14 @@ class Stepper:
         self._meal_model = meal_model_of(patient, meal_model)
         self._takes_exercise = takes_exercise(patient)
         self._bouts = _NO_BOUTS
-        refuse_held(patient, self._held(0))
+        refuse_minute_inputs(patient, self._minute_inputs(0))
         self._fasting = absorb(self._meal_model, _NO_MEALS)
         plant, _ = self._integrator.prepare(patient, self._fasting, self._grid)
         pump = LimitedPump(limits=usual_limits(patient)) if pump is None else pump
         self._no_bolus = 0.0 if gives_bolus(pump) else None
         loop = Loop(
             plant=plant,
-            controller=Asked(
+            controller=ExternalDoses(
                 insulin_mU_min=self.start.insulin_mU_min,
                 bolus_mU=None if self._no_bolus is None else jnp.asarray(self._no_bolus),
                 sample_time_min=sample_time_min,
@@ -337,13 +337,13 @@ class Stepper:
         new = np.array([[bout.intensity_pct], [bout.t_min], [bout.duration_min]])
         self._bouts = np.concatenate([self._bouts, new], axis=1)
 
-    def _held(self, sample: int) -> Held:
+    def _minute_inputs(self, sample: int) -> MinuteInputs:
         """Exercise and what rhythms change in a sample, ``(points,)`` each."""
         edges = sample * self.sample_time_min + np.concatenate([[0.0], self._grid.inside_min])
         bouts = Bouts(*self._bouts[..., None]) if self._takes_exercise else None
         rhythms, seed, person = self._rhythms
-        held = held_between(edges, bouts, rhythms, seed, [person], self._grid.start_min)
-        return Held(**{name: getattr(held, name)[..., 0] for name in held.names})
+        minute_inputs = minute_inputs_between(edges, bouts, rhythms, seed, [person], self._grid.start_min)
+        return MinuteInputs(**{name: getattr(minute_inputs, name)[..., 0] for name in minute_inputs.names})
 
     @checked
     def step(self, insulin_mU_min: float, carbs_g: float = 0.0, bolus_mU: float | None = None) -> Observation:
@@ -382,7 +382,7 @@ class Stepper:
             self._grid,
             self._now,
             self._absorption,
-            self._held(self.sample),
+            self._minute_inputs(self.sample),
             insulin_mU_min,
             self._no_bolus if bolus_mU is None else bolus_mU,
         )
@@ -481,8 +481,8 @@ def simulate_stepped(stepper: Stepper, scenario: Scenario, decide: Decide, *, gi
     trace = trace_of(stepper.patient, stepper.start, on_grid, together, stepper.state)
     if not gives_boluses:
         trace = dataclasses.replace(trace, command_bolus_mU=None, bolus_mU=None, reported_bolus_mU=None)
-    held = held_of(stepper.patient, scenario, grid)
-    return with_what_was_held(trace, scenario, on_grid, held).after(counted.warm_up)
+    minute_inputs = minute_inputs_of(stepper.patient, scenario, grid)
+    return with_minute_inputs(trace, scenario, on_grid, minute_inputs).after(counted.warm_up)
 
 
 def _with_status(happened: Sampled, decision: Decision) -> Sampled:

@@ -173,10 +173,10 @@ def compiled_by_class(function: Callable[..., Any], static: tuple[int, ...] = ()
 
 def refuse_two_patients(patient: SemilinearPatient) -> None:
     """Refuse a patient whose two forms differ at random states and times of a day."""
-    found = _compared(patient)
-    if found is None or not found[0]:
+    result = _compared(patient)
+    if result is None or not result[0]:
         return
-    _, clock, message = found
+    _, clock, message = result
     mend = "Leave the integrator out, or take Explicit() or Adaptive()" if clock else "Make both forms the same"
     because = (
         "its derivative follows the time, of which transport, kinetics and driven_derivative are not told"
@@ -196,8 +196,8 @@ def goes_fast(patient: Patient) -> bool:
     """
     if not isinstance(patient, SemilinearPatient) or takes_exercise(patient):
         return False
-    found = _compared(patient)
-    return found is None or not (found[0] and found[1])
+    result = _compared(patient)
+    return result is None or not (result[0] and result[1])
 
 
 def _compared(patient: SemilinearPatient) -> tuple[bool, bool, str] | None:
@@ -238,8 +238,8 @@ def _forms_compared(patient: SemilinearPatient) -> tuple[bool, bool, str]:
 
 
 def _differ(a: npt.NDArray[Any], b: npt.NDArray[Any], size: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    found: npt.NDArray[np.bool_] = np.abs(a - b) > _ROUNDING * size
-    return found
+    result: npt.NDArray[np.bool_] = np.abs(a - b) > _ROUNDING * size
+    return result
 
 
 @compiled_by_class

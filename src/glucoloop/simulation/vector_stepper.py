@@ -15,7 +15,7 @@ from glucoloop.sparse import Sparse, dense
 
 Array = npt.NDArray[Any]
 
-MOST_AT_ONCE: Final = 504
+MAX_AT_ONCE: Final = 504
 """Largest number of samples of a piece of a run, 42 h of 5 min: the inputs of its people are in memory."""
 _FEW: Final = 0.1
 """Share of numbers other than 0 up to which only these are kept, as of meals, of which there are few in a day."""
@@ -30,7 +30,7 @@ class Begun:
     key_data: Array
     """(people, ...) data of the random keys of their readings."""
     inputs_in: Callable[[int], Mapping[str, StoredInputs]]
-    """Function of the number of a piece of `MOST_AT_ONCE` samples that gives their inputs in it."""
+    """Function of the number of a piece of `MAX_AT_ONCE` samples that gives their inputs in it."""
     seen: SeenAtSample
     samples: int
 
@@ -86,7 +86,7 @@ class _Group:
 
     def next_inputs(self) -> dict[str, Array]:
         """Inputs of the coming sample, ``(..., lanes)``; after the last sample those of the last."""
-        piece, sample = divmod(min(self._sample, self._begun.samples - 1), MOST_AT_ONCE)
+        piece, sample = divmod(min(self._sample, self._begun.samples - 1), MAX_AT_ONCE)
         self._sample += 1
         return {name: of.at(sample)[..., self._columns] for name, of in self._begun.inputs_in(piece).items()}
 
@@ -137,14 +137,14 @@ class SteppedPeople:
 
     def step(self, insulin_mU_min: Array, bolus_mU: Array | None = None, *, threads: int = 1) -> None:
         """Carry everybody to the next sample, under rates and, where the pump can give them, boluses ``(lanes,)``."""
-        asked = [insulin_mU_min] if bolus_mU is None else [insulin_mU_min, bolus_mU]
+        requested = [insulin_mU_min] if bolus_mU is None else [insulin_mU_min, bolus_mU]
         for group in self._groups:
             for name, values in group.next_inputs().items():
                 if name not in self._reaching:
                     self._reaching[name] = np.zeros((*values.shape[:-1], self.number))
                 self._reaching[name][..., group.lanes] = values
         assert self._key_data is not None
-        outputs = self._lanes.step({**self._reaching, "asked": asked}, self._key_data, self.sample, threads=threads)
+        outputs = self._lanes.step({**self._reaching, "asked": requested}, self._key_data, self.sample, threads=threads)
         self.sample += 1
         for to, new in zip(vars(self.seen).values(), outputs, strict=True):
             np.copyto(to, new)

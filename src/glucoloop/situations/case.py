@@ -9,7 +9,7 @@ from glucoloop.component.effects import DEAD_TIME, Need
 from glucoloop.component.grammar import NAME, GivenValue, Tree, as_table, part_text, place
 from glucoloop.component.part import Part, read
 from glucoloop.component.setting import About, Value
-from glucoloop.control.catalogue import CONTROLLERS, USUAL_CONTROLLER
+from glucoloop.control.catalogue import CONTROLLERS, DEFAULT_CONTROLLER
 from glucoloop.control.guard_settings import GuardSettings, guard_of
 from glucoloop.control.part import ControllerPart
 from glucoloop.faults import FaultPart
@@ -34,7 +34,7 @@ class Case(Part):
     kind: ClassVar = "case"
     may_have: ClassVar = ("label",)
 
-    controller: Annotated[ControllerPart, About("The controller.")] = CONTROLLERS[USUAL_CONTROLLER].partial({})
+    controller: Annotated[ControllerPart, About("The controller.")] = CONTROLLERS[DEFAULT_CONTROLLER].partial({})
     label: Annotated[str, About("Name of the case; by default the controller and what was given of it.")] = ""
     known_dead_time: Annotated[
         bool,
@@ -95,9 +95,9 @@ class Case(Part):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """The controller, with what else is of the case among its settings."""
-        found = super().tree(whole=whole)
-        controller = found.pop("controller", self.controller.tree(whole=whole))
-        return {**controller, **{key: value for key, value in found.items() if value not in (None, [])}}
+        result = super().tree(whole=whole)
+        controller = result.pop("controller", self.controller.tree(whole=whole))
+        return {**controller, **{key: value for key, value in result.items() if value not in (None, [])}}
 
     def uses(self) -> frozenset[Need]:
         """Needs that the controller meets, and its guard."""
@@ -137,7 +137,7 @@ class _Cases:
         if isinstance(controller, Mapping):
             of_case = {key: value for key, value in controller.items() if key in _BESIDE}
             controller = {key: value for key, value in controller.items() if key not in _BESIDE} or {
-                NAME: GivenValue(USUAL_CONTROLLER, place(of_case))
+                NAME: GivenValue(DEFAULT_CONTROLLER, place(of_case))
             }
         designed = CONTROLLERS.read(controller, allow_unusual=allow_unusual)
         for name in _BESIDE.values():

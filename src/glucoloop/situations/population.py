@@ -20,7 +20,7 @@ from glucoloop.meals import Meal
 from glucoloop.patients.joint import JointVariation
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, population, population_names
-from glucoloop.patients.settings import USUAL_PATIENT, patient_entry
+from glucoloop.patients.settings import DEFAULT_PATIENT, patient_entry
 from glucoloop.patients.table import DRAWS, ONCE, PROFILE_COLUMNS, PeopleTable
 from glucoloop.patients.variation import Variation
 from glucoloop.refusal import Refusal
@@ -40,7 +40,9 @@ _SUFFIXES: Final = (".toml", ".csv")
 _EXAMPLE: Final = f"people.csv, draw={DRAWS[1]}"
 
 
-def read_population(keys: Mapping[str, object], patient: str = USUAL_PATIENT.name, name: str = "custom") -> Population:
+def read_population(
+    keys: Mapping[str, object], patient: str = DEFAULT_PATIENT.name, name: str = "custom"
+) -> Population:
     """Population of a patient from the keys of a file.
 
     The keys are ``name`` and ``summary``, which may be left out, lists of tables ``vary``, ``joint`` and ``person``,
@@ -161,22 +163,22 @@ def _meals(given: Any, name: str) -> tuple[Meal, ...]:
 
 def population_keys(population: Population) -> dict[str, object]:
     """The keys from which the same population is read."""
-    found: dict[str, Any] = {"name": population.name, "summary": population.summary}
+    result: dict[str, Any] = {"name": population.name, "summary": population.summary}
     vary = [_keys(one) for one in population.variations if isinstance(one, Variation)]
     joint = [_keys(one) for one in population.variations if isinstance(one, JointVariation)]
     if vary or not (joint or population.table):
-        found[VARY_KEY] = vary
+        result[VARY_KEY] = vary
     if joint:
-        found[JOINT_KEY] = joint
+        result[JOINT_KEY] = joint
     table = population.table
     if table is not None:
-        found |= {DRAW_KEY: table.draws, PERSON_KEY: []}
+        result |= {DRAW_KEY: table.draws, PERSON_KEY: []}
         for row, name in enumerate(table.names):
             columns = {column: known[row] for column, known in (*table.profile.items(), *table.values.items())}
             known = {column: value for column, value in columns.items() if value is not None}
             meals = {MEALS_COLUMN: list(map(meal_text, table.meals[row]))} if table.meals else {}
-            found[PERSON_KEY].append({NAME: name, **known, **meals})
-    return found
+            result[PERSON_KEY].append({NAME: name, **known, **meals})
+    return result
 
 
 def _keys(variation: object) -> dict[str, Any]:
@@ -187,7 +189,7 @@ def _listed(value: Any) -> Any:
     return list(map(_listed, value)) if isinstance(value, tuple) else value
 
 
-def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population:
+def named_population(text: str, patient: str = DEFAULT_PATIENT.name) -> Population:
     """Population of a patient by its name, or from a file; Refusal if there is none.
 
     The name of a file ends in ``.toml`` or ``.csv``. ``NAME, draw=with-replacement`` draws named people by the seed, so
@@ -197,16 +199,16 @@ def named_population(text: str, patient: str = USUAL_PATIENT.name) -> Population
     called, draw = tree.pop(NAME, None), tree.pop(DRAW_KEY, None)
     if not called or tree:
         raise Refusal(f"{text!r} is no population; give its name, and at most {DRAW_KEY}, like {_EXAMPLE!r}")
-    found = _found_population(called, patient)
-    return found if draw is None else found.drawn_as(draw)
+    result = _population_named(called, patient)
+    return result if draw is None else result.drawn_as(draw)
 
 
-def _found_population(text: str, patient: str) -> Population:
+def _population_named(text: str, patient: str) -> Population:
     path = Path(text)
     if path.suffix not in _SUFFIXES:
         known = population_names(patient)
         if text not in known:
-            whose = "" if patient == USUAL_PATIENT.name else f" of {patient}"
+            whose = "" if patient == DEFAULT_PATIENT.name else f" of {patient}"
             raise Refusal(
                 f"unknown population {text!r}{whose}; {known_names(text, known)}, or give a file like people.toml"
             )
@@ -265,7 +267,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
     """A population of a patient as plain values, and in lines: who its people are, or how they are drawn."""
     people = population(name, patient=patient)
     table, drawn = people.table, people.distributions()
-    found: dict[str, Any] = {"kind": "population", "patient": patient, **population_keys(people)}
+    result: dict[str, Any] = {"kind": "population", "patient": patient, **population_keys(people)}
     lines = [f"population {name}: {people.summary}"]
     if table is not None:
         own = [*table.profile, *([MEALS_COLUMN] if table.meals else [])]
@@ -281,7 +283,7 @@ def described_population(name: str, patient: str) -> tuple[dict[str, Any], list[
     for parameter, of in drawn.items():
         meant = f": {meanings[parameter]}" if parameter in meanings else ""
         lines.append(f"  {parameter} from {of.lower:.4g} to {of.upper:.4g}, about {of.centre:.4g} ({of.kind}){meant}")
-    return found, lines
+    return result, lines
 
 
 def person_of(text: str, patient: str, seed: int) -> Population:
@@ -291,7 +293,7 @@ def person_of(text: str, patient: str, seed: int) -> Population:
     ``person=17``; of another population that stands before a colon: ``people.csv:anna``.
     """
     where, _, name = text.rpartition(":")
-    people = _found_population(where.strip() or patient_entry(patient).usual_population, patient)
+    people = _population_named(where.strip() or patient_entry(patient).usual_population, patient)
     try:
         return people.alone(name.strip(), seed)
     except Refusal as error:

@@ -21,30 +21,30 @@ def ranges_parted(tree: Mapping[str, Any], tuned: Collection[str], *, always: bo
 
     The settings `tuned` may be ranges; with `always` a single value of such a setting is a range too.
     """
-    found = dict(tree)
-    leaf = found.get("controller")
+    result = dict(tree)
+    leaf = result.get("controller")
     if leaf is None:
-        return found
+        return result
     tables = list(map(as_table, leaf if isinstance(leaf, list) else [leaf]))
     if not tables or not isinstance(tables[0], Mapping):
-        return found
+        return result
     names = {name.removesuffix(ending_of(name)): name for name in tuned if name not in tables[0]}
     table = {str(names.get(key, key)): value for key, value in tables[0].items()}
     first = {key: value for key, value in table.items() if key not in tuned or not (always or _is_range(value))}
     ranges = {key: GivenValue(_text(key, value), place(value)) for key, value in table.items() if key not in first}
-    found["controller"] = [first, *tables[1:]] if first else tables[1:]
-    if not found["controller"]:
-        del found["controller"]
-    return {**found, RANGES: ranges} if ranges else found
+    result["controller"] = [first, *tables[1:]] if first else tables[1:]
+    if not result["controller"]:
+        del result["controller"]
+    return {**result, RANGES: ranges} if ranges else result
 
 
 def with_ranges(tree: Tree, ranges: Mapping[str, str]) -> Tree:
     """A tree with its ranges among the settings of its first controller."""
-    found = {key: value for key, value in tree.items() if key != RANGES}
+    result = {key: value for key, value in tree.items() if key != RANGES}
     if ranges:
-        first, *others = found.get("controller") or [{}]
-        found["controller"] = [{**first, **ranges}, *others]
-    return found
+        first, *others = result.get("controller") or [{}]
+        result["controller"] = [{**first, **ranges}, *others]
+    return result
 
 
 def _is_range(leaf: Any) -> bool:

@@ -21,7 +21,7 @@ def read_root(root: type[P], tree: Mapping[str, Any], *, allow_unusual: bool = F
     return read(root, prepared, allow_unusual=allow_unusual or plain(tree.get("allow_unusual")) is True, where="")
 
 
-def asked_for(root: type[P], tree: Mapping[str, Any]) -> P:
+def request_from(root: type[P], tree: Mapping[str, Any]) -> P:
     """A request with everything that is usual; what is at odds, or implausible together, is refused."""
     whole = read_root(root, tree).completed()
     if hasattr(whole, "refuse_unusual") and not getattr(whole, "allow_unusual", False):

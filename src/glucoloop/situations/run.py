@@ -15,7 +15,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.sensors import whole_samples
 from glucoloop.situations.case import Case
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, Option
-from glucoloop.situations.scenarios import USUAL_DAY, DaySettings, ScenarioPart
+from glucoloop.situations.scenarios import DEFAULT_DAY, DaySettings, ScenarioPart
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, Situation
 from glucoloop.unit_guess import GLUCOSE
 from glucoloop.units import MIN_PER_DAY
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from glucoloop.physiology.exercise import Bouts as DrawnBouts
     from glucoloop.physiology.exercise import Exercise
 
-BOLUS_INTO_A_VEIN: Final = (
+INTRAVENOUS_BOLUS: Final = (
     "This patient gets insulin into a vein, where a bolus acts for minutes and a meal lasts for hours; boluses are "
     "meant for insulin under the skin, as of hovorka-2004."
 )
-RESTS_WITHOUT_RHYTHM: Final = (
+STEADY_WITHOUT_RHYTHM: Final = (
     "The rhythm begins with the run: the patient rests at the start, and controllers are designed, with its clock "
     "stopped, at high sensitivity to insulin and outside of dawn."
 )
-_MOST_CASES: Final = 20
+_MAX_CASES: Final = 20
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
 
@@ -78,8 +78,8 @@ class ControlledSituation(Situation):
         for label in labels:
             if labels.count(label) > 1:
                 raise Refusal(f"two cases are called {label!r}; give each a label of its own, like label=careful")
-        if len(labels) > _MOST_CASES and type(self).few_cases:
-            raise Refusal(f"{len(labels)} controllers at once are too many; give at most {_MOST_CASES}")
+        if len(labels) > _MAX_CASES and type(self).few_cases:
+            raise Refusal(f"{len(labels)} controllers at once are too many; give at most {_MAX_CASES}")
         if self.model is not None and not any(case.model is not None for case in self.cases):
             used = ", ".join(dict.fromkeys(case.controller.called for case in self.cases))
             raise Refusal(f"a model is given, but none of these controllers uses one: {used}; leave it out")
@@ -89,13 +89,13 @@ class ControlledSituation(Situation):
     @functools.cached_property
     def cases(self) -> tuple[Case, ...]:
         """The controllers with everything that is usual in the situation; a refusal has the label of the case."""
-        found = []
+        result = []
         for case in self.controller or (Case.partial({}),):
             try:
-                found.append(case.completed_in(self, self.guard, self.model))
+                result.append(case.completed_in(self, self.guard, self.model))
             except Refusal as error:
                 raise error.within("" if len(self.controller) < 2 else f"case {case.label!r}") from None
-        return tuple(found)
+        return tuple(result)
 
     @property
     def case(self) -> Case:
@@ -117,13 +117,13 @@ class ControlledSituation(Situation):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; with `whole` all that are used, guard and model in each case."""
-        found = super().tree(whole=whole)
+        result = super().tree(whole=whole)
         if whole:
-            if "controller" in found:
-                found["controller"] = [case.tree(whole=True) for case in self.cases]
+            if "controller" in result:
+                result["controller"] = [case.tree(whole=True) for case in self.cases]
             for key in ("guard", "model"):
-                found.pop(key, None)
-        return found
+                result.pop(key, None)
+        return result
 
     def refuse_unusual(self) -> None:
         """Refuse what is possible and implausible where it is put together."""
@@ -353,7 +353,7 @@ class Run(FedSituation):
 
     def completed(self, usual: Mapping[str, Default] | None = None, *, noisy: bool = False) -> Self:
         """The run with everything that is usual; for days that were given, the usual meals are those of a day."""
-        of_days = {"meals": Default(USUAL_DAY)} if self.given.get("days") is not None else {}
+        of_days = {"meals": Default(DEFAULT_DAY)} if self.given.get("days") is not None else {}
         return super().completed({**of_days, **(usual or {})}, noisy=noisy)
 
     def uses(self) -> frozenset[Need]:
@@ -411,12 +411,12 @@ def refuse_parts_of_samples(horizon_min: float, sample_time_min: float, *, has_d
     )
 
 
-def boluses_into_a_vein(asked: ControlledSituation) -> tuple[str, ...]:
-    """`BOLUS_INTO_A_VEIN` if any of the controllers gives boluses to a patient with insulin into a vein."""
-    boluses = any(case.controller.gives_boluses for case in asked.cases)
-    return (BOLUS_INTO_A_VEIN,) if boluses and not asked.patient.under_the_skin else ()
+def intravenous_boluses(config: ControlledSituation) -> tuple[str, ...]:
+    """`INTRAVENOUS_BOLUS` if any of the controllers gives boluses to a patient with insulin into a vein."""
+    boluses = any(case.controller.gives_boluses for case in config.cases)
+    return (INTRAVENOUS_BOLUS,) if boluses and not config.patient.subcutaneous else ()
 
 
-def rests_without_rhythm(asked: Situation) -> tuple[str, ...]:
-    """`RESTS_WITHOUT_RHYTHM` if the patient follows a clock."""
-    return (RESTS_WITHOUT_RHYTHM,) if asked.rhythm else ()
+def steady_without_rhythm(config: Situation) -> tuple[str, ...]:
+    """`STEADY_WITHOUT_RHYTHM` if the patient follows a clock."""
+    return (STEADY_WITHOUT_RHYTHM,) if config.rhythm else ()

@@ -15,7 +15,7 @@ from glucoloop.component.catalogue import Catalogue
 from glucoloop.component.effects import EXERCISE, MEALS
 from glucoloop.component.grammar import NAME, GivenValue, Tree, given
 from glucoloop.component.part import Part
-from glucoloop.limits import LONGEST_RUN_MIN, MOST_DAYS
+from glucoloop.limits import LONGEST_RUN_MIN, MAX_DAYS
 from glucoloop.meals.habits import HABITS, HabitPart
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.situations.situation import AnnounceBefore, AnnounceMeals, CarbBias, CarbError, StartTime, WarmUp
@@ -23,7 +23,7 @@ from glucoloop.situations.toml import read_file
 from glucoloop.unit_guess import DURATION
 from glucoloop.units import MIN_PER_DAY
 
-USUAL_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
+DEFAULT_DAY: Final = ("45g@7h", "70g@12h", "60g@18h")
 """Breakfast, lunch and dinner."""
 _meals = functools.partial(Option, panel=PATIENT_PANEL)
 
@@ -32,7 +32,7 @@ class DaySettings(Part):
     """Meals, habits and exercise of the days, and their length: what a scenario and a situation both have."""
 
     days: Annotated[
-        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MOST_DAYS, rare=True)
+        int | None, _meals("Days, each with the same meals.", default="1", at_least=1, at_most=MAX_DAYS, rare=True)
     ] = None
     duration_min: Annotated[
         float | None, Option("Length of the run.", above=0.0, at_most=LONGEST_RUN_MIN, quantity=DURATION)
@@ -40,7 +40,7 @@ class DaySettings(Part):
     meals: Annotated[
         tuple[str, ...],
         _meals("Carbohydrate and time, like 50g@1.5h; repeat it for more.", flag="--meal", metavar="G@TIME"),
-    ] = USUAL_DAY
+    ] = DEFAULT_DAY
     meal_size_spread_pct: Annotated[
         float,
         _meals(

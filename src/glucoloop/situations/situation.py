@@ -30,7 +30,7 @@ from glucoloop.faults import START, FaultPart
 from glucoloop.limits import LARGEST_SEED, LONGEST_AHEAD_MIN, LONGEST_RUN_MIN
 from glucoloop.meals.settings import MealModelPart, RescuePart
 from glucoloop.metrics.settings import MetricPart, metrics_with
-from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT, PatientPart
+from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS, PatientPart
 from glucoloop.physiology.settings import RhythmPart
 from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.refusal import Refusal
@@ -40,8 +40,8 @@ from glucoloop.situations.request import read_root
 from glucoloop.unit_guess import (
     CONFIRM_OPTION,
     LARGEST_RATE,
-    LARGEST_RATE_UNDER_THE_SKIN,
-    LEAST_RATE,
+    LARGEST_SUBCUTANEOUS_RATE,
+    MIN_RATE,
     RATE_CHANGE,
     SAMPLE_TIME,
     SETPOINT,
@@ -130,8 +130,8 @@ class Situation(Part):
 
     patient: Annotated[
         PatientPart,
-        _patient("Patient; pump, model and tuning are by default those usual for it.", default=USUAL_PATIENT.name),
-    ] = USUAL_PATIENT.partial({})
+        _patient("Patient; pump, model and tuning are by default those usual for it.", default=DEFAULT_PATIENT.name),
+    ] = DEFAULT_PATIENT.partial({})
     setpoint_mg_dl: Annotated[
         float | None,
         _patient(
@@ -233,7 +233,7 @@ class Situation(Part):
     def _refuse_at_odds(self) -> None:
         from glucoloop.meals import meal_model_of
         from glucoloop.patients.capabilities import sites
-        from glucoloop.simulation.minute_inputs import HeldOfPeople, refuse_held
+        from glucoloop.simulation.minute_inputs import PeopleMinuteInputs, refuse_minute_inputs
         from glucoloop.simulation.plant import SampleGrid
 
         list(metrics_with(self.metrics))  # refuses one that is at odds with another
@@ -249,14 +249,16 @@ class Situation(Part):
                 "announce the meals (--announce-meals)",
                 "leave the time out",
             )
-        if self.profile_by == "titration" and not self.patient.under_the_skin:
+        if self.profile_by == "titration" and not self.patient.subcutaneous:
             raise Refusal(
                 f"{self.patient.called} gets insulin into a vein, where a bolus acts for minutes and no carbohydrate "
                 "ratio is right; leave profile_by out, or choose a patient with insulin under the skin"
             )
         meal_model_of(self.nominal, self.gut)
-        refuse_held(
-            self.nominal, HeldOfPeople(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)), self.patient.called
+        refuse_minute_inputs(
+            self.nominal,
+            PeopleMinuteInputs(SampleGrid(1.0, 1), None, self.rhythms, 0, [0]).of(slice(1)),
+            self.patient.called,
         )
         known = sites(self.nominal)
         if self.site is not None and self.site not in known:
@@ -287,7 +289,7 @@ class Situation(Part):
         limits, person = self.limits, self.nominal
         most_mU_min, least_mU_min = float(limits.max_mU_min), float(limits.min_mU_min)
         basal, resting = float(person.basal_insulin_mU_min), float(person.setpoint_mg_dl)
-        largest, least = LARGEST_RATE_UNDER_THE_SKIN if self.patient.under_the_skin else LARGEST_RATE, LEAST_RATE
+        largest, least = LARGEST_SUBCUTANEOUS_RATE if self.patient.subcutaneous else LARGEST_RATE, MIN_RATE
         rest = f"{basal:.1f} mU/min to rest at {resting:.1f} mg/dl"
         if self.setpoint_mg_dl is None or self.setpoint_mg_dl <= resting:
             if most_mU_min < basal:
@@ -391,8 +393,8 @@ class Situation(Part):
         """
         if every_min is None or every_min == self.sample_time_min:
             return self
-        told = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTime))
-        return self._with(sample_time_min=every_min, sensor=told)
+        known_sensors = tuple(part for part in self.sensor if known_dead_time or not isinstance(part, DeadTime))
+        return self._with(sample_time_min=every_min, sensor=known_sensors)
 
     def _with(self, **changes: Any) -> Situation:
         return Situation(**{**{name: getattr(self, name) for name in Situation.settings()}, **changes})
@@ -479,6 +481,6 @@ def configured(root: type[Any], keys: Mapping[str, Any] | None = None, where: st
     return read_root(root, given_values({**(keys or {}), **more}, where), allow_unusual=True).completed()
 
 
-def usual_situation(patient: str = USUAL_PATIENT.name, operating_point: str | None = None) -> Situation:
+def usual_situation(patient: str = DEFAULT_PATIENT.name, operating_point: str | None = None) -> Situation:
     """A patient at an operating point, the usual one by default, with the usual pump and noise-free readings."""
     return Situation(patient=PATIENTS.find(patient)(operating_point=operating_point))

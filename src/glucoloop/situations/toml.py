@@ -19,7 +19,7 @@ VERSION_KEY = "glucoloop"
 USED_KEY: Final = "used"
 """Table of all values that were used, the computed ones among them; a configuration is read without it."""
 LARGEST_CHARACTERS: Final = 1_000_000
-_MOST_DOTS: Final = 3000
+_MAX_DOTS: Final = 3000
 """Largest number of dots in a line; the parser's memory for a dotted key grows with the square of its length."""
 _DEEPEST: Final = 10
 LARGEST_INTEGER: Final = 2**63 - 1
@@ -45,8 +45,8 @@ def read_toml(text: str, name: str) -> ConfigurationFile:
         raise Refusal(
             f"{name} is too large for a configuration: {len(text)} characters, at most {LARGEST_CHARACTERS} will do"
         )
-    if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-        raise Refusal(f"{name} has a line with more than {_MOST_DOTS} dots; break it into several")
+    if any(line.count(".") > _MAX_DOTS for line in text.splitlines()):
+        raise Refusal(f"{name} has a line with more than {_MAX_DOTS} dots; break it into several")
     try:
         keys = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

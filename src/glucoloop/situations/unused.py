@@ -10,7 +10,7 @@ from glucoloop.component.part import Part
 from glucoloop.component.setting import Setting
 from glucoloop.control.catalogue import CONTROLLERS
 
-_MOST_NAMED = 8
+_MAX_NAMED = 8
 """Most other controllers that a note names."""
 
 
@@ -65,7 +65,7 @@ def _reason(need: Need, controllers: list[str]) -> str:
     who = f"the controller{'s' if several else ''} {_listed(controllers)} {'do' if several else 'does'} not"
     what = f"give {need.noun}" if need is BOLUSES else f"use {need.noun}"
     others = [name for name, part in CONTROLLERS.items() if need in part.partial({}).uses()]
-    known = f"; {_listed(others)} do" if 0 < len(others) <= _MOST_NAMED else "; the others do" if others else ""
+    known = f"; {_listed(others)} do" if 0 < len(others) <= _MAX_NAMED else "; the others do" if others else ""
     return f"{who} {what}{known}"
 
 

@@ -190,10 +190,10 @@ def remove(path: Path) -> None:
 
     A link is removed, and not its target.
     """
-    found = kind(path)
-    if not found:
+    result = kind(path)
+    if not result:
         return
-    if found != FOLDER:
+    if result != FOLDER:
         os.unlink(path)
         return
     if not is_part(path.name):
@@ -249,12 +249,12 @@ def read_sums(folder: Path) -> dict[str, str]:
     text = read_bytes(place)
     try:
         lines = text.decode().splitlines()
-        found = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+        result = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
     except UnicodeDecodeError:
-        found = {}
-    if not found or sums_text(found) != text:
+        result = {}
+    if not result or sums_text(result) != text:
         raise Refusal(f"{place} was changed since glucoloop wrote it; move it away and run the same command again")
-    return found
+    return result
 
 
 @contextlib.contextmanager
@@ -312,14 +312,14 @@ def _whose(lock: Path) -> str:
 
 
 def _is(path: Path, wanted: str) -> bool:
-    found = kind(path)
-    if found not in ("", wanted):
-        raise _refused(path, found, wanted)
-    return bool(found)
+    result = kind(path)
+    if result not in ("", wanted):
+        raise _refused(path, result, wanted)
+    return bool(result)
 
 
-def _refused(path: Path, found: str, wanted: str) -> Refusal:
-    return Refusal(f"{path} is {found}, not {wanted}; move it away and run the same command again")
+def _refused(path: Path, result: str, wanted: str) -> Refusal:
+    return Refusal(f"{path} is {result}, not {wanted}; move it away and run the same command again")
 
 
 @contextlib.contextmanager

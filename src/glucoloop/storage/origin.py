@@ -62,17 +62,17 @@ def differences(earlier: Mapping[str, Any], current: Mapping[str, Any]) -> Itera
 
 def _flat(config: Mapping[str, Any]) -> dict[str, object]:
     """Values of a configuration by the names of the keys, also of those in tables and cases."""
-    found: dict[str, object] = {}
+    result: dict[str, object] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
-            found |= {f"{key}.{name}": item for name, item in _flat(value).items()}
+            result |= {f"{key}.{name}": item for name, item in _flat(value).items()}
         elif key == "controller" and _are_cases(value):
-            found["the list of cases"] = ", ".join(str(case["label"]) for case in value)
+            result["the list of cases"] = ", ".join(str(case["label"]) for case in value)
             for case in value:
-                found |= {f"{name} of case {case['label']!r}": item for name, item in _flat(case).items()}
+                result |= {f"{name} of case {case['label']!r}": item for name, item in _flat(case).items()}
         else:
-            found[key] = value
-    return found
+            result[key] = value
+    return result
 
 
 def _are_cases(value: object) -> bool:

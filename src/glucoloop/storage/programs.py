@@ -21,7 +21,7 @@ from glucoloop.private_folder import refuse_of_others
 from glucoloop.storage import disk
 from glucoloop.storage.disk import SUMS
 
-MOST_BYTES: Final = 256_000_000
+MAX_BYTES: Final = 256_000_000
 """Largest size of all entries together; the oldest are removed first."""
 _ENDS: Final = ("-cache", SUFFIX)
 """Ends of the names of entries: JAX's, and those of `glucoloop._disk_cache`."""
@@ -41,18 +41,18 @@ def private_folder(folder: Path) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
 
 
-def check_programs(folder: Path, most_bytes: int = MOST_BYTES) -> None:
+def check_programs(folder: Path, most_bytes: int = MAX_BYTES) -> None:
     """Remove entries that are not as they are listed, and the oldest ones beyond a total size."""
-    listed, found = _listed(folder), list[tuple[float, int, Path]]()
+    listed, result = _listed(folder), list[tuple[float, int, Path]]()
     for entry in _entries(folder):
         with contextlib.suppress(OSError):
             status = os.lstat(entry)
             if stat.S_ISREG(status.st_mode) and disk.digest(entry) == listed.get(entry.name):
-                found.append((status.st_mtime, status.st_size, entry))
+                result.append((status.st_mtime, status.st_size, entry))
             elif not stat.S_ISDIR(status.st_mode):
                 disk.remove(entry)
     total = 0
-    for _, size, entry in sorted(found, reverse=True):
+    for _, size, entry in sorted(result, reverse=True):
         total += size
         if total > most_bytes:
             with contextlib.suppress(OSError):
@@ -63,9 +63,9 @@ def seal_programs(folder: Path) -> None:
     """List all entries, with the digests of new ones."""
     with contextlib.suppress(OSError, ValueError):
         listed = _listed(folder)
-        found = {entry.name: listed.get(entry.name) or disk.digest(entry) for entry in _entries(folder)}
-        if found != listed:
-            disk.put_file(folder / SUMS, disk.sums_text(found))
+        result = {entry.name: listed.get(entry.name) or disk.digest(entry) for entry in _entries(folder)}
+        if result != listed:
+            disk.put_file(folder / SUMS, disk.sums_text(result))
 
 
 def _entries(folder: Path) -> list[Path]:

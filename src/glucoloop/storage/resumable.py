@@ -185,9 +185,9 @@ class ResumableFolder(ABC):
 
     def _compare_arithmetic(self, *, whole: bool) -> None:
         """Refuse results of another arithmetic; those of whole work are noted."""
-        if (found := arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)) is None:
+        if (result := arithmetic.difference(self.recorded.arithmetic, self.origin.arithmetic)) is None:
             return
-        name, old, new = found
+        name, old, new = result
         other = f"{self.path} was computed with {name} {old}, and here it is {new}"
         if not whole:
             raise Refusal(

@@ -21,7 +21,7 @@ from glucoloop.simulation import Adaptive, Trace
 from glucoloop.simulation.integrators import default_integrator
 from glucoloop.simulation.plant import SteppingIntegrator
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import BOLUS_INTO_A_VEIN, Run, rests_without_rhythm
+from glucoloop.situations.run import INTRAVENOUS_BOLUS, Run, steady_without_rhythm
 from glucoloop.situations.situation import Situation
 from glucoloop.storage.model_file import ModelFile, model_file, read_model
 from glucoloop.unit_guess import CONFIRM_OPTION
@@ -159,8 +159,8 @@ def model_arguments(model: ModelFile | None) -> dict[str, Any]:
 
 def integrator_of(run: Run) -> SteppingIntegrator:
     """Integrator of a run."""
-    held = bool(run.exercise or run.rhythm)
-    return default_integrator(run.nominal, held=held) if run.integrator == "fast" else Adaptive()
+    minute_inputs = bool(run.exercise or run.rhythm)
+    return default_integrator(run.nominal, minute_inputs=minute_inputs) if run.integrator == "fast" else Adaptive()
 
 
 def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Iterator[str]:
@@ -188,14 +188,14 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
 
 def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
     """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
-    yield from rests_without_rhythm(situation)
-    if situation.patient.under_the_skin:
+    yield from steady_without_rhythm(situation)
+    if situation.patient.subcutaneous:
         basal = float(situation.nominal.basal_insulin_mU_min)
         yield (
             f"Insulin is given under the skin; the basal rate is {basal:.4g} mU/min ({u_h_from_mu_min(basal):.4g} U/h)."
         )
     elif gives_boluses(controller):
-        yield BOLUS_INTO_A_VEIN
+        yield INTRAVENOUS_BOLUS
 
 
 def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:

@@ -45,24 +45,24 @@ class Export(ControlledSituation):
         _ = self.case  # refuses several
 
 
-def exported_controller(asked: Any, case: Case, controller: Controller, stepper: Stepper) -> Exported:
+def exported_controller(config: Any, case: Case, controller: Controller, stepper: Stepper) -> Exported:
     """Write the controller of a case in C, for the observations of a stepper; Refusal if that is not possible."""
     from glucoloop.firmware.exported import export
     from glucoloop.firmware.samples import example
 
-    name = name_of(asked, case)
+    name = name_of(config, case)
     title = [f"{name}, by glucoloop {glucoloop.__version__}.", "Research software, not a medical device."]
     return export(
         controller,
-        asked.limits,
+        config.limits,
         example(controller, stepper),
         title,
-        precision=asked.precision,
-        form=asked.form,
-        bolus=asked.bolus,
+        precision=config.precision,
+        form=config.form,
+        bolus=config.bolus,
     )
 
 
-def name_of(asked: ControlledSituation, case: Case) -> str:
+def name_of(config: ControlledSituation, case: Case) -> str:
     """Name of the controller of a case, for titles."""
-    return f"The controller {case.controller.called}{' with its guard' if case.guard else ''} for {asked.place}"
+    return f"The controller {case.controller.called}{' with its guard' if case.guard else ''} for {config.place}"

@@ -10,28 +10,28 @@ To add a study
    that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
-Every module has ``tables(asked, found)``, which makes tables for the terminal, as by `report.columns.terminal_table`,
-of which ``tables.tex`` is made; where the study keeps files, also ``drawn(asked, found)``: pages and figures by the
+Every module has ``tables(asked, results_of)``, which makes tables for the terminal, as by `report.columns.terminal_table`,
+of which ``tables.tex`` is made; where the study keeps files, also ``drawn(asked, results_of)``: pages and figures by the
 names of their files. It may have
 
 - ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
-- ``sentences(asked, found)``: conclusions, for the terminal and the page.
-- ``how_to_go_on(found, files)``: sentences on the use of the files, whose paths it gets by their names.
+- ``sentences(asked, results_of)``: conclusions, for the terminal and the page.
+- ``how_to_go_on(results_of, files)``: sentences on the use of the files, whose paths it gets by their names.
 
 By its kind it has
 
 - `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``trial_of(asked)`` is that trial;
-  ``found(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
+  ``results_of(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
 - `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
   ``search(asked)`` prepares the search, which may take long: its ``missing(rows)`` yields the rows that follow those
-  that are there, and its ``found(rows)`` sums up all. Example: ``studies/adversary``.
-- `PlainStudy`: it is carried out in one go by ``found(asked, progress)``, where `progress` is called with a text for
+  that are there, and its ``results_of(rows)`` sums up all. Example: ``studies/adversary``.
+- `PlainStudy`: it is carried out in one go by ``results_of(asked, progress)``, where `progress` is called with a text for
   what was done or, in a study that counts units, with their number; ``amount(asked)`` is that of all. A folder is
   written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
   ``complete`` is False among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples:
   ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.
 
-What was found is a `storage.findings.Findings`: plain values, which are the summary and the JSON, and tables by the
+What was found is a `storage.results.Results`: plain values, which are the summary and the JSON, and tables by the
 names of their files. ``notes`` among the plain values are sentences that JSON tells on standard error too. A finished
 folder gives the plain values back, so `tables` and `sentences` of a study that resumes use nothing else; figures may
 also use ``extra``, which is not kept. A number of a cell is declared once, as a `report.columns.Column`: ``measured``
@@ -47,7 +47,7 @@ from typing import Any, Final
 
 from glucoloop.component.part import Part
 
-PARTS_TOLD: Final = (
+COMPONENTS_HELP: Final = (
     "A PART is a name and its settings, like 'mpc-se, move_horizon=2'; settings without a name change the part that is "
     "there. `glucoloop list` shows all parts, `glucoloop list mpc-se` the settings of one. A number may have its unit: "
     "5.5mmol/l, 4U/h, 1.5h."

@@ -48,13 +48,13 @@ class RandomDraws:
     def ask(self, number: int) -> list[dict[str, float]]:
         """Draw tunings at random."""
         shares = self._random.random((number, len(self._space)))
-        asked = [
+        points = [
             {setting.name: setting.at(float(share)) for setting, share in zip(self._space, row, strict=True)}
             for row in shares
         ]
         if self._start is not None:
-            asked[0], self._start = self._start, None
-        return asked
+            points[0], self._start = self._start, None
+        return points
 
     def tell(self, results: Sequence[Evaluated]) -> None:
         """Ignore the results, since the draws do not depend on them."""
@@ -118,5 +118,5 @@ _VIOLATION: Final = "violation"
 
 
 def _violation(trial: Any) -> Sequence[float]:
-    found: Sequence[float] = trial.user_attrs[_VIOLATION]
-    return found
+    result: Sequence[float] = trial.user_attrs[_VIOLATION]
+    return result

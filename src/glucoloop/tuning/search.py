@@ -42,13 +42,13 @@ def move_slots(moves: int, most: int) -> int:
 
 def horizons(controller: Controller) -> tuple[int, int]:
     """Number of planned moves and of predicted samples, as the arrays of a controller have them."""
-    found: tuple[int, int] | None = getattr(controller, "horizons", None)
-    if found is None or not hasattr(controller, "padded"):
+    result: tuple[int, int] | None = getattr(controller, "horizons", None)
+    if result is None or not hasattr(controller, "padded"):
         raise TypeError(
             f"{type(controller).__name__} has no horizons that can be padded; search MPC, MPC/SE or NLQDMC/SE, or give "
             "it `horizons` and `padded` as these have them"
         )
-    return found
+    return result
 
 
 def padded(controller: C, moves: int, horizon: int) -> C:
@@ -77,8 +77,8 @@ def stack(controllers: Sequence[C]) -> C:
 Progress = Callable[[int, int], None]
 """Callback with the number of finished runs and the number of all runs."""
 
-MOST_POINTS: Final = 20_000
-MOST_RUNS: Final = 200_000
+MAX_POINTS: Final = 20_000
+MAX_RUNS: Final = 200_000
 _BLOCK: Final = 128
 """Number of runs at once: more are not faster, and their traces take memory."""
 _ROUND: Final = 8
@@ -120,10 +120,10 @@ def search(
         raise Refusal("the grid has no tuning; give at least one")
     if not seeds:
         raise Refusal("there are no seeds; give at least one")
-    if len(grid) > MOST_POINTS or len(grid) * len(seeds) > MOST_RUNS:
+    if len(grid) > MAX_POINTS or len(grid) * len(seeds) > MAX_RUNS:
         raise Refusal(
             f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
-            f"give up to {MOST_POINTS} tunings and {MOST_RUNS} runs"
+            f"give up to {MAX_POINTS} tunings and {MAX_RUNS} runs"
         )
     designed, refused = _designed(design, grid)
     grid = list(designed)

@@ -1,10 +1,10 @@
-from .course import Simulator as Simulator
 from .days import RecordedDays as RecordedDays
 from .days import recorded_days as recorded_days
 from .fit import find_twin as find_twin
 from .noise import Noise as Noise
 from .prior import Prior as Prior
 from .prior import prior_of as prior_of
-from .residual_sensor import CarriedResidual as CarriedResidual
+from .residual_sensor import ResidualSensor as ResidualSensor
 from .stored import StoredTwin as StoredTwin
+from .trajectory import Simulator as Simulator
 from .twin import Twin as Twin

@@ -83,13 +83,13 @@ class RecordedDays:
         inside = self.reading_min[(self.reading_min >= begin_min) & (self.reading_min < end_min)]
         return np.unique(inside // SAMPLE_MIN).size / max(1.0, (end_min - begin_min) / SAMPLE_MIN)
 
-    def at_readings(self, course: Values, chosen: npt.NDArray[np.bool_]) -> Values:
-        """Values ``(..., readings)`` at the times of chosen readings, of a course ``(..., samples + 1)``."""
+    def at_readings(self, trajectory: Values, chosen: npt.NDArray[np.bool_]) -> Values:
+        """Values ``(..., readings)`` at the times of chosen readings, of a trajectory ``(..., samples + 1)``."""
         place, share = np.divmod(self.reading_min[chosen] / SAMPLE_MIN, 1.0)
         at = place.astype(int)
         with np.errstate(invalid="ignore"):  # a person who cannot be has no finite glucose
-            found: Values = (1.0 - share) * course[..., at] + share * course[..., at + 1]
-        return found
+            result: Values = (1.0 - share) * trajectory[..., at] + share * trajectory[..., at + 1]
+        return result
 
 
 def recorded_days(record: DeviceRecord, *, most_days: int = 14, basal_U_h: float | None = None) -> RecordedDays:

@@ -28,10 +28,10 @@ import numpy.typing as npt
 from glucoloop.patients.population import Population
 from glucoloop.refusal import Refusal
 from glucoloop.text import how_many
-from glucoloop.twins.course import WARM_UP_MIN, Simulator
 from glucoloop.twins.days import FEWEST_READINGS, RecordedDays
 from glucoloop.twins.noise import Noise
 from glucoloop.twins.prior import prior_of
+from glucoloop.twins.trajectory import WARM_UP_MIN, Simulator
 from glucoloop.twins.twin import HeldOut, Twin
 from glucoloop.units import MIN_PER_DAY, MIN_PER_H
 
@@ -77,13 +77,13 @@ class _Target:
         slopes = days.at_readings(np.moveaxis(jacobian, -1, 1), self._chosen)
         return _Searched(z, self._cost(z, residual, noise), residual, np.moveaxis(slopes, 1, -1))
 
-    def again(self, found: _Searched, noise: Noise) -> _Searched:
+    def again(self, result: _Searched, noise: Noise) -> _Searched:
         """The same place with another noise."""
-        return _Searched(found.z, self._cost(found.z, found.residual, noise), found.residual, found.jacobian)
+        return _Searched(result.z, self._cost(result.z, result.residual, noise), result.residual, result.jacobian)
 
-    def cost_of_courses(self, z: Values, courses: Values, noise: Noise) -> Values:
+    def cost_of_courses(self, z: Values, trajectories: Values, noise: Noise) -> Values:
         """Cost ``(people,)`` of people whose glucose is known ``(people, samples + 1)``."""
-        return self._cost(z, self._readings - self._simulator.days.at_readings(courses, self._chosen), noise)
+        return self._cost(z, self._readings - self._simulator.days.at_readings(trajectories, self._chosen), noise)
 
     def _cost(self, z: Values, residual: Values, noise: Noise) -> Values:
         possible = np.asarray(np.isfinite(residual).all(axis=1))
@@ -91,37 +91,37 @@ class _Target:
         cost = (white**2).sum(axis=0) + (z**2).sum(axis=1)
         return np.asarray(np.where(possible, cost, np.inf), np.float64)
 
-    def search(self, found: _Searched, noise: Noise, steps: int, tell: Callable[[str], None]) -> _Searched:
+    def search(self, result: _Searched, noise: Noise, steps: int, tell: Callable[[str], None]) -> _Searched:
         """Minimise from where a search is."""
-        damping = np.full(len(found.z), _DAMPING)
+        damping = np.full(len(result.z), _DAMPING)
         for step in range(steps):
-            tried = self.at(np.stack([self._step(found, k, noise, damping[k]) for k in range(len(found.z))]), noise)
-            better = tried.cost < found.cost
+            tried = self.at(np.stack([self._step(result, k, noise, damping[k]) for k in range(len(result.z))]), noise)
+            better = tried.cost < result.cost
             with np.errstate(invalid="ignore"):
-                fallen = np.where(better, 1.0 - tried.cost / found.cost, 0.0)
+                fallen = np.where(better, 1.0 - tried.cost / result.cost, 0.0)
             settled = (better & (fallen < _SETTLED)) | (~better & (damping > 1e4))
             damping = np.where(better, damping * _EASED, damping * _RAISED)
-            found = _Searched(
+            result = _Searched(
                 *(
                     np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
                     for new, old in (
-                        (tried.z, found.z),
-                        (tried.cost, found.cost),
-                        (tried.residual, found.residual),
-                        (tried.jacobian, found.jacobian),
+                        (tried.z, result.z),
+                        (tried.cost, result.cost),
+                        (tried.residual, result.residual),
+                        (tried.jacobian, result.jacobian),
                     )
                 )
             )
             tell(f"step {step + 1}")
             if settled.all():
                 break
-        return found
+        return result
 
-    def _step(self, found: _Searched, k: int, noise: Noise, damping: float) -> Values:
-        z = found.z[k]
-        if not np.isfinite(found.cost[k]):
+    def _step(self, result: _Searched, k: int, noise: Noise, damping: float) -> Values:
+        z = result.z[k]
+        if not np.isfinite(result.cost[k]):
             return np.asarray(0.5 * z)  # nearer to the median, who can exist
-        white = noise.independent(self.t_min, np.column_stack([found.residual[k], found.jacobian[k]]))
+        white = noise.independent(self.t_min, np.column_stack([result.residual[k], result.jacobian[k]]))
         residual, jacobian = white[:, 0], white[:, 1:]
         information = np.eye(z.size) + jacobian.T @ jacobian
         damped = information + damping * np.diag(np.diag(information))
@@ -129,10 +129,10 @@ class _Target:
         moved: Values = np.clip(z + step, -_FARTHEST, _FARTHEST)
         return moved
 
-    def covariance(self, found: _Searched, k: int, noise: Noise) -> Values:
+    def covariance(self, result: _Searched, k: int, noise: Noise) -> Values:
         """Covariance of the coordinates about a minimum."""
-        jacobian = noise.independent(self.t_min, found.jacobian[k])
-        information = np.eye(found.z.shape[1]) + jacobian.T @ jacobian
+        jacobian = noise.independent(self.t_min, result.jacobian[k])
+        information = np.eye(result.z.shape[1]) + jacobian.T @ jacobian
         return np.asarray(np.linalg.inv(information), np.float64)
 
 
@@ -187,26 +187,26 @@ def find_twin(
     rng = np.random.default_rng(seed)
     target, noise = _Target(simulator, used), Noise()
     z = np.vstack([np.zeros(simulator.coordinates), rng.standard_normal((starts - 1, simulator.coordinates))])
-    found = target.search(target.at(z, noise), noise, _FIRST_STEPS, tell)
-    if not np.isfinite(found.cost).any():
+    result = target.search(target.at(z, noise), noise, _FIRST_STEPS, tell)
+    if not np.isfinite(result.cost).any():
         raise Refusal(
             f"nobody near the people of {population.name} can have this record; choose another patient, or look at the "
             "doses of the record"
         )
     for _ in range(_TURNS):
-        best = int(np.argmin(found.cost))
-        about_prior = found.residual[best] + found.jacobian[best] @ found.z[best]
-        noise = noise.learned(target.t_min, about_prior, found.jacobian[best])
-        found = target.search(target.again(found, noise), noise, _STEPS, tell)
-    best = int(np.argmin(found.cost))
-    mode, covariance = found.z[best], target.covariance(found, best, noise)
+        best = int(np.argmin(result.cost))
+        about_prior = result.residual[best] + result.jacobian[best] @ result.z[best]
+        noise = noise.learned(target.t_min, about_prior, result.jacobian[best])
+        result = target.search(target.again(result, noise), noise, _STEPS, tell)
+    best = int(np.argmin(result.cost))
+    mode, covariance = result.z[best], target.covariance(result, best, noise)
     factor = np.linalg.cholesky(covariance)
     scores = rng.standard_normal((draws, mode.size))
     drawn = np.vstack([mode, mode + scores @ factor.T])
-    courses = simulator.glucose_mg_dl(drawn)
-    possible = np.isfinite(courses).all(axis=1)
-    drawn, courses = drawn[possible], courses[possible]
-    held = _held_out(days, simulator, courses, noise, end_min, rng) if held_out_days else None
+    trajectories = simulator.glucose_mg_dl(drawn)
+    possible = np.isfinite(trajectories).all(axis=1)
+    drawn, trajectories = drawn[possible], trajectories[possible]
+    held_out = _held_out(days, simulator, trajectories, noise, end_min, rng) if held_out_days else None
     log_mean = prior.mean + prior.factor @ mode[:-1]
     log_covariance = prior.factor @ covariance[:-1, :-1] @ prior.factor.T
     return Twin(
@@ -216,19 +216,19 @@ def find_twin(
         noise=noise,
         days=days,
         fitted_min=(WARM_UP_MIN, end_min),
-        fit_rmse_mg_dl=float(np.sqrt(np.mean(found.residual[best] ** 2))),
-        agreeing_starts=int(np.count_nonzero(found.cost < found.cost[best] + _SAME_COST)),
+        fit_rmse_mg_dl=float(np.sqrt(np.mean(result.residual[best] ** 2))),
+        agreeing_starts=int(np.count_nonzero(result.cost < result.cost[best] + _SAME_COST)),
         starts=starts,
         drawn=drawn,
-        courses_mg_dl=courses,
-        held_out=held,
+        courses_mg_dl=trajectories,
+        held_out=held_out,
     )
 
 
 def _held_out(
     days: RecordedDays,
     simulator: Simulator,
-    courses: Values,
+    trajectories: Values,
     noise: Noise,
     end_min: float,
     rng: np.random.Generator,
@@ -238,7 +238,7 @@ def _held_out(
     t_min, readings = days.reading_min[chosen], days.reading_mg_dl[chosen]
     if t_min.size < 2:
         raise Refusal("the days that are held out have no readings; hold out more days, or none")
-    predicted = days.at_readings(courses, chosen)
+    predicted = days.at_readings(trajectories, chosen)
     errors = noise.drawn(t_min, len(predicted), rng)
     low, _, high = np.percentile(predicted + errors, _INTERVAL_PCT, axis=0)
     median = days.at_readings(simulator.glucose_mg_dl(np.zeros((1, simulator.coordinates))), chosen)[0]

@@ -27,10 +27,10 @@ import scipy.optimize
 
 Values = npt.NDArray[np.float64]
 
-_USUAL_LOG: Final = np.log([10.0, 60.0, 2.5])
+_DEFAULT_LOG: Final = np.log([10.0, 60.0, 2.5])
 _WEAK_SD: Final = 1.0
 _STEPS: Final = 40
-_LEAST_MG_DL: Final = 0.3
+_MIN_MG_DL: Final = 0.3
 """Least part of each reading alone: readings are whole numbers."""
 
 
@@ -88,14 +88,14 @@ class Noise:
             value, slope = _evidence(jnp.asarray(logarithms), jnp.asarray(t_min), columns)
             return float(value), np.asarray(slope, float)
 
-        found = scipy.optimize.minimize(
+        result = scipy.optimize.minimize(
             cost, self._logarithms, jac=True, method="L-BFGS-B", bounds=_BOUNDS, options={"maxiter": _STEPS}
         )
-        slow, time_constant, own = np.exp(found.x)
+        slow, time_constant, own = np.exp(result.x)
         return Noise(float(slow), float(time_constant), float(own))
 
 
-_BOUNDS: Final = [(np.log(0.1), np.log(200.0)), (np.log(5.0), np.log(720.0)), (np.log(_LEAST_MG_DL), np.log(50.0))]
+_BOUNDS: Final = [(np.log(0.1), np.log(200.0)), (np.log(5.0), np.log(720.0)), (np.log(_MIN_MG_DL), np.log(50.0))]
 
 
 @jax.jit
@@ -131,6 +131,6 @@ def _evidence(logarithms: jax.Array, t_min: jax.Array, columns: jax.Array) -> ja
     explained = jax.scipy.linalg.solve_triangular(factor, along, lower=True)
     misfit = residual @ residual - explained @ explained
     of_information = 2.0 * jnp.sum(jnp.log(jnp.diagonal(factor)))
-    weak = jnp.sum(((logarithms - jnp.asarray(_USUAL_LOG)) / _WEAK_SD) ** 2)
+    weak = jnp.sum(((logarithms - jnp.asarray(_DEFAULT_LOG)) / _WEAK_SD) ** 2)
     cost: jax.Array = 0.5 * (misfit + log_variance + of_information + weak)
     return cost

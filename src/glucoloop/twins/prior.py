@@ -54,8 +54,8 @@ class Prior:
     def values(self, z: jax.Array) -> dict[str, Any]:
         """Value ``(people,)`` of each parameter, the known ones too, for coordinates ``(parameters, people)``."""
         logarithms = jnp.asarray(self.mean)[:, None] + jnp.asarray(self.factor) @ z
-        found = dict(zip(self.parameters, jnp.exp(logarithms), strict=True))
-        return {**found, **{name: jnp.full(z.shape[1], value) for name, value in self.known.items()}}
+        result = dict(zip(self.parameters, jnp.exp(logarithms), strict=True))
+        return {**result, **{name: jnp.full(z.shape[1], value) for name, value in self.known.items()}}
 
     def coordinates(self, values: Mapping[str, Any]) -> Values:
         """Coordinates z ``(parameters,)`` of a person with given values."""
@@ -103,9 +103,9 @@ def prior_of(population: Population, known: Mapping[str, float] | None = None) -
     if is_known.all():
         raise Refusal("every parameter is given, so there is nothing to find; leave one out")
     if is_known.any():
-        told = np.log([known[name] for name in names if name in known])
+        known_values = np.log([known[name] for name in names if name in known])
         gain = np.linalg.solve(covariance[np.ix_(is_known, is_known)], covariance[np.ix_(is_known, ~is_known)]).T
-        mean = mean[~is_known] + gain @ (told - mean[is_known])
+        mean = mean[~is_known] + gain @ (known_values - mean[is_known])
         covariance = covariance[np.ix_(~is_known, ~is_known)] - gain @ covariance[np.ix_(is_known, ~is_known)]
     return Prior(
         population=population.name,

@@ -12,7 +12,7 @@ from glucoloop.sensors.protocol import Reading, Sensor
 
 
 @pytree
-class CarriedResidual:
+class ResidualSensor:
     """Adds to the reading at each sample of a run the residual of that sample."""
 
     inner: Sensor

@@ -58,7 +58,7 @@ class StoredTwin:
 
     posterior: Prior
     start: float
-    """Coordinate of glucose at the start, see `twins.course.Simulator`."""
+    """Coordinate of glucose at the start, see `twins.trajectory.Simulator`."""
     profile: Mapping[str, float]
 
     @classmethod

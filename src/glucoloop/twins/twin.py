@@ -24,11 +24,11 @@ Values = npt.NDArray[np.float64]
 
 TWIN: Final = "twin"
 """Name of the person in a table of people."""
-_NOT_TOLD: Final = 0.9
+_UNIDENTIFIED: Final = 0.9
 """Ratio of the standard deviations after and before, from which on the record has not told a parameter."""
 _FEW_MEALS_A_DAY: Final = 2.0
 _FEW_DAYS: Final = 2.0
-_LEAST_ACTIVE: Final = 0.7
+_MIN_ACTIVE: Final = 0.7
 _WELL_COVERED_PCT: Final = (80.0, 98.0)
 _INTERVAL_SD: Final = 1.6448536269514722
 """Half width of an interval of 90 % in standard deviations."""
@@ -77,7 +77,7 @@ class Twin:
     """Number of starts that ended where the best one did."""
     starts: int
     drawn: Values
-    """``(people, coordinates)`` the twin, and people drawn from its posterior, see `twins.course.Simulator`."""
+    """``(people, coordinates)`` the twin, and people drawn from its posterior, see `twins.trajectory.Simulator`."""
     courses_mg_dl: Values
     """Glucose of these people at the sensor ``(people, samples + 1)`` under the recorded doses."""
     held_out: HeldOut | None = None
@@ -101,8 +101,8 @@ class Twin:
     @property
     def values(self) -> dict[str, float]:
         """Most likely value of each parameter, and those that were known."""
-        found = dict(zip(self.prior.parameters, map(float, np.exp(self.log_mean)), strict=True))
-        return {**found, **self.prior.known}
+        result = dict(zip(self.prior.parameters, map(float, np.exp(self.log_mean)), strict=True))
+        return {**result, **self.prior.known}
 
     @property
     def profile(self) -> dict[str, float]:
@@ -138,11 +138,11 @@ class Twin:
         """Parameters with intervals of 90 %, of the population before and of the twin after."""
         meanings = patient_model(self.patient).meanings
         sd = np.sqrt(np.diag(self.log_covariance))
-        found = []
+        result = []
         for k, name in enumerate(self.prior.parameters):
             reach, before = np.exp(_INTERVAL_SD * sd[k]), np.exp(_INTERVAL_SD * self.prior.sd[k])
             value, usual = float(np.exp(self.log_mean[k])), float(np.exp(self.prior.mean[k]))
-            found.append(
+            result.append(
                 {
                     "parameter": name,
                     "meaning": meanings.get(name, ""),
@@ -155,12 +155,12 @@ class Twin:
                     "width_of_prior_pct": float(100.0 * sd[k] / self.prior.sd[k]),
                 }
             )
-        return found
+        return result
 
     @property
-    def not_told(self) -> tuple[str, ...]:
+    def unidentified(self) -> tuple[str, ...]:
         """Parameters of which the record says next to nothing."""
-        return tuple(row["parameter"] for row in self.rows() if row["width_of_prior_pct"] > 100.0 * _NOT_TOLD)
+        return tuple(row["parameter"] for row in self.rows() if row["width_of_prior_pct"] > 100.0 * _UNIDENTIFIED)
 
     def warnings(self) -> Iterator[str]:
         """Sentences on what the record did not tell, and on a twin that should not be trusted."""
@@ -170,34 +170,34 @@ class Twin:
             yield f"The readings used are of {self.fitted_days:.1f} days, which is short: give a week or two."
         if a_day < _FEW_MEALS_A_DAY:
             yield f"There are {a_day:.1f} meals a day in the record; where meals were not entered, the twin is wrong."
-        if active < _LEAST_ACTIVE:
+        if active < _MIN_ACTIVE:
             yield f"The sensor was active in {100.0 * active:.0f} % of the time; the consensus asks for 70 %."
-        if self.not_told:
+        if self.unidentified:
             yield (
-                f"The record says next to nothing of {', '.join(self.not_told)}: the twin has there what the "
+                f"The record says next to nothing of {', '.join(self.unidentified)}: the twin has there what the "
                 "population has, and the interval is as wide."
             )
         if self.agreeing_starts < 2 <= self.starts:
             yield f"Only one of {how_many(self.starts, 'start')} ended at this twin; there may be another one as good."
-        held = self.held_out
-        if held is None:
+        held_out = self.held_out
+        if held_out is None:
             yield "No days were held out, so nothing checks this twin."
             return
-        if held.rmse_mg_dl > held.by_mean_rmse_mg_dl:
+        if held_out.rmse_mg_dl > held_out.by_mean_rmse_mg_dl:
             yield (
-                f"On the days held out the twin errs by {held.rmse_mg_dl:.0f} mg/dl and the mean of the earlier "
-                f"readings by {held.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; do not rely on it."
+                f"On the days held out the twin errs by {held_out.rmse_mg_dl:.0f} mg/dl and the mean of the earlier "
+                f"readings by {held_out.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; do not rely on it."
             )
         least, most = _WELL_COVERED_PCT
-        if not least <= held.covered_pct <= most:
+        if not least <= held_out.covered_pct <= most:
             yield (
-                f"Of the readings held out {held.covered_pct:.0f} % lie within the intervals of 90 %, so the intervals "
-                f"are too {'narrow' if held.covered_pct < least else 'wide'} for this record."
+                f"Of the readings held out {held_out.covered_pct:.0f} % lie within the intervals of 90 %, so the intervals "
+                f"are too {'narrow' if held_out.covered_pct < least else 'wide'} for this record."
             )
 
     def plain(self) -> dict[str, Any]:
         """Everything but the courses, as plain values."""
-        held, days = self.held_out, self.days
+        held_out, days = self.held_out, self.days
         return {
             "patient": self.patient,
             "population": self.prior.population,
@@ -223,15 +223,15 @@ class Twin:
             "starts": self.starts,
             "agreeing_starts": self.agreeing_starts,
             "held_out": None
-            if held is None
+            if held_out is None
             else {
-                "readings": int(held.t_min.size),
-                "rmse_mg_dl": held.rmse_mg_dl,
-                "by_population_rmse_mg_dl": held.by_population_rmse_mg_dl,
-                "by_mean_rmse_mg_dl": held.by_mean_rmse_mg_dl,
-                "covered_pct": held.covered_pct,
+                "readings": int(held_out.t_min.size),
+                "rmse_mg_dl": held_out.rmse_mg_dl,
+                "by_population_rmse_mg_dl": held_out.by_population_rmse_mg_dl,
+                "by_mean_rmse_mg_dl": held_out.by_mean_rmse_mg_dl,
+                "covered_pct": held_out.covered_pct,
             },
-            "not_told": list(self.not_told),
+            "unidentified": list(self.unidentified),
         }
 
 

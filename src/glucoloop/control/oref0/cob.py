@@ -28,7 +28,7 @@ _SLOPES: Final = 7
 _AVERAGED: Final = 3
 """Samples of a mean change."""
 _SAMPLES_PER_H: Final = 12
-_LEAST_CARBS_G: Final = 1.0
+_MIN_CARBS_G: Final = 1.0
 _Fold = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 """Carbohydrate so far, the largest that is on board, what is older and not, and what was absorbed [g]."""
 
@@ -88,13 +88,13 @@ def recent_carbs(
 
     A meal that raises carbohydrate on board, with all that was eaten after it, counts; older ones do not.
     """
-    found = detect_carb_absorption(glucose_mg_dl, activity_U_min, profile)
+    result = detect_carb_absorption(glucose_mg_dl, activity_U_min, profile)
     zero = jnp.zeros_like(carbs_g[0])
 
     def sample(carry: _Fold, row: tuple[jax.Array, jax.Array]) -> tuple[_Fold, None]:
         carbs, on_board, removed, absorbed = carry
         eaten, absorbed = row[0], absorbed + row[1]
-        counts = eaten >= _LEAST_CARBS_G
+        counts = eaten >= _MIN_CARBS_G
         carbs = carbs + jnp.where(counts, eaten, 0.0)
         own = jnp.maximum(0.0, carbs - absorbed)
         on_board = jnp.where(counts, jnp.maximum(on_board, own), on_board)
@@ -105,13 +105,13 @@ def recent_carbs(
         return jax.lax.scan(sample, carry, rows)
 
     # Hour by hour, since native code takes no loop of over 64 rounds.
-    by_hour = jax.tree.map(lambda row: row.reshape(-1, _SAMPLES_PER_H, *zero.shape), (carbs_g, found.absorbed_g))
+    by_hour = jax.tree.map(lambda row: row.reshape(-1, _SAMPLES_PER_H, *zero.shape), (carbs_g, result.absorbed_g))
     (carbs, on_board, removed, _), _ = jax.lax.scan(hour, (zero, zero, zero, zero), by_hour)
     age = 5.0 * numbered(MEALS, zero)
     return MealData(
         carbs_g=rounded(carbs - removed, 3),
         meal_cob_g=whole(jnp.minimum(profile.max_cob_g, on_board)),
-        slope_from_max_deviation=rounded(found.slope_from_max_deviation, 3),
-        slope_from_min_deviation=rounded(found.slope_from_min_deviation, 3),
-        last_carb_age_min=jnp.min(jnp.where(carbs_g >= _LEAST_CARBS_G, age, 5.0 * MEALS), axis=0),
+        slope_from_max_deviation=rounded(result.slope_from_max_deviation, 3),
+        slope_from_min_deviation=rounded(result.slope_from_min_deviation, 3),
+        last_carb_age_min=jnp.min(jnp.where(carbs_g >= _MIN_CARBS_G, age, 5.0 * MEALS), axis=0),
     )

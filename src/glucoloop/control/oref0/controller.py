@@ -16,7 +16,7 @@ from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
-from glucoloop.control.decision import bolus_since, carbs_told, decide, delivered_since, is_known
+from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known
 from glucoloop.control.design_case import DesignCase
 from glucoloop.control.oref0.cob import DEVIATIONS, MEALS, bucketed, recent_carbs
 from glucoloop.control.oref0.dose import determine_basal
@@ -27,7 +27,7 @@ from glucoloop.control.oref0.rounding import whole
 from glucoloop.control.profile_settings import Oref0Settings
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.control.tuning import check_rate
-from glucoloop.pumps.limits import PARKER_1999_LIMITS, USUAL_BOLUS_LIMITS, BolusLimits, DoseLimits
+from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import Profile
 from glucoloop.units import MIN_PER_H, MU_MIN_PER_U_H, MU_PER_U, u_h_from_mu_min
@@ -36,7 +36,7 @@ _LOWEST_MG_DL, _HIGHEST_MG_DL = 39.0, 600.0
 """Range of a reading that is used. Sensors show 40 to 400; 39 stands for what is lower, since 38 is a code of an error.
 """
 _LONG_AGO_MIN: Final = 1e4
-_LEAST_BASAL_U_H: Final = 0.01
+_MIN_BASAL_U_H: Final = 0.01
 """Least basal rate of a profile, so that a person without one has finite numbers."""
 _MEALS_A_DAY, _MEAL_SHARE = 3.0, 0.5
 """Mean meal of the rule for insulin on board: a third of half the total daily dose."""
@@ -62,9 +62,9 @@ class Oref0State:
     temp: TempBasal
     since_bolus_min: jax.Array
     """Time since the last bolus."""
-    asked_mU_min: jax.Array
+    requested_mU_min: jax.Array
     """Rate that was asked for at the last sample, used if the pump reports nothing."""
-    asked_mU: jax.Array
+    requested_mU: jax.Array
     """Bolus that was asked for at the last sample, likewise."""
     to_come: MealsToCome | None = None
     """Meals that are still to be eaten; None where observations tell no time of eating."""
@@ -124,8 +124,8 @@ class Oref0:
             gap=zero + 1.0,
             temp=TempBasal(rate_U_h=zero, duration_min=zero),
             since_bolus_min=zero + _LONG_AGO_MIN,
-            asked_mU_min=zero + self.basal_mU_min,
-            asked_mU=zero,
+            requested_mU_min=zero + self.basal_mU_min,
+            requested_mU=zero,
             to_come=no_meals_to_come(observation),
         )
 
@@ -137,7 +137,7 @@ class Oref0:
         readings = _pushed(state.readings_mg_dl, jnp.where(known, reading, 0.0))
         gap = jnp.where(known, state.gap, 1.0)  # without a reading, the last one stands in its place
         glucose_mg_dl = bucketed(state.glucose_mg_dl, reading, gap)
-        carbs = carbs_told(observation)
+        carbs = announced_carbs(observation)
         meal_mU = self.settings.meal_bolus * carbs * (MU_PER_U / self.profile.carb_ratio_g_U)
         meal_mU = self.bolus.allowed(meal_mU)
         insulin = _pushed(state.insulin_U, self._given_U(state, observation))
@@ -161,12 +161,12 @@ class Oref0:
         meal = recent_carbs(eaten, glucose_mg_dl, activity, profile)
         left = jnp.maximum(state.temp.duration_min - SAMPLE_MIN, 0.0)
         temp = TempBasal(rate_U_h=jnp.where(left > 0.0, state.temp.rate_U_h, 0.0), duration_min=left)
-        told = determine_basal(glucose, temp, iob, meal, profile)
+        suggestion = determine_basal(glucose, temp, iob, meal, profile)
 
-        temp = jax.tree.map(lambda new, old: jnp.where(told.sets_temp, new, old), told.temp, temp)
+        temp = jax.tree.map(lambda new, old: jnp.where(suggestion.sets_temp, new, old), suggestion.temp, temp)
         wanted = jnp.where(temp.duration_min > 0.0, temp.rate_U_h * MU_MIN_PER_U_H, self.basal_mU_min)
-        decision = decide(wanted, delivered_since(observation, state.asked_mU_min), self.limits, known)
-        bolus = jnp.minimum(meal_mU + told.units_U * MU_PER_U, self.bolus.max_mU)
+        decision = decide(wanted, delivered_since(observation, state.requested_mU_min), self.limits, known)
+        bolus = jnp.minimum(meal_mU + suggestion.units_U * MU_PER_U, self.bolus.max_mU)
         after = Oref0State(
             readings_mg_dl=readings,
             glucose_mg_dl=glucose_mg_dl,
@@ -176,8 +176,8 @@ class Oref0:
             gap=jnp.where(known, zero + 1.0, jnp.minimum(state.gap + 1.0, DEVIATIONS + 1.0)),
             temp=temp,
             since_bolus_min=jnp.where(bolus > 0.0, 0.0, waited),
-            asked_mU_min=decision.insulin_mU_min,
-            asked_mU=bolus,
+            requested_mU_min=decision.insulin_mU_min,
+            requested_mU=bolus,
             to_come=to_come,
         )
         return after, dataclasses.replace(decision, bolus_mU=bolus)
@@ -193,9 +193,9 @@ class Oref0:
 
     def _given_U(self, state: Oref0State, observation: Observation) -> jax.Array:
         """Insulin since the last sample beyond the basal rate, as the pump reports it where that is possible."""
-        rate = delivered_since(observation, state.asked_mU_min)
+        rate = delivered_since(observation, state.requested_mU_min)
         rate = jnp.clip(rate, self.limits.min_mU_min, self.limits.max_mU_min)
-        bolus = bolus_since(observation, state.asked_mU, self.bolus)
+        bolus = bolus_since(observation, state.requested_mU, self.bolus)
         return ((rate - self.basal_mU_min) * SAMPLE_MIN + bolus) / MU_PER_U
 
 
@@ -206,7 +206,7 @@ def _pushed(row: jax.Array, newest: jax.Array) -> jax.Array:
 
 def _dosing(profile: Profile, settings: Oref0Settings, limits: DoseLimits) -> DosingProfile:
     """Profile of oref0 from that of a person, and the settings."""
-    basal = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _LEAST_BASAL_U_H)
+    basal = jnp.maximum(u_h_from_mu_min(jnp.asarray(profile.basal_mU_min)), _MIN_BASAL_U_H)
     target = whole(jnp.asarray(profile.setpoint_mg_dl, basal.dtype))
     by_rule = _BASAL_HOURS * basal + profile.daily_dose_U() * _MEAL_SHARE / _MEALS_A_DAY
     most = limits.max_mU_min
@@ -236,7 +236,7 @@ def design_oref0(
     settings: Oref0Settings | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    bolus: BolusLimits = USUAL_BOLUS_LIMITS,
+    bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = float(SAMPLE_MIN),
 ) -> Oref0:
     """Controller that doses as oref0 0.7.1 does. Research only: it is neither oref0 nor a medical device.

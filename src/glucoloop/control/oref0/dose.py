@@ -23,7 +23,7 @@ from glucoloop.control.oref0.records import (
     TempBasal,
 )
 from glucoloop.control.oref0.rounding import rounded, whole
-from glucoloop.control.oref0.set_temp import asked, max_safe_basal, round_basal, set_temp_basal
+from glucoloop.control.oref0.set_temp import max_safe_basal, round_basal, set_temp_basal, suggested
 
 
 @pytree
@@ -52,7 +52,7 @@ class _Situation:
 
     def nothing(self) -> Suggestion:
         """The rate in force goes on."""
-        return asked(self.temp.rate_U_h, self.temp.duration_min, holds=False)
+        return suggested(self.temp.rate_U_h, self.temp.duration_min, holds=False)
 
     def scheduled(self) -> jax.Array:
         """``insulinScheduled``: insulin above the basal rate that the rate in force will still give [U]."""
@@ -143,8 +143,8 @@ def _without_reading(seen: _Situation) -> Suggestion:
     temp = seen.temp
     return _first(
         [
-            (temp.rate_U_h > seen.basal, asked(seen.basal, 30.0)),
-            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), asked(jnp.zeros_like(seen.basal), 30.0)),
+            (temp.rate_U_h > seen.basal, suggested(seen.basal, 30.0)),
+            ((temp.rate_U_h == 0.0) & (temp.duration_min > 30.0), suggested(jnp.zeros_like(seen.basal), 30.0)),
         ],
         seen.nothing(),
     )
@@ -208,7 +208,7 @@ def _raise(seen: _Situation, smb: jax.Array) -> Suggestion:
     enough = seen.scheduled() < required * 2.0
     chosen = _first(
         [
-            (smb & (minutes > 0.0), asked(low_rate, minutes)),
+            (smb & (minutes > 0.0), suggested(low_rate, minutes)),
             (enough & runs, seen.nothing()),
         ],
         seen.set(rate),

@@ -29,7 +29,7 @@ _KEPT: Final = 48
 """Points of a line, the reading included."""
 _INSULIN_PEAK, _UAM_WAIT = 18, 12
 """Points after which the least glucose counts, 90 min and 60 min."""
-_MAX_ABSORPTION_G_H, _ASSUMED_ABSORPTION_G_H, _LEAST_ABSORPTION_H = 30.0, 20.0, 3.0
+_MAX_ABSORPTION_G_H, _ASSUMED_ABSORPTION_G_H, _MIN_ABSORPTION_H = 30.0, 20.0, 3.0
 
 
 @pytree
@@ -194,7 +194,7 @@ def _remaining_carbs(
 
     They are ``remainingCATime``, ``remainingCIpeak`` [mg/dl/5 min] and ``cid`` [5 min].
     """
-    on_board, least = meal.meal_cob_g, jnp.full_like(ci, _LEAST_ABSORPTION_H)
+    on_board, least = meal.meal_cob_g, jnp.full_like(ci, _MIN_ABSORPTION_H)
     age = whole(meal.last_carb_age_min)
     late = rounded(jnp.maximum(least, on_board / _ASSUMED_ABSORPTION_G_H) + 1.5 * age / 60.0, 1)
     hours = jnp.where(meal.carbs_g > 0.0, late, least)

@@ -18,7 +18,7 @@ _OLDEST: Final = 2
 """Samples after which the last reading is too old to dose by; rates of change do not matter then."""
 READINGS: Final = _OLDEST + _LONG[-1] + 1
 """Number of readings that are looked at."""
-_LEAST_MG_DL: Final = 38.0
+_MIN_MG_DL: Final = 38.0
 
 
 def glucose_get_last(readings_mg_dl: jax.Array) -> GlucoseStatus:
@@ -33,7 +33,7 @@ def glucose_get_last(readings_mg_dl: jax.Array) -> GlucoseStatus:
     def mean(which: tuple[int, ...]) -> jax.Array:
         total = count = jnp.zeros_like(row[0])
         for i in which:
-            there = row[i] > _LEAST_MG_DL
+            there = row[i] > _MIN_MG_DL
             total = total + jnp.where(there, (row[0] - row[i]) / (LAST_MIN * i) * 5.0, 0.0)
             count = count + there
         return rounded(total / jnp.maximum(count, 1.0), 2)

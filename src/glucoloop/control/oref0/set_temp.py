@@ -30,10 +30,10 @@ def set_temp_basal(
     left, running = temp.duration_min, temp.rate_U_h
     lasts = (left > duration_min - 10.0) & (left <= 120.0)
     alike = (rate <= running * 1.2) & (rate >= running * 0.8)
-    return asked(rate, duration_min, ~(lasts & alike & (jnp.asarray(duration_min) > 0.0)))
+    return suggested(rate, duration_min, ~(lasts & alike & (jnp.asarray(duration_min) > 0.0)))
 
 
-def asked(rate_U_h: jax.Array, duration_min: jax.Array | float, holds: jax.Array | bool = True) -> Suggestion:
+def suggested(rate_U_h: jax.Array, duration_min: jax.Array | float, holds: jax.Array | bool = True) -> Suggestion:
     """A rate as it is, where it is asked for."""
     rate, duration, holds = jnp.broadcast_arrays(
         rate_U_h, jnp.asarray(duration_min, jnp.asarray(rate_U_h).dtype), holds

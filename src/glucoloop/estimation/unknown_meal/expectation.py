@@ -59,7 +59,7 @@ class Expectation:
             estimate,
             eating=jnp.clip(estimate.eating - share * expected.eating, 0.0, 1.0),
             x=estimate.x - share * expected.x,
-            stomach=jax.tree.map(lambda held, always: held - share * always, estimate.stomach, expected.stomach),
+            stomach=jax.tree.map(lambda stomach, always: stomach - share * always, estimate.stomach, expected.stomach),
         )
 
 

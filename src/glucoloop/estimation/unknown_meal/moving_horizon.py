@@ -77,7 +77,7 @@ from glucoloop.refusal import Refusal
 Numbers = npt.NDArray[np.float64]
 
 LONGEST_HORIZON: Final = 100
-_LEAST_GUT_MG: Final = 60.0
+_MIN_GUT_MG: Final = 60.0
 """Content of a gut that is small beside a meal's and counts as that of Lehmann and Deutsch."""
 _LEAST: Final = 1e-30
 """Probability below which no hypothesis falls, so that each can come back."""
@@ -229,7 +229,7 @@ class MealHorizon:
 
     def _age(
         self,
-        held: Hypothesis,
+        hypothesis: Hypothesis,
         p: jax.Array,
         begins: jax.Array,
         ends: jax.Array,
@@ -302,50 +302,52 @@ class MealHorizon:
             (1.0 - self.fast_meals) * begun,
             self.fast_meals * begun,
         )
-        later: Hypothesis = jax.tree.map(aged, held)
+        later: Hypothesis = jax.tree.map(aged, hypothesis)
         return dataclasses.replace(later, carbs_g=jnp.where(those(1, first_fast) > 0.0, 0.0, later.carbs_g)), passed
 
-    def _carry(self, model: FedModel, held: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
+    def _carry(self, model: FedModel, hypothesis: Hypothesis, insulin: jax.Array, announced: jax.Array) -> Hypothesis:
         """Carry each hypothesis through the sample that has passed."""
         h, eats = model.sample_time_min, self._eating()
 
         def one(given: tuple[Hypothesis, jax.Array, Gut, jax.Array]) -> Hypothesis:
-            held, eats, gut, arrives = given
-            stomach, appearance = digest(held.stomach, announced + eats, h, gut)
-            appearance = appearance.at[0].add(held.disturbance_mg_min)
+            hypothesis, eats, gut, arrives = given
+            stomach, appearance = digest(hypothesis.stomach, announced + eats, h, gut)
+            appearance = appearance.at[0].add(hypothesis.disturbance_mg_min)
             return Hypothesis(
-                x=model.advance_fed(held.x, insulin * arrives, appearance),
+                x=model.advance_fed(hypothesis.x, insulin * arrives, appearance),
                 stomach=stomach,
-                disturbance_mg_min=fading(held.disturbance_mg_min, held.stomach, stomach),
-                carbs_g=held.carbs_g + eats * (SERVED_G_PER_MIN * h),
-                error_mg_dl=self.filters.correlation * held.error_mg_dl,
-                innovation_mg_dl=held.innovation_mg_dl,
+                disturbance_mg_min=fading(hypothesis.disturbance_mg_min, hypothesis.stomach, stomach),
+                carbs_g=hypothesis.carbs_g + eats * (SERVED_G_PER_MIN * h),
+                error_mg_dl=self.filters.correlation * hypothesis.error_mg_dl,
+                innovation_mg_dl=hypothesis.innovation_mg_dl,
             )
 
         # one after the other, in a loop: their number must not make the program longer
         each = jax.tree.map(
-            lambda leaf: jnp.moveaxis(leaf, -1, 0), (held, eats, gut_of(self._gut_min(), h), self._arrives())
+            lambda leaf: jnp.moveaxis(leaf, -1, 0), (hypothesis, eats, gut_of(self._gut_min(), h), self._arrives())
         )
         later: Hypothesis = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), jax.lax.map(one, each))
         return later
 
-    def _correct(self, model: FedModel, held: Hypothesis, p: jax.Array, sensed: Sensed) -> tuple[Hypothesis, jax.Array]:
+    def _correct(
+        self, model: FedModel, hypothesis: Hypothesis, p: jax.Array, sensed: Sensed
+    ) -> tuple[Hypothesis, jax.Array]:
         """Correct the states by the gain, and the probabilities by Bayes' rule."""
-        predicted = jax.vmap(reading_of(model), in_axes=-1)(held.x) + held.error_mg_dl
+        predicted = jax.vmap(reading_of(model), in_axes=-1)(hypothesis.x) + hypothesis.error_mg_dl
         innovation = jnp.where(sensed.known, sensed.glucose_mg_dl - predicted, 0.0)
         moved = jnp.clip(innovation, -LARGEST_INNOVATION_MG_DL, LARGEST_INNOVATION_MG_DL)
         noise = mean_size(p)
         gain, _ = self.filters.at(noise)
-        likelihood = self.innovations.likelihood(noise, innovation, held.innovation_mg_dl, _STRAY)
+        likelihood = self.innovations.likelihood(noise, innovation, hypothesis.innovation_mg_dl, _STRAY)
         p = p * jnp.where(sensed.known, likelihood, 1.0)
         p = jnp.maximum(p / jnp.sum(p), _LEAST)
         largest = self.largest_disturbance_mg_min
         corrected = Hypothesis(
-            x=held.x + gain[:-2, None] * moved,
-            stomach=held.stomach,
-            disturbance_mg_min=jnp.clip(held.disturbance_mg_min + gain[-2] * moved, -largest, largest),
-            carbs_g=held.carbs_g,
-            error_mg_dl=held.error_mg_dl + gain[-1] * moved,
+            x=hypothesis.x + gain[:-2, None] * moved,
+            stomach=hypothesis.stomach,
+            disturbance_mg_min=jnp.clip(hypothesis.disturbance_mg_min + gain[-2] * moved, -largest, largest),
+            carbs_g=hypothesis.carbs_g,
+            error_mg_dl=hypothesis.error_mg_dl + gain[-1] * moved,
             innovation_mg_dl=moved,
         )
         return corrected, p / jnp.sum(p)
@@ -375,9 +377,9 @@ class MealHorizon:
 
     def _time_constant(self, gut_mg: jax.Array) -> jax.Array:
         """Time constant of one gut from which as much appears as from the contents in all hypotheses."""
-        little = _LEAST_GUT_MG / GUT_TIME_CONSTANT_MIN
-        held, appears = jnp.sum(gut_mg), jnp.sum(gut_mg / self._gut_min())
-        return jnp.clip((held + _LEAST_GUT_MG) / (appears + little), FAST_GUT_MIN, GUT_TIME_CONSTANT_MIN)
+        little = _MIN_GUT_MG / GUT_TIME_CONSTANT_MIN
+        hypothesis, appears = jnp.sum(gut_mg), jnp.sum(gut_mg / self._gut_min())
+        return jnp.clip((hypothesis + _MIN_GUT_MG) / (appears + little), FAST_GUT_MIN, GUT_TIME_CONSTANT_MIN)
 
 
 def design_meal_horizon(

@@ -127,8 +127,8 @@ def _emulation(chip: Chip) -> tuple[str, ...]:
 
 def _bound_to_us() -> tuple[str, ...]:
     """Words before a command so that it does not outlive this program, even if that is killed; Linux only."""
-    found = shutil.which("setpriv") if sys.platform == "linux" else None
-    return () if found is None else (found, "--pdeathsig", "KILL")
+    result = shutil.which("setpriv") if sys.platform == "linux" else None
+    return () if result is None else (result, "--pdeathsig", "KILL")
 
 
 def _compile(command: list[str], folder: Path) -> None:

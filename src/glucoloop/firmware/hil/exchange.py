@@ -12,7 +12,7 @@ from glucoloop.refusal import Refusal
 
 FIRST_WAIT_S: Final = 0.02
 """Time after which a frame that was not answered is sent again, before an answer was timed."""
-LEAST_WAIT_S: Final = 0.002
+MIN_WAIT_S: Final = 0.002
 LONGEST_WAIT_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 10.0
 """Time after which the pump gives its fallback rate for the sample."""
@@ -41,7 +41,7 @@ class Patience:
         else:
             self._deviation_s += (abs(took_s - self._mean_s) - self._deviation_s) / 4.0
             self._mean_s += (took_s - self._mean_s) / 8.0
-        self.wait_s = min(max(self._mean_s + 4.0 * self._deviation_s, LEAST_WAIT_S), LONGEST_WAIT_S)
+        self.wait_s = min(max(self._mean_s + 4.0 * self._deviation_s, MIN_WAIT_S), LONGEST_WAIT_S)
 
     def repeated(self) -> None:
         """Wait for twice as long from now on."""
@@ -87,17 +87,17 @@ class Exchange:
         """Find the chip, and begin a session with sample 0; a silent chip and another controller are refused."""
         hello: list[Hello] = []
 
-        def asked() -> None:
+        def question() -> None:
             self._question += 1
             self._ask()
 
         def took(frame: Frame) -> bool:
             answer = self._hello(frame)
-            if answer is not None and answer.asked == self._question:
+            if answer is not None and answer.question == self._question:
                 hello.append(answer)
             return bool(hello)
 
-        if not self._until(asked, took):
+        if not self._until(question, took):
             raise Refusal(
                 f"the chip did not answer within {ANSWER_WITHIN_S:g} s; check that it runs the firmware of "
                 "`glucoloop hil`, and that the port is its own"
@@ -187,7 +187,7 @@ class Exchange:
             self._observe(min(hello.next, current))
         elif hello.session != self._session and self._fresh:
             self._send(Frame(Type.START, self._session, self.sessions[-1]))
-        elif self._memory_in_question and hello.asked == self._question:
+        elif self._memory_in_question and hello.question == self._question:
             # The chip has lost what it remembered: its controller can only start anew.
             self._memory_in_question = False
             self._session = max(self._session, hello.session)

@@ -73,43 +73,43 @@ class Decoder:
     """Frames from bytes in pieces of any size; whatever is no frame is skipped, and `refused` counts its beginnings."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._buffer = bytearray()
         self.refused = 0
 
     def feed(self, received: bytes) -> Iterator[Frame]:
         """Take bytes, and give the frames that they complete."""
-        self._held += received
+        self._buffer += received
         while (frame := self._next()) is not None:
             yield frame
 
     def forget(self) -> None:
         """Forget what was received and not taken: it answers nothing that is asked from now on."""
-        self._held.clear()
+        self._buffer.clear()
 
     def _next(self) -> Frame | None:
-        while self._held:
+        while self._buffer:
             length = self._length()
-            if length is None or len(self._held) < length:
+            if length is None or len(self._buffer) < length:
                 return None
             if length:
-                content = bytes(self._held[:length])
+                content = bytes(self._buffer[:length])
                 if _CRC.pack(zlib.crc32(content[:-4])) == content[-4:]:
-                    del self._held[:length]
+                    del self._buffer[:length]
                     _, _, type, session, sample, _, _ = _HEADER.unpack_from(content)
                     return Frame(type, session, sample, content[HEADER_BYTES:-4])
-            self.refused += self._held[0] == MARK[0]
-            next_mark = self._held.find(MARK[0], 1)
-            del self._held[: next_mark if next_mark > 0 else len(self._held)]
+            self.refused += self._buffer[0] == MARK[0]
+            next_mark = self._buffer.find(MARK[0], 1)
+            del self._buffer[: next_mark if next_mark > 0 else len(self._buffer)]
         return None
 
     def _length(self) -> int | None:
         """Number of bytes of the frame that begins here; 0 if none can, and None if there are too few to tell."""
         first = MARK + bytes([VERSION])
-        if bytes(self._held[:3]) != first[: len(self._held)]:
+        if bytes(self._buffer[:3]) != first[: len(self._buffer)]:
             return 0
-        if len(self._held) < HEADER_BYTES:
+        if len(self._buffer) < HEADER_BYTES:
             return None
-        head, crc = bytes(self._held[: _HEADER.size]), bytes(self._held[_HEADER.size : HEADER_BYTES])
+        head, crc = bytes(self._buffer[: _HEADER.size]), bytes(self._buffer[_HEADER.size : HEADER_BYTES])
         payload = int(_HEADER.unpack(head)[5])
         if _CRC.pack(zlib.crc32(head)) != crc or payload > LONGEST_PAYLOAD:
             return 0
@@ -123,7 +123,7 @@ class Hello:
     design: str
     """SHA-256 of the controller's design, in hexadecimal."""
     watchdog_ms: int
-    asked: int
+    question: int
     """Number of the question that is answered; 0 if there was none."""
     session: int
     next: int
@@ -134,8 +134,8 @@ class Hello:
         """Content of a frame; None if it has another length."""
         if len(frame.payload) != _HELLO.size:
             return None
-        design, _, _, watchdog_ms, asked = _HELLO.unpack(frame.payload)
-        return Hello(design.hex(), watchdog_ms, asked, frame.session, frame.sample)
+        design, _, _, watchdog_ms, question = _HELLO.unpack(frame.payload)
+        return Hello(design.hex(), watchdog_ms, question, frame.session, frame.sample)
 
 
 class Payloads:

@@ -1,6 +1,6 @@
 """Metrics of a record of a continuous glucose monitor, as the consensus defines them: of readings with gaps, by NumPy.
 
-`Readings` holds what was read, or a simulated course; `catalogue.MEASURES` lists every metric once.
+`Readings` holds what was read, or a simulated trajectory; `catalogue.MEASURES` lists every metric once.
 """
 
 import lazy_loader

@@ -161,8 +161,8 @@ def numbers_of(readings: Readings) -> dict[str, float]:
     >>> numbers["time_70_180_pct"], numbers["mean_mg_dl"]
     (50.0, 125.0)
     """
-    found = {}
+    results = {}
     for measure in MEASURES:
         values = measure.of(readings)
-        found.update({result.name: values[result.name] for result in measure.results})
-    return found
+        results.update({result.name: values[result.name] for result in measure.results})
+    return results

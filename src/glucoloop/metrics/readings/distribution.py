@@ -18,7 +18,7 @@ from glucoloop.metrics.readings.series import Floats, Readings
 from glucoloop.units import MIN_PER_DAY
 
 _MG_DL_PER_MMOL_L_OF_GRADE = 18.0
-_LEAST_OF_A_DAY = 3
+_MIN_OF_A_DAY = 3
 """Least number of readings of a day that counts for the ADRR, after Kovatchev et al. (2006)."""
 
 Numbers = Mapping[str, float]
@@ -119,7 +119,7 @@ def risk_indices(readings: Readings) -> Numbers:
     f = symmetric_glucose(np, readings.glucose_mg_dl)
     low, high = 10.0 * np.minimum(f, 0.0) ** 2, 10.0 * np.maximum(f, 0.0) ** 2
     begins = np.flatnonzero(np.diff(readings.day, prepend=readings.day[0] - 1))
-    enough = np.diff(begins, append=f.size) >= _LEAST_OF_A_DAY
+    enough = np.diff(begins, append=f.size) >= _MIN_OF_A_DAY
     ranges = (np.maximum.reduceat(low, begins) + np.maximum.reduceat(high, begins))[enough]
     return {
         "lbgi": float(low.mean()),

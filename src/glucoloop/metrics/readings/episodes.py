@@ -57,7 +57,7 @@ def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
     bound = BOUNDS_MG_DL[kind]
     grid = readings.grid
     in_a_row = math.ceil(LASTING_MIN / grid.step_min - 1e-9)
-    found = []
+    result = []
     for segment in grid.segments():
         glucose = segment.glucose_mg_dl
         beyond = glucose < bound if bound < 100.0 else glucose > bound
@@ -67,8 +67,8 @@ def glucose_episodes(readings: Readings, kind: str) -> list[GlucoseEpisode]:
             inside: Floats = glucose[begin:end]
             extreme = inside.min() if bound < 100.0 else inside.max()
             start, duration = grid.step_min * (segment.first + begin), grid.step_min * (end - begin)
-            found.append(GlucoseEpisode(kind, float(start), float(duration), float(extreme)))
-    return found
+            result.append(GlucoseEpisode(kind, float(start), float(duration), float(extreme)))
+    return result
 
 
 def _spans(beyond: npt.NDArray[np.bool_], in_a_row: int) -> Iterator[tuple[int, int]]:

@@ -105,14 +105,14 @@ def _extremes(glucose: Floats) -> Floats:
     # sums and not means, whose rounding would make crossings of whole mg/dl that are equal
     above = _LONG * _moving_sum(glucose, _SHORT) > _SHORT * _moving_sum(glucose, _LONG)
     edges = [0, *(np.flatnonzero(above[1:] != above[:-1]) + 1).tolist(), glucose.size - 1]
-    found, after = [], 0
+    result, after = [], 0
     for begin, end in itertools.pairwise(edges):
         stretch = glucose[after : end + 1]
         if stretch.size:
             place = int(stretch.argmax() if above[begin] else stretch.argmin())
-            found.append(stretch[place])
+            result.append(stretch[place])
             after += place + 1
-    return np.asarray(found)
+    return np.asarray(result)
 
 
 def turning_points(values: Floats, threshold: float) -> Floats:

@@ -48,12 +48,12 @@ def day_profile(*records: Readings) -> DayProfile:
     glucose = np.concatenate([readings.glucose_mg_dl for readings in records])[order]
     edges = np.searchsorted(place[order], np.arange(bins + 1))
     parts = [glucose[edges[i] : edges[i + 1]] for i in range(bins)]
-    found, counts = [], []
+    result, counts = [], []
     for i in range(bins + 1):
         near = np.concatenate((parts[i - 1], parts[i % bins]))
         counts.append(float(near.size))
-        found.append(np.percentile(near, PERCENTILES) if near.size else np.full(len(PERCENTILES), np.nan))
-    columns = np.asarray(found).T
+        result.append(np.percentile(near, PERCENTILES) if near.size else np.full(len(PERCENTILES), np.nan))
+    columns = np.asarray(result).T
     t_min = STEP_MIN * np.arange(bins + 1, dtype=float)
     return DayProfile(t_min, dict(zip(PERCENTILES, columns, strict=True)), np.asarray(counts))
 

@@ -17,9 +17,9 @@ Floats = npt.NDArray[np.float64]
 
 LONGEST_FILLED_MIN: Final = 45.0
 """Longest time between two readings over which glucose is interpolated, as the consensus tools do."""
-_MOST_DAYS: Final = 36_525
+_MAX_DAYS: Final = 36_525
 _DIVISORS: Final = tuple(step for step in range(1, 361) if MIN_PER_DAY % step == 0)
-_LEAST_READINGS: Final = 2
+_MIN_READINGS: Final = 2
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Readings:
             raise Refusal(f"times of shape {t.shape} and glucose of shape {glucose.shape} do not match")
         there = np.isfinite(t) & np.isfinite(glucose)
         t, first, places = np.unique(t[there], return_index=True, return_inverse=True)
-        if t.size < _LEAST_READINGS:
+        if t.size < _MIN_READINGS:
             raise Refusal(
                 f"the record has {t.size} reading{'s' * (t.size != 1)} of glucose at different times, and no metric "
                 "can be computed; the consensus asks for 14 days with 70 % of the readings"
@@ -99,7 +99,7 @@ class Readings:
         glucose = glucose[first] if places.size == t.size else np.bincount(places, glucose) / np.bincount(places)
         if glucose.min() <= 0.0:
             raise Refusal(f"a reading of {glucose.min():g} mg/dl is not possible; leave it empty if it is missing")
-        if t[-1] - t[0] > _MOST_DAYS * MIN_PER_DAY:
+        if t[-1] - t[0] > _MAX_DAYS * MIN_PER_DAY:
             raise Refusal("the first and the last reading are more than a century apart; mend the wrong times")
         median = max(1, round(float(np.median(np.diff(t)))))
         interval = next(step for step in reversed(_DIVISORS) if step <= median)
@@ -139,7 +139,7 @@ class Readings:
 
     def only(self, chosen: npt.NDArray[np.bool_]) -> Readings | None:
         """Some of the readings, with the same interval; None for fewer than two."""
-        if np.count_nonzero(chosen) < _LEAST_READINGS:
+        if np.count_nonzero(chosen) < _MIN_READINGS:
             return None
         return Readings(self.t_min[chosen], self.glucose_mg_dl[chosen], self.interval_min, self.day_0)
 

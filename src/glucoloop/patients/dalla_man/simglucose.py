@@ -41,10 +41,10 @@ def people_of_simglucose(patient: str) -> Population:
         If simglucose is not installed.
     """
     # it is found without being imported, which takes seconds and an old gym
-    found = importlib.util.find_spec(NAME)
-    if found is None or not found.submodule_search_locations:
+    result = importlib.util.find_spec(NAME)
+    if result is None or not result.submodule_search_locations:
         raise missing(f"the population {NAME} of {patient}", NAME)
-    table = _table(Path(found.submodule_search_locations[0]) / "params")
+    table = _table(Path(result.submodule_search_locations[0]) / "params")
     return Population(NAME, (), PATIENTS[patient].populations[NAME], patient, table)
 
 

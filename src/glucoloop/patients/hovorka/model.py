@@ -16,7 +16,7 @@ from glucoloop.patients.hovorka.parameters.hovorka2004 import HOVORKA_2004
 from glucoloop.patients.hovorka.parameters.wilinska2010 import WILINSKA_2010
 from glucoloop.patients.hovorka.patient import HovorkaPatient, at_setpoint
 from glucoloop.patients.hovorka.varying import (
-    LEAST_OF_MEAN,
+    MIN_OF_MEAN,
     Lognormal,
     Normal,
     Uniform,
@@ -45,7 +45,7 @@ def _variation(distribution: Normal | Uniform | Lognormal, within_sd: float) -> 
             distribution="normal",
             centre=distribution.mean,
             spread=distribution.sd,
-            lower=distribution.mean - reach if reach < distribution.mean else LEAST_OF_MEAN * distribution.mean,
+            lower=distribution.mean - reach if reach < distribution.mean else MIN_OF_MEAN * distribution.mean,
             upper=distribution.mean + reach,
         )
     return Variation(

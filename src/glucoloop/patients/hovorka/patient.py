@@ -61,8 +61,8 @@ class HovorkaPatient(RestingPatient[HovorkaConstants]):
 
     def rest_at(self, glucose_mg_dl: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Infusion that holds a plasma glucose, and the state there; NaN for people whom no rate holds."""
-        found: tuple[jax.Array, jax.Array] = rest_at(self.parameters, glucose_mg_dl)
-        return found
+        result: tuple[jax.Array, jax.Array] = rest_at(self.parameters, glucose_mg_dl)
+        return result
 
     def derivative(self, t_min: jax.Array, x: jax.Array, inputs: Inputs) -> jax.Array:
         """Right-hand side; the patient's constants do not change with time."""

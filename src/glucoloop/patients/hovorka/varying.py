@@ -15,7 +15,7 @@ from glucoloop.patients.provenance import Constant
 from glucoloop.patients.variation import Distribution, refuse_not_positive
 from glucoloop.refusal import Refusal
 
-LEAST_OF_MEAN: Final = 0.1
+MIN_OF_MEAN: Final = 0.1
 """Least value as a fraction of the mean, where one standard deviation below the mean is not positive."""
 
 

@@ -88,8 +88,8 @@ class WilinskaParameters(HovorkaConstants):
             leaving = loss + disposed
             return jnp.maximum(I - (leaving - E * jnp.exp(-s * I)) / (slope + s * leaving), 0.0)
 
-        found: jax.Array = jax.lax.fori_loop(0, _STEPS, nearer, most + 0.0 * Q1)
-        return found
+        result: jax.Array = jax.lax.fori_loop(0, _STEPS, nearer, most + 0.0 * Q1)
+        return result
 
     def infusion_without_production_mU_min(self) -> jax.Array:
         """Infinite, since no infusion stops production."""

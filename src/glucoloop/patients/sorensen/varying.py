@@ -109,10 +109,10 @@ NOMINAL: Final[dict[str, float]] = {
 }
 """All constants that can vary, with the value of the nominal patient."""
 
-_TOLD: Final = {constant.name: constant.meaning.partition(";")[0] for constant in CONSTANTS}
+_MEANINGS: Final = {constant.name: constant.meaning.partition(";")[0] for constant in CONSTANTS}
 MEANINGS: Final[dict[str, str]] = {
-    **_TOLD,
-    **{f"{effect}.{STRENGTH}": f"{_TOLD[f'{effect}.offset'].partition(':')[0]}: strength" for effect in _EFFECTS},
+    **_MEANINGS,
+    **{f"{effect}.{STRENGTH}": f"{_MEANINGS[f'{effect}.offset'].partition(':')[0]}: strength" for effect in _EFFECTS},
     WEIGHT: "body weight in kg",
 }
 """Meaning of what can vary, in words."""

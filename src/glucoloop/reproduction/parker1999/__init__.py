@@ -13,7 +13,7 @@ from glucoloop.studies.study import PlainStudy
 POINTS: Final = ("setpoint-81", "nominal-22", "fasting-81")
 SEEDS: Final = 60
 QUICK_SEEDS: Final = 3
-MOST_SEEDS: Final = 1000
+MAX_SEEDS: Final = 1000
 _part = functools.partial(Option, panel="Parts of the paper")
 _extent = functools.partial(Option, panel="How much")
 
@@ -39,11 +39,11 @@ class Reproduction(Part):
     seeds: Annotated[
         int | None,
         _extent(
-            "Runs of each noisy experiment.", default=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MOST_SEEDS
+            "Runs of each noisy experiment.", default=f"{SEEDS}; quick: {QUICK_SEEDS}", at_least=1, at_most=MAX_SEEDS
         ),
     ] = None
     seed: Annotated[
-        int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - MOST_SEEDS)
+        int, _extent("The same seed gives the same numbers.", at_least=0, at_most=LARGEST_SEED - MAX_SEEDS)
     ] = 1
     quick: Annotated[bool, _extent("A quick look: few seeds, dead times up to 5 min, no tuning searches.")] = False
 

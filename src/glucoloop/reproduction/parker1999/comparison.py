@@ -118,10 +118,10 @@ class ComparedEntry:
 
     def difference(self, operating_point: str) -> float | None:
         """Reproduced less printed, where both are numbers."""
-        found, printed = self.reproduced.get(operating_point), self.entry.printed
-        if found is None or isinstance(found.median, str) or isinstance(printed, str):
+        results, printed = self.reproduced.get(operating_point), self.entry.printed
+        if results is None or isinstance(results.median, str) or isinstance(printed, str):
             return None
-        return found.median - printed
+        return results.median - printed
 
     def agrees(self, operating_point: str) -> bool | None:
         """Whether the entry reproduces; None where it was not measured.
@@ -129,16 +129,16 @@ class ComparedEntry:
         A number does if it is within a tenth of the printed one or the printed one lies between the 10th and the 90th
         percentile of the seeds; a bound if it is kept, which NaN never does; a word if it is the same.
         """
-        found, printed = self.reproduced.get(operating_point), self.entry.printed
-        if found is None:
+        results, printed = self.reproduced.get(operating_point), self.entry.printed
+        if results is None:
             return None
         if printed == UNSETTLED:
-            return found.unsettled
-        if isinstance(printed, str) or isinstance(found.median, str):
-            return printed == found.median
+            return results.unsettled
+        if isinstance(printed, str) or isinstance(results.median, str):
+            return printed == results.median
         if self.entry.kind == "at-most":
-            return found.median <= printed
-        within = found.low is not None and found.high is not None and found.low <= printed <= found.high
+            return results.median <= printed
+        within = results.low is not None and results.high is not None and results.low <= printed <= results.high
         return within or self._close(operating_point)
 
     def agrees_by_spread(self, operating_point: str) -> bool:
@@ -184,12 +184,12 @@ def compare(studies: Mapping[str, PointResults], beginnings: tuple[str, ...] = (
     rows = []
     for entry in ENTRIES:
         if entry.id.startswith(beginnings):
-            found = {point: _found(entry, study) for point, study in studies.items()}
-            rows.append(ComparedEntry(entry, {point: one for point, one in found.items() if one is not None}))
+            results = {point: _reproduced(entry, study) for point, study in studies.items()}
+            rows.append(ComparedEntry(entry, {point: one for point, one in results.items() if one is not None}))
     return rows
 
 
-def _found(entry: PrintedEntry, study: PointResults) -> Reproduced | None:
+def _reproduced(entry: PrintedEntry, study: PointResults) -> Reproduced | None:
     """The result for an entry; None if its experiment was not carried out."""
     if entry.metric == "rank_of_tuning":
         return _rank_of_tuning(entry.controller, study)

@@ -159,12 +159,12 @@ def _study_model(
 
 
 def _noise_free_runs(situation: Situation, noise_free: Identification) -> dict[str, SeededRuns]:
-    found = {}
+    results = {}
     for name in ("mpc", "mpc-se", "nlqdmc-se", "imc"):
         controller = controller_of(situation, usual_case(name, situation), model=noise_free.model)
         trace = close_loop(situation, controller, Scenario())
-        found[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
-    return found
+        results[name] = SeededRuns(metrics=jax.tree.map(lambda leaf: leaf[None], summarise(trace)), example=trace)
+    return results
 
 
 def study(
@@ -181,9 +181,9 @@ def study(
     record_keys, loop_keys = (jax.random.split(key, seeds) for key in jax.random.split(jax.random.key(seed)))
 
     def records(dead_time_min: int) -> list[Identification]:
-        found = [identify(person, sensor_of(_noisy(situation, dead_time_min)), key) for key in record_keys]
+        results = [identify(person, sensor_of(_noisy(situation, dead_time_min)), key) for key in record_keys]
         progress(f"{operating_point}: {seeds} models identified, dead time {dead_time_min} min")
-        return found
+        return results
 
     @functools.cache
     def noise_free() -> Identification:

@@ -41,7 +41,7 @@ from glucoloop.reproduction.parker1999.experiments import (
     noisy_runs,
     study,
 )
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.tuning.search import printed_tuning
 
 if TYPE_CHECKING:
@@ -111,27 +111,27 @@ def chosen(tables: Sequence[str], figures: Sequence[str]) -> PaperPart:
     )
 
 
-def found(asked: Reproduction, progress: Progress) -> Findings:
+def results_of(config: Reproduction, progress: Progress) -> Results:
     """Run what is asked for at each operating point, and compare the results with the printed numbers."""
-    part = chosen(asked.table, asked.figure)
-    for name in asked.points:
+    part = chosen(config.table, config.figure)
+    for name in config.points:
         if name not in OPERATING_POINTS:
             raise Refusal(f"unknown operating point {name!r}; the known ones are: {', '.join(OPERATING_POINTS)}")
     experiments = part.experiments
-    if asked.quick:
+    if config.quick:
         experiments &= all_experiments(QUICK_DEAD_TIMES_MIN, tunings=False)
-    return findings(
+    return compared_results(
         {
-            point: study(point, experiments, seeds=asked.runs, seed=asked.seed, progress=progress)
-            for point in asked.points
+            point: study(point, experiments, seeds=config.runs, seed=config.seed, progress=progress)
+            for point in config.points
         },
         part,
-        asked.seed,
+        config.seed,
     )
 
 
 @dataclass(frozen=True)
-class Results:
+class ReproductionResults:
     """Results at each operating point, and the entries of a part of the paper beside them."""
 
     studies: Mapping[str, PointResults]
@@ -139,7 +139,7 @@ class Results:
     figures: Sequence[str]
 
 
-def findings(studies: Mapping[str, PointResults], part: PaperPart, seed: int) -> Findings:
+def compared_results(studies: Mapping[str, PointResults], part: PaperPart, seed: int) -> Results:
     """Findings from the results at each operating point."""
     rows = compare(studies, part.entries)
     entries = [
@@ -147,15 +147,15 @@ def findings(studies: Mapping[str, PointResults], part: PaperPart, seed: int) ->
             **dataclasses.asdict(row.entry),
             "reproduced": {
                 point: {
-                    "median": found.median,
-                    "p10": found.low,
-                    "p90": found.high,
-                    "unsettled": found.unsettled,
+                    "median": result.median,
+                    "p10": result.low,
+                    "p90": result.high,
+                    "unsettled": result.unsettled,
                     "difference": row.difference(point),
                     "agrees": row.agrees(point),
                     "agrees_by_spread": row.agrees_by_spread(point),
                 }
-                for point, found in row.reproduced.items()
+                for point, result in row.reproduced.items()
             },
         }
         for row in rows
@@ -167,41 +167,41 @@ def findings(studies: Mapping[str, PointResults], part: PaperPart, seed: int) ->
         "entries": entries,
         "interpretations": INTERPRETATIONS,
     }
-    return Findings(plain, extra=Results(studies, rows, part.figures))
+    return Results(plain, extra=ReproductionResults(studies, rows, part.figures))
 
 
-def tables(asked: Reproduction, found: Findings) -> Iterator[FittingTable]:
+def tables(config: Reproduction, results: Results) -> Iterator[FittingTable]:
     """Each entry that was reproduced, as printed and at each operating point."""
     lines: list[Line] = []
-    for row in found.extra.rows:
-        texts = {point: _found(row, point) for point in asked.points}
+    for row in results.extra.rows:
+        texts = {point: _reproduced(row, point) for point in config.points}
         lines += [(row.entry.what, [{"printed": _printed_with_unit(row), **texts}])] if row.reproduced else []
     unsettled = any(UNSETTLED in text for _, cells in lines for text in cells[0].values())
-    columns = [Column(name=name, short=name, text=str) for name in ("printed", *asked.points)]
+    columns = [Column(name=name, short=name, text=str) for name in ("printed", *config.points)]
     if lines:
         yield terminal_table("entry", [("", lines)], columns, caption=f"{_CELLS}{_UNSETTLED if unsettled else ''}")
 
 
-def sentences(asked: Reproduction, found: Findings) -> Iterator[str]:
+def sentences(config: Reproduction, results: Results) -> Iterator[str]:
     """Number of entries that reproduce at each operating point; without printed numbers, what there is instead."""
-    rows = found.extra.rows
+    rows = results.extra.rows
     if rows:
-        yield from (f"{point}: {count(rows, point)}." for point in asked.points)
+        yield from (f"{point}: {count(rows, point)}." for point in config.points)
         yield from filter(None, [left_out(rows)])
     else:
         yield "Nothing is printed there in numbers; the pictures are among the files of --out."
 
 
-def drawn(asked: Reproduction, found: Findings) -> dict[str, bytes]:
+def drawn(config: Reproduction, result: Results) -> dict[str, bytes]:
     """Figures, and the page with them."""
-    results: Results = found.extra
+    results: ReproductionResults = result.extra
     files: dict[str, bytes] = {}
     images = []
     for point, of_point in results.studies.items():
         for name, figure in figures_of(of_point, results.figures).items():
             files |= figure_files(f"{point}-{name}", figure)
             images.append((f"{CAPTIONS[name]} At {point}.", base64.b64encode(files[f"{point}-{name}.svg"]).decode()))
-    return {**files, "report.html": page(results.studies, results.rows, asked.seed, images).encode()}
+    return {**files, "report.html": page(results.studies, results.rows, config.seed, images).encode()}
 
 
 def figures_of(results: PointResults, names: Collection[str]) -> dict[str, Figure]:
@@ -266,7 +266,7 @@ def entry_tables(rows: Sequence[ComparedEntry], studies: Mapping[str, PointResul
             (
                 row.entry.what,
                 _printed_with_unit(row),
-                *(_found(row, point) for point in studies),
+                *(_reproduced(row, point) for point in studies),
                 f"p. {row.entry.page}, {row.entry.place}",
                 ", ".join(_NUMBERS[name] for name in row.entry.interpretations),
             )
@@ -294,10 +294,10 @@ def _printed_with_unit(row: ComparedEntry) -> str:
     return f"{printed_text(row)} {row.entry.unit}".strip()
 
 
-def _found(row: ComparedEntry, point: str) -> str:
+def _reproduced(row: ComparedEntry, point: str) -> str:
     """The result at an operating point, its difference from the printed number, and whether it agrees."""
-    found, difference = row.reproduced.get(point), row.difference(point)
-    if found is None:
+    results, difference = row.reproduced.get(point), row.difference(point)
+    if results is None:
         return "not run"
     if row.agrees_by_spread(point):
         verdict = "spread"
@@ -305,7 +305,7 @@ def _found(row: ComparedEntry, point: str) -> str:
         verdict = "input" if point in row.entry.input_at else "yes"
     else:
         verdict = "no"
-    return "; ".join([found.text, *([] if difference is None else [f"{difference:+.2f}"]), verdict])
+    return "; ".join([results.text, *([] if difference is None else [f"{difference:+.2f}"]), verdict])
 
 
 def _known_dead_times(studies: Mapping[str, PointResults]) -> Table:
@@ -329,9 +329,9 @@ def closing_tables(rows: Sequence[ComparedEntry]) -> list[Table]:
     if not rows:
         return []
     failed = [
-        (row.entry.what, printed_text(row), point, found.text, reason_for(row.entry.id, point) or "not known")
+        (row.entry.what, printed_text(row), point, results.text, reason_for(row.entry.id, point) or "not known")
         for row in rows
-        for point, found in row.reproduced.items()
+        for point, results in row.reproduced.items()
         if row.agrees(point) is False
     ]
     used = {name for row in rows for name in row.entry.interpretations}

@@ -150,22 +150,22 @@ def candidate(spread: Spread, normal: jax.Array) -> tuple[Constants, jax.Array]:
     """Sensor of normal numbers ``(7, ...)``, and whether it is taken: its noise is stable and not too large."""
     root = jnp.asarray(np.linalg.cholesky(np.array(spread.covariance)), normal.dtype)
     mean = jnp.asarray(spread.mean, normal.dtype).reshape(-1, *[1] * (normal.ndim - 1))
-    found = _of_theta(mean + jnp.tensordot(root, normal, 1))
-    alpha1, alpha2 = found.alpha1[0], found.alpha2[0]
+    result = _of_theta(mean + jnp.tensordot(root, normal, 1))
+    alpha1, alpha2 = result.alpha1[0], result.alpha2[0]
     stable = (alpha2 >= -1.0) & (alpha2 <= 1.0 - jnp.abs(alpha1) - spread.stability_margin)
-    return found, stable & (found.variance[0] <= spread.largest_sd_mg_dl**2)
+    return result, stable & (result.variance[0] <= spread.largest_sd_mg_dl**2)
 
 
 def drawn(spread: Spread, normal: jax.Array) -> Constants:
     """The first sensor that is taken, of normal numbers ``(7, candidates, ...)``; the mean one if none is."""
-    found, taken = candidate(spread, normal)
+    result, taken = candidate(spread, normal)
     first = jnp.argmax(taken, axis=0)
 
     def chosen(leaf: jax.Array, mean: jax.Array) -> jax.Array:
         one = jnp.take_along_axis(leaf, jnp.broadcast_to(first, (leaf.shape[0], 1, *first.shape)), axis=1)[:, 0]
         return jnp.where(taken.any(axis=0), one, mean.reshape(-1, *[1] * first.ndim))
 
-    chosen_one: Constants = jax.tree.map(chosen, found, _of_theta(jnp.asarray(spread.mean)))
+    chosen_one: Constants = jax.tree.map(chosen, result, _of_theta(jnp.asarray(spread.mean)))
     return chosen_one
 
 

@@ -30,7 +30,7 @@ LOCAL: Final = "local"
 RETRIES: Final = 3
 """Number of times that Dask tries a shard again before the trial stops."""
 _IN_FLIGHT_PER_THREAD: Final = 2
-_LEAST_IN_FLIGHT: Final = 4
+_MIN_IN_FLIGHT: Final = 4
 _CONNECT_S: Final = 30
 _designing = threading.Lock()
 
@@ -142,7 +142,7 @@ def run_on_cluster(folder: TrialFolder, client: Any, progress: Callable[[int], N
     completed = library().as_completed(loop=client.loop)
 
     def fill() -> None:
-        most = max(_LEAST_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
+        most = max(_MIN_IN_FLIGHT, _IN_FLIGHT_PER_THREAD * sum(client.nthreads().values()))
         for index in itertools.islice(waiting, max(0, most - len(running))):
             work = shard_on_worker, trial, index, glucoloop.__version__, identity
             future = client.submit(*work, pure=False, retries=RETRIES)

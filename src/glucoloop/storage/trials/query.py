@@ -37,7 +37,7 @@ VIEWS: Final = {
     "summary": "how each metric is spread, by controller",
     "traces": "glucose and insulin of those whose traces were kept",
 }
-MOST_MEMORY_MB: Final = 1000
+MAX_MEMORY_MB: Final = 1000
 """Memory that a query may take: what DuckDB counts, and on Linux all that the process takes for it."""
 _SPECIAL: Final = frozenset("*?[]{}")
 _ROWS: Final = 10_000
@@ -80,11 +80,11 @@ class TrialTables:
             first = self.connection.execute(statements[0]).fetchmany(_ROWS)
         return Answer([column[0] for column in self.connection.description], self._rows(first))
 
-    def _rows(self, found: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
-        while found:
-            yield from found
+    def _rows(self, result: list[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        while result:
+            yield from result
             with self._refusing():
-                found = self.connection.fetchmany(_ROWS)
+                result = self.connection.fetchmany(_ROWS)
 
     def _only_reads(self, statement: Any) -> bool:
         """Whether a statement is a query, or a PIVOT, which DuckDB carries out as several statements."""
@@ -114,7 +114,7 @@ class TrialTables:
 
 
 @contextlib.contextmanager
-def trial_tables(folder: Path, memory_mb: int = MOST_MEMORY_MB) -> Iterator[TrialTables]:
+def trial_tables(folder: Path, memory_mb: int = MAX_MEMORY_MB) -> Iterator[TrialTables]:
     """Open the folder of a trial, finished or not, for queries; ValueError if none of its shards is done.
 
     In the block the process, whatever it does, may take `memory_mb` more memory than it has; see `memory_limited`.
@@ -143,13 +143,13 @@ def trial_tables(folder: Path, memory_mb: int = MOST_MEMORY_MB) -> Iterator[Tria
             }
             for name, value in settings.items():
                 connection.execute(f"set {name} = ?", [value])
-            found = connection.execute(
+            result = connection.execute(
                 "select table_name, list(column_name order by column_index) from duckdb_columns() "
                 "where not internal group by all"
             ).fetchall()
         except duckdb.Error as error:
             raise Refusal(f"{folder} cannot be read: {one_line(error)}") from None
-        columns = dict(found)
+        columns = dict(result)
         views = {name: columns[name] for name in VIEWS if name in columns}
         with memory_limited(memory_mb * 1_000_000):
             yield TrialTables(connection, views, len(shards), origin.shards, memory_mb)

@@ -27,7 +27,7 @@ TRACES: Final = "traces.parquet"
 FILES: Final = (PEOPLE, BANDS, TRACES)
 BY_WEEK: Final = "glucose_by_week"
 """Quantity of a long run: glucose at all samples of a week, which is told by the time at which it begins."""
-_MOST_COLUMNS: Final = 256
+_MAX_COLUMNS: Final = 256
 NAME: Final = "name"
 """Column of the names of people who have one."""
 PROFILE: Final = "profile_"
@@ -69,14 +69,14 @@ def bounds(trial: Trial, index: int) -> dict[str, TableBounds]:
     counted = sum(t_min.size * (edges(trial)[name].size - 1) for name, t_min in times(trial).items())
     traced = int(trial.traced(person).sum())
     rows = person.size * cases
-    found = {
-        PEOPLE: TableBounds(least_rows=rows, most_rows=rows, columns=_MOST_COLUMNS, longest_text=label),
+    result = {
+        PEOPLE: TableBounds(least_rows=rows, most_rows=rows, columns=_MAX_COLUMNS, longest_text=label),
         BANDS: TableBounds(least_rows=0, most_rows=counted * cases, columns=7, longest_text=label + len(BY_WEEK)),
     }
     if traced:
         rows = traced * (trial.samples + 1) * cases
-        found[TRACES] = TableBounds(least_rows=rows, most_rows=rows, columns=5, longest_text=label)
-    return found
+        result[TRACES] = TableBounds(least_rows=rows, most_rows=rows, columns=5, longest_text=label)
+    return result
 
 
 def compute_shard(trial: Trial, index: int, simulate: Simulate) -> dict[str, bytes]:

@@ -237,7 +237,7 @@ class Attack:
 
 def _first(run: CohortRun, n: int) -> Harm:
     """Harm of the first n loops of a run."""
-    harm: Harm = jax.tree.map(lambda part: part[:n], run.fold)
+    harm: Harm = jax.tree.map(lambda part: part[:n], run.accumulator)
     return harm
 
 

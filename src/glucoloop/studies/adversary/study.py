@@ -20,8 +20,8 @@ from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.sensors import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
-from glucoloop.situations.run import boluses_into_a_vein
-from glucoloop.storage.findings import Findings
+from glucoloop.situations.run import intravenous_boluses
+from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.adversary import ADVERSARY, Adversary
 from glucoloop.studies.adversary.attack import (
@@ -64,7 +64,7 @@ def _name(row: Mapping[str, Any]) -> str:
     return f"{_called(row)}, ±{row['error_pct']:g} %"
 
 
-def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
+def loops(config: Adversary) -> Iterator[list[ErrorSearch]]:
     """Searches that share a loop: those of one controller, guarded or not, from small errors to large ones.
 
     Refusal for a part of a sample, or a library that is missing.
@@ -72,22 +72,22 @@ def loops(asked: Adversary) -> Iterator[list[ErrorSearch]]:
     library()
     spaces = [
         ErrorSpace(
-            samples=asked.samples,
+            samples=config.samples,
             error=error / 100.0,
-            hold_samples=whole_samples(asked.hold_min, asked.sample_time_min, "a time for which an error holds"),
-            stretches=asked.stuck_times,
-            stretch_samples=whole_samples(asked.stuck_min, asked.sample_time_min, "a stuck stretch"),
+            hold_samples=whole_samples(config.hold_min, config.sample_time_min, "a time for which an error holds"),
+            stretches=config.stuck_times,
+            stretch_samples=whole_samples(config.stuck_min, config.sample_time_min, "a stuck stretch"),
         )
-        for error in sorted(asked.errors_pct)
+        for error in sorted(config.errors_pct)
     ]
-    for case in asked.cases:
-        for guarded in WITH_GUARD[asked.guards]:
-            alone = asked.with_cases((asked.with_guard(case, guarded),))
+    for case in config.cases:
+        for guarded in WITH_GUARD[config.guards]:
+            alone = config.with_cases((config.with_guard(case, guarded),))
             key = {"controller": case.label, "guarded": guarded}
             yield [ErrorSearch({**key, "error_pct": 100.0 * space.error}, alone, space) for space in spaces]
 
 
-notes = boluses_into_a_vein
+notes = intravenous_boluses
 
 
 class GenerationScores(NamedTuple):
@@ -99,18 +99,18 @@ class GenerationScores(NamedTuple):
     """(lanes,) harm of each sequence."""
 
 
-def rows(asked: Adversary) -> Rows[GenerationScores]:
+def rows(config: Adversary) -> Rows[GenerationScores]:
     """Rows that are kept: the scores of each generation."""
-    names = {_name(search.key) for searches in loops(asked) for search in searches}
-    wanted = len(names) * asked.generations
+    names = {_name(search.key) for searches in loops(config) for search in searches}
+    wanted = len(names) * config.generations
 
     def row(cells: Mapping[str, Any], before: Sequence[GenerationScores]) -> GenerationScores:
-        found = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
-        number = sum(other.search == found.search for other in before)
-        known = found.search in names and found.generation == number < asked.generations
-        if not known or found.score.shape != (asked.lanes,):
+        results = GenerationScores(cells["search"], cells["generation"], np.array(cells["score"], float))
+        number = sum(other.search == results.search for other in before)
+        known = results.search in names and results.generation == number < config.generations
+        if not known or results.score.shape != (config.lanes,):
             raise Refusal("this is no generation of the search")
-        return found
+        return results
 
     return Rows(
         file=ADVERSARY.results,
@@ -120,7 +120,7 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
         schema={"search": pl.String, "generation": pl.Int64, "score": pl.List(pl.Float64)},
         cells=lambda scores: {**scores._asdict(), "score": scores.score.tolist()},
         row=row,
-        width=asked.lanes,
+        width=config.lanes,
         longest_text=1000,  # the name of a search
         every_s=5.0,  # since all scores are written each time
     )
@@ -129,49 +129,49 @@ def rows(asked: Adversary) -> Rows[GenerationScores]:
 class AdversarySearch:
     """All searches, each of which begins at the worst of the smaller errors."""
 
-    def __init__(self, asked: Adversary) -> None:
-        self._asked = asked
+    def __init__(self, config: Adversary) -> None:
+        self._config = config
         self._numbers: list[dict[str, Any]] = []
         self._loops: list[pl.DataFrame] = []
         self._engines: dict[str, dict[str, str]] = {}
 
     def missing(self, rows: Sequence[GenerationScores]) -> Iterator[GenerationScores]:
         """Carry out the searches; the generations that are known are not simulated again."""
-        for searches in loops(self._asked):
+        for searches in loops(self._config):
             first = searches[0]
             with one_at_a_time:
                 controller = controller_of(first.trial, first.trial.cases[0])
-                attack = Attack(first.trial, controller, first.space, lanes=self._asked.lanes)
-                who = attack.person(self._asked.person)
+                attack = Attack(first.trial, controller, first.space, lanes=self._config.lanes)
+                who = attack.person(self._config.person)
             self._engines[_called(first.key)] = attack.engine_facts
             smaller: tuple[ErrorSpace, Array] | None = None
             for one in searches:
                 name = _name(one.key)
                 before = [row.score for row in rows if row.search == name]
                 known = None if smaller is None else one.space.points_of(*smaller)
-                for generation in generations(judge_of(attack, who), one.space, self._asked, before, known):
+                for generation in generations(judge_of(attack, who), one.space, self._config, before, known):
                     if generation.number >= len(before):
                         yield GenerationScores(name, generation.number, generation.score)
                 smaller = one.space, generation.best
                 worst = worst_of(attack, who, one.space, generation)
-                self._numbers.append(_numbers(one, worst, attack, who, self._asked.search_seed))
+                self._numbers.append(_numbers(one, worst, attack, who, self._config.search_seed))
                 self._loops.append(
                     worst.loop.select(*(pl.lit(value).alias(key) for key, value in one.key.items()), pl.all())
                 )
 
-    def found(self, rows: Sequence[GenerationScores]) -> Findings:
+    def results_of(self, rows: Sequence[GenerationScores]) -> Results:
         """Numbers of each search, and the worst loops."""
         del rows
         glucose = pl.col("^.*lowest.*_mg_dl$")  # below 0 the model is not valid, and there is no number
         table = pl.DataFrame(self._numbers).drop("stuck_from_min").with_columns(pl.when(glucose >= 0.0).then(glucose))
         tables = {"adversary.csv": table, "worst.parquet": pl.concat(self._loops)}
         plain = {
-            "config": self._asked.tree(whole=True),
+            "config": self._config.tree(whole=True),
             "searches": self._numbers,
             "engines": self._engines,
             "notes": [f"Engine: {engine_facts(self._engines)['Engine']}."],
         }
-        return Findings(plain, tables)
+        return Results(plain, tables)
 
 
 search = AdversarySearch
@@ -210,32 +210,32 @@ _COLUMNS: Final = (
 )
 
 
-def tables(asked: Adversary, found: Findings) -> Iterator[FittingTable]:
+def tables(config: Adversary, results: Results) -> Iterator[FittingTable]:
     """A section for each controller and a line for each size of the errors."""
-    by_controller = groupby(found.plain["searches"], _called)
+    by_controller = groupby(results.plain["searches"], _called)
     sections = [(name, [(f"± {row['error_pct']:g} %", [row]) for row in rows]) for name, rows in by_controller]
     yield terminal_table("Errors", sections, _COLUMNS)
 
 
-def _title(asked: Adversary) -> str:
-    who = "the nominal patient" if asked.one_person is None else asked.one_person.name
-    if asked.person is not None:
-        who = f"person {asked.population.called(asked.seed, [asked.person])[0]} of {asked.population.name}"
-    stuck = f", {asked.stuck_times} stretches of {asked.stuck_min:g} min stuck" if asked.stuck_times else ""
-    return f"The worst errors found for {who}: each held for {asked.hold_min:g} min{stuck}"
+def _title(config: Adversary) -> str:
+    who = "the nominal patient" if config.one_person is None else config.one_person.name
+    if config.person is not None:
+        who = f"person {config.population.called(config.seed, [config.person])[0]} of {config.population.name}"
+    stuck = f", {config.stuck_times} stretches of {config.stuck_min:g} min stuck" if config.stuck_times else ""
+    return f"The worst errors found for {who}: each held for {config.hold_min:g} min{stuck}"
 
 
-def sentences(asked: Adversary, found: Findings) -> Iterator[str]:
+def sentences(config: Adversary, results: Results) -> Iterator[str]:
     """Conclusions from the numbers."""
-    searches = found.plain["searches"]
+    searches = results.plain["searches"]
     number, people = sum(row["sequences_tried"] for row in searches), searches[0]["random_people"]
-    yield f"{_title(asked)}; {number} sequences were tried. Worse errors may exist: a search does not prove a bound."
-    yield f"Random errors: of the same size, drawn uniformly, on {people} people of {asked.population.name}."
+    yield f"{_title(config)}; {number} sequences were tried. Worse errors may exist: a search does not prove a bound."
+    yield f"Random errors: of the same size, drawn uniformly, on {people} people of {config.population.name}."
 
 
-def drawn(asked: Adversary, found: Findings) -> dict[str, bytes]:
+def drawn(config: Adversary, results: Results) -> dict[str, bytes]:
     """Figure of the worst loops, by the names of its files."""
-    return figure_files("worst", plot_adversary(found, _title(asked)))
+    return figure_files("worst", plot_adversary(results, _title(config)))
 
 
 _ROW_MM: Final = 52.0
@@ -249,13 +249,13 @@ _STATUS: Final = {
 """Label and colour of each status of a guard."""
 
 
-def plot_adversary(found: Findings, title: str) -> Figure:
+def plot_adversary(results: Results, title: str) -> Figure:
     """Draw the worst loop of every controller, one row for each, one column for each size of the errors.
 
     Above: the person's glucose, the sensor's readings, and lines at 54 and 70 mg/dl. Below: insulin as delivered, and
     behind it, in colour, the status of the guard.
     """
-    worst, searches = found.tables["worst.parquet"], found.plain["searches"]
+    worst, searches = results.tables["worst.parquet"], results.plain["searches"]
     loops = zip(searches, worst.partition_by("controller", "guarded", "error_pct", maintain_order=True), strict=True)
     rows = [list(of_controller) for _, of_controller in groupby(loops, lambda loop: _called(loop[0]))]
     figure = _style.new_figure("double", 18.0 + _ROW_MM * len(rows), title)

@@ -13,7 +13,7 @@ from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 
 _LONGEST_MIN: Final = 7200.0
-_MOST_KNOWN: Final = 20
+_MAX_KNOWN: Final = 20
 _SQUARES: Final = Need("squares are minimised for --objective sse alone")
 _bound = functools.partial(Option, panel="Bound")
 
@@ -67,8 +67,8 @@ class BoundRequest(Run):
             raise Refusal(
                 f"--duration is {self.horizon_min:g} min; give a number above 0 min and up to {_LONGEST_MIN:g} min"
             )
-        if len(self.known_after_min) > _MOST_KNOWN:
-            raise Refusal(f"--known-after has {len(self.known_after_min)} times; give at most {_MOST_KNOWN}")
+        if len(self.known_after_min) > _MAX_KNOWN:
+            raise Refusal(f"--known-after has {len(self.known_after_min)} times; give at most {_MAX_KNOWN}")
         if not self.known_after_min and not self.in_advance and not self.hedged:
             raise Refusal("nothing is asked for; give --known-after or --in-advance, or one meal and --noise")
 

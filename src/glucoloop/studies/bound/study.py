@@ -21,7 +21,7 @@ from glucoloop.report.columns import Column, FittingTable, decimals, terminal_ta
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest
 
 if TYPE_CHECKING:
@@ -61,11 +61,11 @@ class Bounds:
         )
 
 
-def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
+def results_of(config: BoundRequest, progress: Callable[[str], None]) -> Results:
     """Compute every plan that was asked for; Refusal for a situation that is not possible."""
-    bounds = _bounds(asked, progress)
+    bounds = _bounds(config, progress)
     plain = {
-        "config": asked.tree(whole=True),
+        "config": config.tree(whole=True),
         "bounds": [
             {
                 "information": label,
@@ -76,7 +76,7 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
         "hedged": [
             {
                 "information": label,
-                **{name: getattr(hedged, name) for name in ("error", "told_after_min", "deviation_mg_dl")},
+                **{name: getattr(hedged, name) for name in ("error", "distinguished_after_min", "deviation_mg_dl")},
                 "undershoot_mg_dl": hedged.meal.undershoot_mg_dl,
                 "peak_mg_dl": hedged.meal.peak_mg_dl,
                 "other_undershoot_mg_dl": hedged.other.undershoot_mg_dl,
@@ -87,13 +87,13 @@ def found(asked: BoundRequest, progress: Callable[[str], None]) -> Findings:
             }
             for label, hedged in bounds.hedged.items()
         ],
-        "notes": [*_notes(asked, bounds)],
+        "notes": [*_notes(config, bounds)],
     }
     tables = {
         "doses.csv": bounds.table("t_min", "insulin_mU_min"),
         "glucose_1min.csv": bounds.table("fine_t_min", "glucose_mg_dl"),
     }
-    return Findings(plain, tables, bounds)
+    return Results(plain, tables, bounds)
 
 
 def bound_of_run(run: Run) -> OptimalDoses:
@@ -110,29 +110,29 @@ def bound_of_run(run: Run) -> OptimalDoses:
     )
 
 
-def _bounds(asked: BoundRequest, progress: Callable[[str], None]) -> Bounds:
-    scenario = asked.as_scenario()
+def _bounds(config: BoundRequest, progress: Callable[[str], None]) -> Bounds:
+    scenario = config.as_scenario()
     bounds = Bounds({}, {})
-    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if asked.in_advance else []), *asked.known_after_min]):
+    for known_after_min in dict.fromkeys([*([IN_ADVANCE] if config.in_advance else []), *config.known_after_min]):
         label = information_label(known_after_min)
         bounds.plans[label] = optimal_doses(
-            asked.nominal,
+            config.nominal,
             scenario,
-            asked.limits,
-            known_after_min=known_after_min + asked.dead_time_min,
-            objective=asked.objective,
-            undershoot_weight=asked.undershoot_weight,
-            sample_time_min=asked.sample_time_min,
+            config.limits,
+            known_after_min=known_after_min + config.dead_time_min,
+            objective=config.objective,
+            undershoot_weight=config.undershoot_weight,
+            sample_time_min=config.sample_time_min,
         )
         progress(label)
-    if asked.hedged:
+    if config.hedged:
         for doses in hedged_doses(
-            asked.nominal,
+            config.nominal,
             scenario,
-            asked.noise_variance,
-            asked.limits,
-            dead_time_min=asked.dead_time_min,
-            sample_time_min=asked.sample_time_min,
+            config.noise_variance,
+            config.limits,
+            dead_time_min=config.dead_time_min,
+            sample_time_min=config.sample_time_min,
         ):
             label = f"told from noise that it {doses.question}, error {doses.error:.0%}"
             bounds.hedged[label] = doses
@@ -149,7 +149,7 @@ def information_label(known_after_min: float) -> str:
     return f"known {abs(known_after_min):g} min {'after' if known_after_min > 0.0 else 'before'} its start"
 
 
-def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
+def _notes(config: BoundRequest, bounds: Bounds) -> Iterator[str]:
     """Sentences on the plans that are not what they should be, and on what the numbers mean."""
     for label, plan in bounds.drawn.items():
         if not plan.converged:
@@ -157,27 +157,27 @@ def _notes(asked: BoundRequest, bounds: Bounds) -> Iterator[str]:
                 f"{label}: not converged after {plan.iterations} steps; the objective could fall by about "
                 f"{plan.optimality:.2g} more, so this is not a bound."
             )
-    limit = float(lowest_valid_glucose_mg_dl(asked.nominal))
+    limit = float(lowest_valid_glucose_mg_dl(config.nominal))
     for label, plan in bounds.plans.items():
         not_valid = validity_sentence(plan.fine_t_min, plan.glucose_mg_dl, limit)
         if not_valid is not None:
             yield f"{label}: {not_valid}"
-    if asked.dead_time_min and bounds.plans:
-        yield f"Readings are {asked.dead_time_min:g} min late, so each meal is known later by that time."
-    if asked.patient.under_the_skin:
+    if config.dead_time_min and bounds.plans:
+        yield f"Readings are {config.dead_time_min:g} min late, so each meal is known later by that time."
+    if config.patient.subcutaneous:
         yield (
             "The doses are rates within the pump's limits, without boluses; a controller that gives boluses can do "
             "better."
         )
-    if len(asked.meals) > 1:
+    if len(config.meals) > 1:
         yield "Each meal is known only after it begins; a controller that prepares for a likely meal could do better."
-    if asked.hedged:
+    if config.hedged:
         yield (
             "Told from noise: two worlds, this meal and none, or this meal and one a fifth larger, with the same "
             "doses until they can be told apart with the stated error. The largest deviation is that of "
             "the worse world; undershoot and peak are those of this meal."
         )
-    elif asked.noisy:
+    elif config.noisy:
         yield (
             "The bound under sensor noise is left out here: it is computed for one meal, at rest at the setpoint, "
             "and the objective deviation."
@@ -200,22 +200,23 @@ _COLUMNS: Final = (
 )
 
 
-def tables(asked: BoundRequest, found: Findings) -> Iterator[FittingTable]:
+def tables(config: BoundRequest, results: Results) -> Iterator[FittingTable]:
     """The best possible results by the knowledge of the meals, and under sensor noise."""
     rows = [
-        {**row, "settles": f"{row['settling_min']:.0f}{'' if row['settled'] else '+'}"} for row in found.plain["bounds"]
+        {**row, "settles": f"{row['settling_min']:.0f}{'' if row['settled'] else '+'}"}
+        for row in results.plain["bounds"]
     ]
     # they are not followed to the end of the run
-    rows += [{**row, "known_after_min": row["told_after_min"]} for row in found.plain["hedged"]]
+    rows += [{**row, "known_after_min": row["distinguished_after_min"]} for row in results.plain["hedged"]]
     lines = [(f"{row['information']}{'' if row['converged'] else ' (not converged)'}", [row]) for row in rows]
     yield terminal_table("Information", [("", lines)], _COLUMNS)
 
 
-def drawn(asked: BoundRequest, found: Findings) -> dict[str, bytes]:
+def drawn(config: BoundRequest, results: Results) -> dict[str, bytes]:
     """The figure of all plans."""
-    title = f"The best that could be done at {asked.place}"
-    bouts = asked.as_scenario().exercise
-    figure = plot_bound(found.extra.drawn, asked.eaten(), bouts, title=title, limits=asked.limits)
+    title = f"The best that could be done at {config.place}"
+    bouts = config.as_scenario().exercise
+    figure = plot_bound(results.extra.drawn, config.eaten(), bouts, title=title, limits=config.limits)
     return figure_files("figure", figure)
 
 

@@ -43,7 +43,7 @@ Numbers = npt.NDArray[np.int64]
 
 ENGINE: Final = {"engine": "xla", "not_native": "the replay of estimators, which runs in JAX alone"}
 """Engine of the days and of the estimates, as `PeopleLoop.engine_facts` has it."""
-_MOST_AT_ONCE: Final = 64
+_MAX_AT_ONCE: Final = 64
 AFTERMATH_MIN: Final = 60.0
 """Time after a meal's end for which it is still under way, and after which its size is judged."""
 THRESHOLDS: Final = (*(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99, 0.995)
@@ -113,7 +113,7 @@ def recorded_days(
 
 def _in_blocks(n: int, run: Callable[[Numbers], T], progress: Callable[[str], None], what: str) -> T:
     """Results at n places, which trail, in blocks as even as can be."""
-    blocks, done = -(-n // _MOST_AT_ONCE), itertools.count(1)
+    blocks, done = -(-n // _MAX_AT_ONCE), itertools.count(1)
     parts = in_blocks(
         lambda place, _: run(place),
         np.arange(n),
@@ -149,9 +149,9 @@ def who_and_when(detection: Detection) -> tuple[Numbers, Numbers, int]:
     trial = detection.trial
     person = trial.first_person + np.arange(trial.people, dtype=np.int64)
     feasible = people_of(trial, person).feasible
-    held = person[feasible]
+    feasible_person = person[feasible]
     day = np.arange(detection.number_of_days, dtype=np.int64)
-    return np.repeat(held, day.size), np.tile(day, held.size), int((~feasible).sum())
+    return np.repeat(feasible_person, day.size), np.tile(day, feasible_person.size), int((~feasible).sum())
 
 
 def with_estimates(
@@ -194,8 +194,8 @@ def _of_days(
         none = jnp.zeros_like(readings)
         return replay(individual.model, individual.estimator, t_min, readings, insulin, none, basal, late, start_min)
 
-    found: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
-    return found
+    results: MealEstimates = jax.vmap(of_day, in_axes=(0, -1, -1), out_axes=-1)(basal, readings, insulin)
+    return results
 
 
 def _believed(reported: Array, basal: Array) -> Array:
@@ -259,13 +259,13 @@ def score(detection: Detection, fed: Days | None, fasted: Days) -> Score:
     rows = {}
     for threshold in np.unique([*THRESHOLDS, detection.threshold]).tolist():
         delay, already = delays_min(eating, grid.t_min, meals, threshold, detection.trial.plan.horizon_min)
-        found = np.isfinite(delay)
+        results = np.isfinite(delay)
         between = false_alarms(eating, quiet, threshold)
         rows[threshold] = {
             "threshold": threshold,
-            "delay_median_min": np.median(delay[found]) if found.any() else None,
-            "delay_p90_min": np.quantile(delay[found], QUANTILES[-1]) if found.any() else None,
-            "missed_pct": 100.0 * (~found & ~already).sum() / delay.size if delay.size else None,
+            "delay_median_min": np.median(delay[results]) if results.any() else None,
+            "delay_p90_min": np.quantile(delay[results], QUANTILES[-1]) if results.any() else None,
+            "missed_pct": 100.0 * (~results & ~already).sum() / delay.size if delay.size else None,
             "already_pct": 100.0 * already.sum() / delay.size if delay.size else None,
             "false_alarms_fasting_per_day": false_alarms(fasted.estimates.eating, always, threshold) / fasting_days,
             "false_alarms_between_per_day": between / between_days if between_days else None,
@@ -373,9 +373,9 @@ def delays_min(eating: Array, t_min: Array, meals: Eaten, threshold: float, hori
     for row, (begin, until) in enumerate(zip(meals.t_min, last, strict=True)):
         before = np.searchsorted(t_min, begin, side="right") - 1
         already[row] = above[before, np.arange(begin.size)]
-        found = above & (t_min[:, None] > begin) & (t_min[:, None] <= until)
-        first = t_min[np.argmax(found, axis=0)] - begin
-        delay[row] = np.where(found.any(axis=0) & ~already[row], first, np.nan)
+        results = above & (t_min[:, None] > begin) & (t_min[:, None] <= until)
+        first = t_min[np.argmax(results, axis=0)] - begin
+        delay[row] = np.where(results.any(axis=0) & ~already[row], first, np.nan)
     return delay, already
 
 

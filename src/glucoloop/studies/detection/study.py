@@ -23,7 +23,7 @@ from glucoloop.report.columns import (
 )
 from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.detection import Detection
 from glucoloop.studies.detection.evaluate import ENGINE, JUDGED_AFTER_MIN, QUANTILES, Scores, evaluate
 from glucoloop.text import NOT_AVAILABLE, how_many
@@ -58,7 +58,7 @@ def _size_error(name: str, value: str, group: str) -> list[Column]:
 
 
 _DELAYS: Final = _spread("delay", pl.col("delay_min"), "min", "Delay of detection", whole)
-_FOUND: Final = (
+_DETECTED_COLUMNS: Final = (
     Column(name="meals", value=pl.len(), empty=0, group="Meals", text=whole),
     Column(name="detected_pct", value=100.0 * pl.col("delay_min").is_not_null().mean()),
     Column(name="missed_pct", value=100.0 * pl.col("missed").mean(), group="Missed", head="%", text=decimals(1)),
@@ -88,12 +88,12 @@ _ALARMS: Final = tuple(
 )
 
 
-def found(asked: Detection, progress: Callable[[str], None]) -> Findings:
+def results_of(config: Detection, progress: Callable[[str], None]) -> Results:
     """Simulate the days, try the estimators on them, and score what they say."""
-    return findings(asked, evaluate(asked, progress))
+    return findings(config, evaluate(config, progress))
 
 
-def findings(asked: Detection, scores: Scores) -> Findings:
+def findings(config: Detection, scores: Scores) -> Results:
     """Numbers of all estimators; a number without meals is null."""
     columns = {name: [pl.lit(name).alias("estimator"), pl.all()] for name in scores.by_estimator}
     tables = {
@@ -101,20 +101,20 @@ def findings(asked: Detection, scores: Scores) -> Findings:
         for table in ("meals", "curve", "size_error", "day")
     }
     plain = {
-        "config": asked.tree(whole=True),
+        "config": config.tree(whole=True),
         "days": scores.days,
         "unable": scores.infeasible,
         "estimators": dict(_numbers(scores, tables["meals"])),
         "engines": dict.fromkeys(scores.by_estimator, ENGINE),
         "curves": {name: score.tables["curve"].to_dict(as_series=False) for name, score in scores.by_estimator.items()},
-        "notes": list(_notes(asked, scores)),
+        "notes": list(_notes(config, scores)),
     }
-    return Findings(plain, {f"{name}.{kind}": table for name, table in tables.items() for kind in ("csv", "parquet")})
+    return Results(plain, {f"{name}.{kind}": table for name, table in tables.items() for kind in ("csv", "parquet")})
 
 
 def _numbers(scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[str, Any]]]:
     """Numbers of each estimator, over all meals and by their size."""
-    columns, cells = (*_FOUND, *_SIZES), pl.DataFrame({"estimator": list(scores.by_estimator)})
+    columns, cells = (*_DETECTED_COLUMNS, *_SIZES), pl.DataFrame({"estimator": list(scores.by_estimator)})
     sizes = pl.DataFrame({"from_g": SIZES_G[:-1], "to_g": [*SIZES_G[1:-1], None]})
     sized = meals.sort("carbs_g").join_asof(sizes, left_on="carbs_g", right_on="from_g")
     by_size = measured(sized, cells.join(sizes, how="cross"), columns).partition_by("estimator", include_key=False)
@@ -123,29 +123,29 @@ def _numbers(scores: Scores, meals: pl.DataFrame) -> Iterator[tuple[str, dict[st
         yield name, {**row, **scores.by_estimator[name].alarms, "by_size": of_sizes.to_dicts()}
 
 
-def _notes(asked: Detection, scores: Scores) -> Iterator[str]:
+def _notes(config: Detection, scores: Scores) -> Iterator[str]:
     days = how_many(scores.days, "day")
-    fed = f"{days} with meals and as many without" if asked.trial.plan.meals else f"{days} without a meal"
+    fed = f"{days} with meals and as many without" if config.trial.plan.meals else f"{days} without a meal"
     yield (
         f"Of {fed}; three numbers are the 10 % quantile, the median and the 90 % "
-        f"quantile. A meal is detected above a probability of {asked.threshold:g}; errors of the size are those of "
+        f"quantile. A meal is detected above a probability of {config.threshold:g}; errors of the size are those of "
         "meals that are detected by then."
     )
     if scores.infeasible:
         people = how_many(scores.infeasible, "person has", "people have")
         yield f"{people} no basal rate that holds them at the setpoint, and take no part."
-    late = asked.trial.dead_time_samples * asked.trial.sample_time_min
-    if late and not asked.trial.cases[0].known_dead_time:
+    late = config.trial.dead_time_samples * config.trial.sample_time_min
+    if late and not config.trial.cases[0].known_dead_time:
         yield (
             f"The estimators do not know of the dead time of {late:g} min; --controller known_dead_time=true tells it."
         )
     yield f"Engine: {engine_facts(dict.fromkeys(scores.by_estimator, ENGINE))['Engine']}."
 
 
-def tables(asked: Detection, found: Findings) -> Iterator[FittingTable]:
+def tables(config: Detection, results: Results) -> Iterator[FittingTable]:
     """One column for each estimator: meals found and missed, delay, error of the size, and false alarms."""
-    estimators = found.plain["estimators"]
-    lines = _lines(estimators, _FOUND)
+    estimators = results.plain["estimators"]
+    lines = _lines(estimators, _DETECTED_COLUMNS)
     for rows in zip(*(row["by_size"] for row in estimators.values()), strict=True):
         (line,) = _lines(dict(zip(estimators, rows, strict=True)), _DELAYS)
         lines.append((f"  {_size(rows[0])}, {how_many(rows[0]['meals'], 'meal')}", line[1]))
@@ -174,26 +174,26 @@ def _size(row: Row) -> str:
     return f"{row['from_g']:g} to {row['to_g']:g} g" if row["from_g"] else f"up to {row['to_g']:g} g"
 
 
-def drawn(asked: Detection, found: Findings) -> dict[str, bytes]:
+def drawn(config: Detection, results: Results) -> dict[str, bytes]:
     """Figure, by the names of its files."""
-    return figure_files("figure", plot_detection(found, title=_title(asked)))
+    return figure_files("figure", plot_detection(results, title=_title(config)))
 
 
-def _title(asked: Detection) -> str:
-    trial = asked.trial
+def _title(config: Detection) -> str:
+    trial = config.trial
     people = f"each of {trial.people} people of {trial.population.name}" if trial.people > 1 else "one person"
-    days = "A day" if asked.number_of_days == 1 else f"{asked.number_of_days} days"
+    days = "A day" if config.number_of_days == 1 else f"{config.number_of_days} days"
     under = sorted({case.controller.called for case in trial.cases})
     return f"{days} of {people}, with meals that nobody announced; doses by {', '.join(under)}"
 
 
-_MOST_UNTOLD_PCT: Final = 50.0
+_MAX_UNDETECTED_PCT: Final = 50.0
 """Largest percentage of undetected meals at which a median delay is drawn."""
 _FEWEST: Final = 0.1
 """Share of the meals that must be detected for quantiles to be meaningful."""
 
 
-def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
+def plot_detection(results: Results, *, title: str | None = None) -> Figure:
     """Draw delay against false alarms, the error of the size over time, and a day.
 
     The first panel has a point for each threshold, the one that was asked for filled: the median delay of the meals
@@ -204,12 +204,12 @@ def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
     figure = _style.new_figure("double", 130.0, title)
     rows: Any = [["curve", "size"], ["eating", "eating"], ["emptying", "emptying"]]
     panels = figure.subplot_mosaic(rows, height_ratios=[1.5, 1.0, 1.0])
-    threshold = found.plain["config"]["threshold"]
+    threshold = results.plain["config"]["threshold"]
     entries: dict[str, Artist] = {}
-    for index, name in enumerate(found.plain["estimators"]):
+    for index, name in enumerate(results.plain["estimators"]):
         style = _style.line_style(index)
         curve, size, day = (
-            found.tables[f"{table}.parquet"].filter(estimator=name) for table in ("curve", "size_error", "day")
+            results.tables[f"{table}.parquet"].filter(estimator=name) for table in ("curve", "size_error", "day")
         )
         entries[name] = _draw_curve(panels["curve"], curve, threshold, index)
         _draw_size(panels["size"], size, style)
@@ -229,7 +229,7 @@ def plot_detection(found: Findings, *, title: str | None = None) -> Figure:
 def _draw_curve(axes: Axes, curve: pl.DataFrame, threshold: float, index: int) -> Artist:
     style = _style.line_style(index)
     # thresholds that detect enough meals for a meaningful median
-    enough = pl.col("missed_pct") + pl.col("already_pct") < _MOST_UNTOLD_PCT
+    enough = pl.col("missed_pct") + pl.col("already_pct") < _MAX_UNDETECTED_PCT
     curve = curve.filter(pl.col("delay_median_min").is_not_null(), enough)
     across, upwards = "false_alarms_fasting_per_day", "delay_median_min"
     line = axes.plot(curve[across], curve[upwards], marker="o", markersize=2.2, **style)[0]

@@ -17,7 +17,7 @@ from glucoloop.firmware.hil.loop import OnChip, Pace, run_on_chip
 from glucoloop.firmware.hil.protocol import Payloads, plan_at
 from glucoloop.private_folder import private_temporary_folder
 from glucoloop.simulation.stepper import scenario_stepper
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, outcome_of
 from glucoloop.studies.exported import exported_controller
 from glucoloop.studies.hil import Hil
@@ -32,54 +32,54 @@ class OnHardware(run_study.ClosedLoops):
     firmware: Mapping[str, str] = field(default_factory=dict)
 
 
-def amount(asked: Hil) -> int:
+def amount(config: Hil) -> int:
     """Number of samples."""
-    return asked.samples
+    return config.samples
 
 
-def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
+def results_of(config: Hil, progress: Callable[[int], None]) -> Results:
     """Design the controller, put it on its chip, and run the loop.
 
     Refusal if the controller cannot be designed or exported, a tool is missing, or the chip does not answer.
     """
     with contextlib.ExitStack() as open_links:
         board: Link | None = None
-        if asked.emulated:
-            refuse_missing_tools(asked.chip)
+        if config.emulated:
+            refuse_missing_tools(config.chip)
         else:  # opened before a design that takes long, since it may be no port
-            board = open_links.enter_context(contextlib.closing(SerialLink(asked.chip, asked.baud)))
-        case, scenario, surroundings = asked.case, asked.as_scenario(), surroundings_of(asked)
-        model = model_for(asked, case)
-        controller = controller_of(asked, case, **model_arguments(model))
+            board = open_links.enter_context(contextlib.closing(SerialLink(config.chip, config.baud)))
+        case, scenario, surroundings = config.case, config.as_scenario(), surroundings_of(config)
+        model = model_for(config, case)
+        controller = controller_of(config, case, **model_arguments(model))
         stepper = scenario_stepper(
-            asked.nominal,
+            config.nominal,
             surroundings.sensor,
             surroundings.pump,
             scenario,
-            sample_time_min=asked.sample_time_min,
-            key=asked.seed,
-            integrator=integrator_of(asked),
+            sample_time_min=config.sample_time_min,
+            key=config.seed,
+            integrator=integrator_of(config),
         )
-        exported = exported_controller(asked, case, controller, stepper)
+        exported = exported_controller(config, case, controller, stepper)
         on_chip = run_on_chip(
             exported,
             stepper,
             scenario,
-            open_links.enter_context(_emulated(asked.chip, exported)) if board is None else board,
-            disturbances=asked.disturbances,
-            seed=asked.seed,
-            fallback=asked.fallback,
+            open_links.enter_context(_emulated(config.chip, exported)) if board is None else board,
+            disturbances=config.disturbances,
+            seed=config.seed,
+            fallback=config.fallback,
             pace=Pace(
-                asked.sample_time_min,
-                S_PER_MIN if asked.real_time else 0.0,
-                EMULATED_WITHIN_S if asked.emulated else ANSWER_WITHIN_S,
+                config.sample_time_min,
+                S_PER_MIN if config.real_time else 0.0,
+                EMULATED_WITHIN_S if config.emulated else ANSWER_WITHIN_S,
             ),
             progress=progress,
         )
-    outcome = outcome_of(asked, case, model, controller, on_chip.trace)
+    outcome = outcome_of(config, case, model, controller, on_chip.trace)
     plain = {
         **outcome.report(),
-        "config": asked.tree(whole=True),
+        "config": config.tree(whole=True),
         "chip": {
             "design": exported.source.design,
             "form": exported.source.form,
@@ -92,11 +92,11 @@ def found(asked: Hil, progress: Callable[[int], None]) -> Findings:
             "counts": on_chip.counts,
             "samples_per_s": on_chip.samples_per_s,
         },
-        "samples": asked.samples,
+        "samples": config.samples,
         "holds": not on_chip.differing and not on_chip.counts["contradictions"],
     }
-    loop = run_study.findings(outcome, plain, (*outcome.notes, *_lines(asked, exported, on_chip)))
-    firmware = files(exported, asked.chip) if asked.emulated else portable_files(exported)
+    loop = run_study.findings(outcome, plain, (*outcome.notes, *_lines(config, exported, on_chip)))
+    firmware = files(exported, config.chip) if config.emulated else portable_files(exported)
     return dataclasses.replace(loop, extra=OnHardware(loop.extra.outcomes, firmware=firmware))
 
 
@@ -109,26 +109,26 @@ def _emulated(chip: str, exported: Exported) -> Iterator[Link]:
             yield link
 
 
-def drawn(asked: Hil, found: Findings) -> dict[str, bytes]:
+def drawn(config: Hil, results: Results) -> dict[str, bytes]:
     """Files of a run and of the firmware."""
-    firmware = {name: text.encode() for name, text in found.extra.firmware.items()}
-    return {**run_study.drawn(asked, found), **firmware}
+    firmware = {name: text.encode() for name, text in results.extra.firmware.items()}
+    return {**run_study.drawn(config, results), **firmware}
 
 
 tables, sentences = run_study.tables, run_study.sentences
 
 
-def _lines(asked: Hil, exported: Exported, on_chip: OnChip) -> Iterator[str]:
+def _lines(config: Hil, exported: Exported, on_chip: OnChip) -> Iterator[str]:
     """The chip, its decisions and what befell it, one sentence each."""
     source, samples = exported.source, len(on_chip.answered)
-    yield f"Chip: {asked.chip}, design {source.design[:16]}, {source.form} form, {asked.precision}."
+    yield f"Chip: {config.chip}, design {source.design[:16]}, {source.form} form, {config.precision}."
     equal = on_chip.equal.count(True)
     yield f"{equal} of {samples} decisions are equal to the bit to those of the same controller without a chip."
     silent = samples - sum(on_chip.answered)
     if silent:
         yield (
             f"At {silent} of {samples} samples no decision came in time, and the pump gave its fallback rate "
-            f"({asked.fallback}); {on_chip.equal.count(None)} were never decided."
+            f"({config.fallback}); {on_chip.equal.count(None)} were never decided."
         )
     if on_chip.late_boluses_mU:
         late, late_U = len(on_chip.late_boluses_mU), sum(on_chip.late_boluses_mU) / MU_PER_U

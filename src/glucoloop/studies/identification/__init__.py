@@ -119,12 +119,12 @@ class ModelRequest(Situation):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used."""
-        found: dict[str, Any] = super().tree(whole=whole)
+        results: dict[str, Any] = super().tree(whole=whole)
         if whole:
             unused = EXPERIMENT if self.data is not None else RECORD
             for name in (*unused, *(("laguerre_pole",) if self.best_pole else ())):
-                found.pop(name, None)
-        return found
+                results.pop(name, None)
+        return results
 
     @property
     def all_given(self) -> bool:

@@ -40,8 +40,8 @@ from glucoloop.simulation import excite
 from glucoloop.situations.toml import toml_text
 from glucoloop.storage import tables as stored
 from glucoloop.storage.files import read_text
-from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile, model_file
+from glucoloop.storage.results import Results
 from glucoloop.storage.tables import RECORD_COLUMNS, read_record_columns
 from glucoloop.studies.closed_loop import smoothing_of, source_of
 from glucoloop.studies.identification import ModelRequest
@@ -92,7 +92,7 @@ def _from_patient(config: ModelRequest) -> Identified:
         memory=memory,
         pole=config.laguerre_pole or 0.0,
         functions=config.laguerre_functions or None,
-        under_the_skin=config.patient.under_the_skin,
+        subcutaneous=config.patient.subcutaneous,
     )
     identification = _fit(config, basis, record, "csrs", basal_insulin_mU_min=basal)
     truth = None
@@ -155,7 +155,7 @@ def _from_data(config: ModelRequest, path: Path) -> Identified:
             starts_at_rest=not config.not_from_rest,
         )
     except Refusal as error:
-        raise Refusal(_as_asked(str(error), path)) from error
+        raise Refusal(_with_path(str(error), path)) from error
     insulin = record.insulin_mU_min - identification.basal_insulin_mU_min
     of_meals = meal_answer(record, identification.meal_impulse_response)
     samples = f"{record.insulin_mU_min.size} samples of {record.sample_time_min:g} min"
@@ -164,7 +164,7 @@ def _from_data(config: ModelRequest, path: Path) -> Identified:
         functions = "no Laguerre functions" if basis.functions is None else f"{basis.functions} Laguerre functions"
         notes = (
             f"Chosen by readings left out of the fit: a memory of {basis.memory} samples and {functions}"
-            f"{', as for insulin under the skin' if basis.under_the_skin else ''}.",
+            f"{', as for insulin under the skin' if basis.subcutaneous else ''}.",
             *notes,
         )
     notes = (why, *notes, *_about_meals(record, identification))
@@ -252,7 +252,7 @@ def _fit(
             memory=basis.memory,
             laguerre_pole=basis.pole,
             laguerre_functions=basis.functions,
-            under_the_skin=basis.under_the_skin,
+            subcutaneous=basis.subcutaneous,
             basal_insulin_mU_min=basal_insulin_mU_min,
             starts_at_rest=starts_at_rest,
         )
@@ -296,23 +296,23 @@ _OPTIONS_OF: Final = {
 }
 
 
-def _as_asked(message: str, path: Path) -> str:
+def _with_path(message: str, path: Path) -> str:
     """Sentence of the library with options in place of arguments, and the row as its file has it."""
     for word, option in _OPTIONS_OF.items():
         message = message.replace(word, option)
     row = rf"in row (\d+){re.escape(FROM_ZERO)}"
-    return re.sub(row, lambda found: f"in row {int(found[1]) + 1} of {path}, below its first line,", message)
+    return re.sub(row, lambda results: f"in row {int(results[1]) + 1} of {path}, below its first line,", message)
 
 
 # ---------------------------------------------------------------------------------------------- how it is shown
 
 
-def found(asked: ModelRequest, progress: Callable[[str], None]) -> Findings:
+def results_of(config: ModelRequest, progress: Callable[[str], None]) -> Results:
     """Identify a model, and check it."""
-    identified = _from_patient(asked) if asked.data is None else _from_data(asked, Path(asked.data))
+    identified = _from_patient(config) if config.data is None else _from_data(config, Path(config.data))
     progress("the model")
     plain = {**_plain(identified), "notes": [*identified.notes, *_warning(identified)]}
-    return Findings(plain, {"record.csv": stored.record_table(identified.record)}, identified)
+    return Results(plain, {"record.csv": stored.record_table(identified.record)}, identified)
 
 
 def _plain(identified: Identified) -> dict[str, Any]:
@@ -336,9 +336,9 @@ def _plain(identified: Identified) -> dict[str, Any]:
     }
 
 
-def tables(asked: ModelRequest, found: Findings) -> Iterator[object]:
+def tables(config: ModelRequest, results: Results) -> Iterator[object]:
     """Properties of the model with their units."""
-    rows = [MetricRow("", name, unit, [value]) for name, value, unit in _properties(found.extra)]
+    rows = [MetricRow("", name, unit, [value]) for name, value, unit in _properties(results.extra)]
     yield lines_table("Model", ["Value"], rows)
 
 
@@ -363,10 +363,10 @@ def _properties(identified: Identified) -> Iterator[tuple[str, str, str]]:
     yield "Check: fit", f"{float(check.fit_percent):.1f}", "%"
 
 
-def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
+def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Command that uses the model, unless no controller should be designed on it."""
-    config: ModelRequest = found.extra.config
-    if "model.json" not in files or found.plain["doubts"]:
+    config: ModelRequest = results.extra.config
+    if "model.json" not in files or results.plain["doubts"]:
         return
     options = {"--sample-time": (config.sample_time_min, 5.0), "--dead-time": (config.dead_time_min, 0.0)}
     hint = "".join(f" {option} {value:g}" for option, (value, usual) in options.items() if value != usual)
@@ -374,9 +374,9 @@ def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
     yield f"Use it: glucoloop run --model {files['model.json']}{hint}{late}"
 
 
-def drawn(asked: ModelRequest, found: Findings) -> dict[str, bytes]:
+def drawn(config: ModelRequest, results: Results) -> dict[str, bytes]:
     """The model, the record as it was given, the pictures, and the configuration, which names the record."""
-    identified: Identified = found.extra
+    identified: Identified = results.extra
     response = plot_identification(identified.identification, truth=identified.truth)
     validation = plot_validation(
         identified.validation,
@@ -391,7 +391,7 @@ def drawn(asked: ModelRequest, found: Findings) -> dict[str, bytes]:
     }
     if identified.data is not None:
         copied = {"data": "data.csv"}
-        used, given = {**asked.tree(whole=True), **copied}, {**asked.tree(), **copied}
+        used, given = {**config.tree(whole=True), **copied}, {**config.tree(), **copied}
         files["data.csv"] = identified.data.encode()
         files["identify.toml"] = toml_text(used, "identify --config identify.toml", given).encode()
     return files

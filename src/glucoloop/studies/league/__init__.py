@@ -20,10 +20,10 @@ from glucoloop.sensors import SENSORS, SensorPart
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import CONTROLLER_PANEL, PATIENT_PANEL, PEOPLE_PANEL, SENSOR_PANEL, Option
 from glucoloop.situations.scenarios import SCENARIOS, ScenarioPart
-from glucoloop.studies.study import PARTS_TOLD, SearchStudy
+from glucoloop.studies.study import COMPONENTS_HELP, SearchStudy
 
-MOST_PEOPLE: Final = 10_000
-MOST_BEST: Final = 1000
+MAX_PEOPLE: Final = 10_000
+MAX_BEST: Final = 1000
 """Largest number of people of a family for whom the best doses are searched."""
 _people = functools.partial(Option, panel=PEOPLE_PANEL)
 _controller = functools.partial(Option, panel=CONTROLLER_PANEL)
@@ -36,7 +36,7 @@ class League(Part):
 
     people: Annotated[
         int,
-        _people("Number of people of each family, or all of one that has fewer.", at_least=2, at_most=MOST_PEOPLE),
+        _people("Number of people of each family, or all of one that has fewer.", at_least=2, at_most=MAX_PEOPLE),
     ] = 100
     families: Annotated[
         tuple[PatientPart, ...],
@@ -77,7 +77,7 @@ class League(Part):
             "that takes seconds for each day of a person.",
             flag="--bound",
             at_least=0,
-            at_most=MOST_BEST,
+            at_most=MAX_BEST,
         ),
     ] = 0
     seed: Annotated[
@@ -124,10 +124,10 @@ class League(Part):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings as plain values; what is usual of a controller depends on the cell and is not among them."""
-        found = super().tree(whole=whole)
+        results = super().tree(whole=whole)
         if whole:
-            found |= {"controllers": [case.tree() for case in self.controllers], "reference": self.reference.tree()}
-        return found
+            results |= {"controllers": [case.tree() for case in self.controllers], "reference": self.reference.tree()}
+        return results
 
 
 def texts(parts: Iterable[Part]) -> tuple[str, ...]:
@@ -146,7 +146,7 @@ LEAGUE: Final = SearchStudy(
         "person is compared with the same person under a reference therapy. Controllers are ranked by the glycemia "
         "risk index. By default 100 people of each family take part, which takes some minutes. The folder of --out is "
         "written as it grows; after Ctrl-C, the same command continues where it stopped.\n\n"
-        f"{PARTS_TOLD}\n\n"
+        f"{COMPONENTS_HELP}\n\n"
         "  glucoloop league --out league\n\n"
         "  glucoloop league --people 1000 --out whole-league\n\n"
         "  glucoloop league --bound 10 --out league\n\n"

@@ -181,11 +181,11 @@ def over_all_cells(people: pl.DataFrame, cells: int) -> pl.DataFrame:
 
     The least glucose is that of all cells.
     """
-    found = people.group_by("family", "controller", "person", maintain_order=True).agg(
+    results = people.group_by("family", "controller", "person", maintain_order=True).agg(
         pl.col(*METRICS, "insulin_U_day").exclude("minimum_mg_dl").mean(), pl.col("minimum_mg_dl").min(), pl.len()
     )
     every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
-    known = found.filter(pl.col("len") == cells).with_columns(every)
+    known = results.filter(pl.col("len") == cells).with_columns(every)
     return known.select(*LINE, "person", *METRICS, "insulin_U_day")
 
 
@@ -218,18 +218,18 @@ def ranking(people: pl.DataFrame, family: str, seed: int) -> dict[str, Any]:
 def _first_two(labels: list[str], values: Array, interval: Any) -> dict[str, Any]:
     """The least value and the next, and the second less the first, with its interval."""
     order = np.argsort(values, kind="stable")
-    found = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
+    results = {"gri": {labels[place]: float(values[place]) for place in order}, "best": labels[order[0]]}
     if order.size < 2:
-        return found
+        return results
     best, second = order[:2]
     low, high = interval(best, second)
     return {
-        **found,
+        **results,
         "second": labels[second],
         "difference": float(values[second] - values[best]),
         "low": float(low),
         "high": float(high),
-        "told_apart": bool(low > 0.0),
+        "distinguished": bool(low > 0.0),
     }
 
 

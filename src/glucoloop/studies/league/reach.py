@@ -47,10 +47,10 @@ class BestDoses:
         able, metrics = bool(drawn.feasible[0]), dict.fromkeys(METRICS, math.nan)
         if able:
             patient = of_people(drawn.patient, 0)
-            found = self._from_start(trial, person, patient, scenario)
+            results = self._from_start(trial, person, patient, scenario)
             if known == ADVANCE:
-                found = _search(trial, patient, scenario, KNOWN[known], found.insulin_mU_min)
-            metrics |= _metrics(found, trial.sample_time_min)
+                results = _search(trial, patient, scenario, KNOWN[known], results.insulin_mU_min)
+            metrics |= _metrics(results, trial.sample_time_min)
         columns = {name: np.array([value]) for name, value in metrics.items()}
         return {"person": np.array([person]), "able": np.array([able]), **columns}
 
@@ -77,13 +77,13 @@ def _search(
     )
 
 
-def _metrics(found: LeastRiskDoses, sample_time_min: float) -> dict[str, float]:
+def _metrics(results: LeastRiskDoses, sample_time_min: float) -> dict[str, float]:
     """Metrics of people under the best doses, of those that are known; none where glucose is not finite."""
-    if not math.isfinite(found.gri):
+    if not math.isfinite(results.gri):
         return {}
-    numbers = numbers_of(Readings.of(found.fine_t_min, found.glucose_mg_dl)) | {
-        "minimum_mg_dl": float(found.glucose_mg_dl.min()),
-        "insulin_total_mU": float(found.insulin_mU_min.sum() * sample_time_min),
+    numbers = numbers_of(Readings.of(results.fine_t_min, results.glucose_mg_dl)) | {
+        "minimum_mg_dl": float(results.glucose_mg_dl.min()),
+        "insulin_total_mU": float(results.insulin_mU_min.sum() * sample_time_min),
     }
     return {name: numbers[name] for name in METRICS if name in numbers}
 
@@ -113,7 +113,7 @@ def beside(people: pl.DataFrame, best: pl.DataFrame, scenarios: int) -> pl.DataF
 
 
 _SAME: Final = "The same people"
-_TOLD: Final = {START: "Best doses, meals known from their start", ADVANCE: "Best doses, meals known in advance"}
+_LABELS: Final = {START: "Best doses, meals known from their start", ADVANCE: "Best doses, meals known in advance"}
 
 
 def _means(of: str, group: str) -> list[Column]:
@@ -127,10 +127,10 @@ def _means(of: str, group: str) -> list[Column]:
 
 def _distance(known: str) -> list[Column]:
     """Distance from the best doses with its intervals, of which the page has one; the files have them all."""
-    more, told = functools.partial(difference, factor="same_factor"), _TOLD[known]
+    more, label = functools.partial(difference, factor="same_factor"), _LABELS[known]
     short = "GRI over\nbest" if known == START else None
-    gri, *gri_interval = more(f"gri_above_{known}", f"gri_above_{known}", told, short)
-    below, *below_interval = more(f"in_range_below_{known}_pct", f"in_range_below_{known}_pct", told)
+    gri, *gri_interval = more(f"gri_above_{known}", f"gri_above_{known}", label, short)
+    below, *below_interval = more(f"in_range_below_{known}_pct", f"in_range_below_{known}_pct", label)
     interval = gri_interval if known == START else map(_not_on_page, gri_interval)
     shown = replace(gri, head="GRI above"), *interval, replace(below, head="70-180 (%) below")
     return [*shown, *map(_not_on_page, below_interval)]
@@ -144,11 +144,11 @@ _known: Final = pl.col("same_gri").count()
 COLUMNS: Final = (
     Column(name="same_people", value=_known, empty=0, group=_SAME, head="known", text=whole),
     *_means("same", _SAME),
-    *(column for known, told in _TOLD.items() for column in (*_means(known, told), *_distance(known))),
+    *(column for known, label in _LABELS.items() for column in (*_means(known, label), *_distance(known))),
 )
 """Numbers of a controller in a cell beside the best doses."""
 
-TOLD: Final = (
+CAPTION: Final = (
     "Best doses: any dose in each sample, a bolus too, for a person who is known exactly, searched for the least "
     "glycemia risk index, where each meal is known from its start, or all in advance. What was found can be reached; "
     "better doses may exist, and a controller that bets on a meal to come can do better than doses for meals that are "

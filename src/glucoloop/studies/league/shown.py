@@ -12,7 +12,7 @@ from glucoloop.report.columns import Column, FittingTable, Row, headings, termin
 from glucoloop.report.heat import SHADES_PCT, UNKNOWN, HeatCell, HeatMap, plot_heat_maps
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.league import League, reach, texts
 from glucoloop.studies.league.numbers import ALL, COLUMNS, signed
 from glucoloop.text import NOT_AVAILABLE, how_many
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from glucoloop.report._style import Width
 
 
-def columns_of(asked: League) -> tuple[Column, ...]:
+def columns_of(config: League) -> tuple[Column, ...]:
     """Numbers of each line, with the distance to the best doses where those are asked for."""
-    return (*COLUMNS, *(reach.COLUMNS if asked.bound_people else ()))
+    return (*COLUMNS, *(reach.COLUMNS if config.bound_people else ()))
 
 
-def _by_family(asked: League, found: Findings) -> dict[str, list[Row]]:
-    return {name: [row for row in found.rows if row["family"] == name] for name in asked.family_names}
+def _by_family(config: League, results: Results) -> dict[str, list[Row]]:
+    return {name: [row for row in results.rows if row["family"] == name] for name in config.family_names}
 
 
 def cell_name(row: Row) -> str:
@@ -37,42 +37,42 @@ def cell_name(row: Row) -> str:
     return "all cells" if row["sensor"] == ALL else f"{row['sensor']}, {row['scenario']}"
 
 
-def tables(asked: League, found: Findings) -> Iterator[FittingTable]:
+def tables(config: League, results: Results) -> Iterator[FittingTable]:
     """A section for each family and a line for each controller, over all cells."""
     sections = [
         (family, [(row["controller"], [row]) for row in rows if row["sensor"] == ALL])
-        for family, rows in _by_family(asked, found).items()
+        for family, rows in _by_family(config, results).items()
     ]
     yield terminal_table(
         "Controller",
         sections,
-        columns_of(asked),
+        columns_of(config),
         caption=f"Over all sensors and scenarios. In bold: on target (Battelino et al., 2019). Harmed: people below 54 "
-        f"or 70 mg/dl for over {asked.worse_by_pct:g} % of the time longer than under {asked.reference.label}. Less "
+        f"or 70 mg/dl for over {config.worse_by_pct:g} % of the time longer than under {config.reference.label}. Less "
         "ref.: the mean difference from it. GRI: glycemia risk index, 0 is best.",
     )
-    if found.plain["nearest"]:
+    if results.plain["nearest"]:
         yield terminal_table(
             "Family",
-            [("", [(row["family"], [row]) for row in found.plain["nearest"] if row["scenario"] == ALL])],
+            [("", [(row["family"], [row]) for row in results.plain["nearest"] if row["scenario"] == ALL])],
             reach.NEAREST,
-            caption=reach.TOLD,
+            caption=reach.CAPTION,
         )
 
 
-def sentences(asked: League, found: Findings) -> Iterator[str]:
+def sentences(config: League, results: Results) -> Iterator[str]:
     """Conclusions: the controllers that are best for whom, where each does harm, and those that take no part."""
-    yield from _verdicts(found)
-    yield from _harms(asked, found)
-    yield from found.plain["absent"]
+    yield from _verdicts(results)
+    yield from _harms(config, results)
+    yield from results.plain["absent"]
 
 
 def _harmed(number: int) -> str:
     return f"{number or 'nobody'} {'are' if number > 1 else 'is'}"
 
 
-def _harms(asked: League, found: Findings) -> Iterator[str]:
-    for row in found.plain["harms"]:
+def _harms(config: League, results: Results) -> Iterator[str]:
+    for row in results.plain["harms"]:
         if row["equal_cells"] > 1:
             which = f"{row['equal_cells']} cells have as much harm, and one of them"
         else:
@@ -80,8 +80,8 @@ def _harms(asked: League, found: Findings) -> Iterator[str]:
         yield (
             f"{row['controller']}: {which} is {row['family']} ({cell_name(row)}). Of "
             f"{how_many(row['people'], 'person', 'people')}, {_harmed(row['harmed_below_54'])} below 54 mg/dl, and "
-            f"{_harmed(row['harmed_below_70'])} below 70 mg/dl, for over {asked.worse_by_pct:g} % of the time longer "
-            f"than under {asked.reference.label}.{_below_54(row) if row['harmed_below_54'] else ''}"
+            f"{_harmed(row['harmed_below_70'])} below 70 mg/dl, for over {config.worse_by_pct:g} % of the time longer "
+            f"than under {config.reference.label}.{_below_54(row) if row['harmed_below_54'] else ''}"
         )
 
 
@@ -93,10 +93,12 @@ def _below_54(row: Row) -> str:
     )
 
 
-def _verdicts(found: Findings) -> Iterator[str]:
+def _verdicts(results: Results) -> Iterator[str]:
     """Best overall, best for the worst-off, for how many people each is best, and whom the best one harms."""
-    harmed = {(row["family"], row["controller"]): row["harmed_below_54"] for row in found.rows if row["sensor"] == ALL}
-    for of in found.plain["rankings"]:
+    harmed = {
+        (row["family"], row["controller"]): row["harmed_below_54"] for row in results.rows if row["sensor"] == ALL
+    }
+    for of in results.plain["rankings"]:
         if not of["people"]:
             yield f"{of['family']}: nobody's numbers are known under all controllers that took part in all cells."
             continue
@@ -119,8 +121,12 @@ def _first(of: Mapping[str, Any]) -> str:
     if "second" not in of:
         return f"{best}, the only one"
     interval = "" if of["low"] is None else f" (95 % interval {of['low']:z.1f} to {of['high']:z.1f})"
-    told = f"{of['difference']:.1f}{interval} less than {of['second']}, the next"
-    return f"{best}, {told}" if of["told_apart"] else f"{best}, which is not told apart from {of['second']}: {told}"
+    caption = f"{of['difference']:.1f}{interval} less than {of['second']}, the next"
+    return (
+        f"{best}, {caption}"
+        if of["distinguished"]
+        else f"{best}, which is not told apart from {of['second']}: {caption}"
+    )
 
 
 _ZONES: Final = tuple(
@@ -141,22 +147,22 @@ def family_map(family: str, rows: Sequence[Row]) -> HeatMap:
 
     def cell(name: str, controller: str) -> HeatCell:
         row = by_place[name, controller]
-        told = [f"{controller}, {family}, {name}"]
+        caption = [f"{controller}, {family}, {name}"]
         for group, columns in headings(COLUMNS):
-            told.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
+            caption.append(f"{group}: {', '.join(f'{column.head} {column.value_text(row)}' for column in columns)}")
         shade = UNKNOWN
         if row["gri_mean"] is not None:
             shade = next((zone for zone in _ZONES if row["gri_mean"] <= zone.most), _ZONES[-1])
         harmed = row["harmed_below_54"]
-        return HeatCell(shade, risk.value_text(row), f"▲{harmed}" if harmed else "", "\n".join(told))
+        return HeatCell(shade, risk.value_text(row), f"▲{harmed}" if harmed else "", "\n".join(caption))
 
     controllers = list(dict.fromkeys(row["controller"] for row in rows))
     return HeatMap("Glycemia risk index", list(dict.fromkeys(map(cell_name, rows))), controllers, cell)
 
 
-def plot_league(asked: League, found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_league(config: League, results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw the glycemia risk index over all cells, families in rows and controllers across."""
-    maps = {family: family_map(family, rows) for family, rows in _by_family(asked, found).items()}
+    maps = {family: family_map(family, rows) for family, rows in _by_family(config, results).items()}
     controllers = list(dict.fromkeys(name for each in maps.values() for name in each.columns))
 
     def cell(family: str, controller: str) -> HeatCell:
@@ -175,9 +181,9 @@ def plot_league(asked: League, found: Findings, *, title: str | None = None, wid
     )
 
 
-def page(asked: League, found: Findings) -> str:
+def page(config: League, results: Results) -> str:
     """The page of a league: one file that needs neither network nor script."""
-    by_family = _by_family(asked, found)
+    by_family = _by_family(config, results)
     maps = {family: family_map(family, rows) for family, rows in by_family.items()}
     unknown = any(cell.shade is UNKNOWN for each in maps.values() for cell in each.cells())
     bodies = {
@@ -185,40 +191,42 @@ def page(asked: League, found: Findings) -> str:
         for family, rows in by_family.items()
     }
     facts = {
-        "People": f"{asked.people} of each family, or all of one that has fewer",
-        "Scenarios": "; ".join(texts(asked.scenarios)),
-        "Sensors": "; ".join(texts(asked.sensors)),
-        "Controllers": "; ".join(case.label for case in asked.cases),
-        "Reference": asked.reference.label,
-        **({"Best doses": f"of the first {asked.bound_people} people in each scenario"} if asked.bound_people else {}),
-        "Seed": str(asked.seed),
+        "People": f"{config.people} of each family, or all of one that has fewer",
+        "Scenarios": "; ".join(texts(config.scenarios)),
+        "Sensors": "; ".join(texts(config.sensors)),
+        "Controllers": "; ".join(case.label for case in config.cases),
+        "Reference": config.reference.label,
+        **(
+            {"Best doses": f"of the first {config.bound_people} people in each scenario"} if config.bound_people else {}
+        ),
+        "Seed": str(config.seed),
     }
     files = {"league.csv": "all numbers", "people.parquet": "metrics of each person", "summary.json": "what was found"}
     return render(
         Path(__file__).with_name("page.html"),
         "League of controllers",
-        sentences=_harms(asked, found),
+        sentences=_harms(config, results),
         facts=facts,
-        repeat=Repeat("league --config league.toml", asked.tree(whole=True), files, given=asked.tree()),
-        asked=asked,
-        about=found.plain["families"],
-        verdicts=dict(zip(by_family, _verdicts(found), strict=True)),
-        rankings=found.plain["rankings"],
+        repeat=Repeat("league --config league.toml", config.tree(whole=True), files, given=config.tree()),
+        asked=config,
+        about=results.plain["families"],
+        verdicts=dict(zip(by_family, _verdicts(results), strict=True)),
+        rankings=results.plain["rankings"],
         maps=maps,
         shades=[*_ZONES, *([UNKNOWN] if unknown else [])],
         bodies=bodies,
-        columns=columns_of(asked),
+        columns=columns_of(config),
         nearest=[
             (family, [(row["scenario"] or "all", row) for row in of_family])
-            for family, of_family in groupby(found.plain["nearest"], lambda row: row["family"])
+            for family, of_family in groupby(results.plain["nearest"], lambda row: row["family"])
         ],
         nearest_columns=reach.NEAREST,
-        told=reach.TOLD,
-        distances={family: reach.distances(rows) if asked.bound_people else "" for family, rows in by_family.items()},
-        absent=found.plain["absent"],
+        told=reach.CAPTION,
+        distances={family: reach.distances(rows) if config.bound_people else "" for family, rows in by_family.items()},
+        absent=results.plain["absent"],
     )
 
 
-def drawn(asked: League, found: Findings) -> dict[str, bytes]:
+def drawn(config: League, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
-    return {"league.html": page(asked, found).encode(), **figure_files("figure", plot_league(asked, found))}
+    return {"league.html": page(config, results).encode(), **figure_files("figure", plot_league(config, results))}

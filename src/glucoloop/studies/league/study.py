@@ -17,10 +17,10 @@ from glucoloop.cohorts.trial import Trial
 from glucoloop.component.setting import Default
 from glucoloop.patients.settings import NOMINAL
 from glucoloop.refusal import Refusal
-from glucoloop.situations.run import boluses_into_a_vein
-from glucoloop.storage.findings import Findings
+from glucoloop.situations.run import intravenous_boluses
+from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
-from glucoloop.studies.league import LEAGUE, MOST_BEST, MOST_PEOPLE, League, reach, texts
+from glucoloop.studies.league import LEAGUE, MAX_BEST, MAX_PEOPLE, League, reach, texts
 from glucoloop.studies.league.numbers import (
     ALL,
     LINE,
@@ -96,7 +96,7 @@ class ShardResult(NamedTuple):
 
 @functools.lru_cache(maxsize=1)
 def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[Line]:
-    found = []
+    results = []
     for patient, sensor, scenario, case in itertools.product(*parts):
         given = {"patient": patient, "sensor": (sensor,), "scenario": scenario, "controller": (case,), "seed": seed}
         family, of_sensor, of_scenario = texts((patient, sensor, scenario))
@@ -105,13 +105,13 @@ def _lines(parts: tuple[tuple[Any, ...], ...], people: int, seed: int) -> list[L
             trial = Trial.partial(given).completed({"people": Default(people)})
         except Refusal as error:
             reason = str(error)
-        found.append(Line(family, of_sensor, of_scenario, case.label, trial, reason))
-    return found
+        results.append(Line(family, of_sensor, of_scenario, case.label, trial, reason))
+    return results
 
 
-def lines_of(asked: League) -> list[Line]:
+def lines_of(config: League) -> list[Line]:
     """Every controller in every cell; the controllers of a cell follow one another."""
-    return _lines((asked.families, asked.sensors, asked.scenarios, asked.cases), asked.people, asked.seed)
+    return _lines((config.families, config.sensors, config.scenarios, config.cases), config.people, config.seed)
 
 
 Shard = tuple[Line, int, npt.NDArray[np.int64]]
@@ -119,43 +119,43 @@ Shard = tuple[Line, int, npt.NDArray[np.int64]]
 _NOBODY: Final = np.empty(0, np.int64)
 
 
-def shards_of(asked: League, best_people: int | None = None) -> list[Shard]:
+def shards_of(config: League, best_people: int | None = None) -> list[Shard]:
     """All shards with their people, in the order in which they are computed; one of nobody where it is not possible.
 
     The best doses come last, person after person, of as many as are asked for unless told otherwise, so that those of
     more people go on where those of few end.
     """
-    best_people = asked.bound_people if best_people is None else best_people
+    best_people = config.bound_people if best_people is None else best_people
     loops = [
         (line, number, _NOBODY if line.trial is None else line.trial.shard(number))
-        for line in lines_of(asked)
+        for line in lines_of(config)
         for number in range(1 if line.trial is None else line.trial.shards)
     ]
     best = [
         (line, number, _NOBODY if line.trial is None else np.array([number]))
-        for number, line in itertools.product(range(best_people), _best_lines(asked))
+        for number, line in itertools.product(range(best_people), _best_lines(config))
         if number < (1 if line.trial is None else line.trial.people)
     ]
     return loops + best
 
 
-def _best_lines(asked: League) -> list[Line]:
+def _best_lines(config: League) -> list[Line]:
     """Best doses of each family in each scenario; a trial with any of the controllers has its people and days."""
     places: dict[tuple[str, str], Line] = {}
-    for line in lines_of(asked):
+    for line in lines_of(config):
         place = line.family, line.scenario
         if place not in places or places[place].trial is None:
             places[place] = line._replace(sensor=ALL)
     return [line._replace(controller=known) for line in places.values() for known in reach.KNOWN]
 
 
-def notes(asked: League) -> Iterator[str]:
+def notes(config: League) -> Iterator[str]:
     """Notes on the amount of work, and on controllers that take no part."""
-    lines = lines_of(asked)
+    lines = lines_of(config)
     patient_days = sum(line.days * line.trial.people for line in lines if line.trial)
     best = sum(
         line.days * person.size
-        for line, _, person in shards_of(asked)
+        for line, _, person in shards_of(config)
         if (line.sensor, line.controller) == (ALL, reach.START)
     )
     searches = f", and the best doses of {best:.0f} patient-days to search for" if best else ""
@@ -163,20 +163,20 @@ def notes(asked: League) -> Iterator[str]:
         f"{how_many(len(lines), 'loop')} to design and compile, and {patient_days:.0f} patient-days{searches}; if that "
         "takes long, it is said how long once the first are timed."
     )
-    yield from _left_out(asked)
+    yield from _left_out(config)
 
 
-def _left_out(asked: League) -> Iterator[str]:
-    for name in asked.left_out:
+def _left_out(config: League) -> Iterator[str]:
+    for name in config.left_out:
         yield (
             f"{name} takes no part, since each of its loops compiles for up to a minute; --controller {name} has it in "
             "the league."
         )
 
 
-def rows(asked: League) -> Rows[ShardResult]:
+def rows(config: League) -> Rows[ShardResult]:
     """Rows that are kept: the people of each shard."""
-    shards = shards_of(asked, MOST_BEST)  # those of a folder that went further are read, and refused with a sentence
+    shards = shards_of(config, MAX_BEST)  # those of a folder that went further are read, and refused with a sentence
 
     def row(cells: Mapping[str, Any], before: Sequence[ShardResult]) -> ShardResult:
         line, number, person = shards[len(before)]
@@ -191,7 +191,7 @@ def rows(asked: League) -> Rows[ShardResult]:
     return Rows(
         file=LEAGUE.results,
         what="shards",
-        wanted=len(shards_of(asked)),
+        wanted=len(shards_of(config)),
         most=len(shards),
         schema={
             **dict.fromkeys(LINE, pl.String),
@@ -208,7 +208,7 @@ def rows(asked: League) -> Rows[ShardResult]:
             **{name: pl.Series(values) for name, values in of.people.items()},
         },
         row=row,
-        width=MOST_PEOPLE * (2 + len(METRICS)),
+        width=MAX_PEOPLE * (2 + len(METRICS)),
         longest_text=_LONGEST_TEXT,
         every_s=15.0,  # since all people are written each time
         unit="units of work",
@@ -220,13 +220,13 @@ def rows(asked: League) -> Rows[ShardResult]:
 class LeagueSearch:
     """The loops of a league, one controller in one cell after the other."""
 
-    def __init__(self, asked: League) -> None:
-        self._asked = asked
+    def __init__(self, config: League) -> None:
+        self._config = config
 
     def missing(self, rows: Sequence[ShardResult]) -> Iterator[ShardResult]:
         """Carry out the shards that follow; a controller that cannot be designed has the reason in its rows."""
         best = reach.BestDoses()
-        for line, number, person in shards_of(self._asked)[len(rows) :]:
+        for line, number, person in shards_of(self._config)[len(rows) :]:
             try:
                 result = _computed(line, number, person, best)
             except Refusal as error:
@@ -234,40 +234,40 @@ class LeagueSearch:
                 result = ShardResult(line, number, "", "", str(error)[: _LONGEST_TEXT // 2], people)
             yield result
 
-    def found(self, results: Sequence[ShardResult]) -> Findings:
+    def results_of(self, results: Sequence[ShardResult]) -> Results:
         """Numbers of all lines, the ranking of each family, who is harmed, and who takes no part and why."""
-        asked, whole = self._asked, rows(self._asked).table(results)
+        config, whole = self._config, rows(self._config).table(results)
         table, plans = whole.filter(pl.col("sensor") != ALL), whole.filter(sensor=ALL)
-        lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(asked)])
+        lines = pl.DataFrame([{**line.names, "days": line.days} for line in lines_of(config)])
         people = table.filter(reason="").explode("person", "able", *METRICS).join(lines, on=LINE, maintain_order="left")
         people = people.with_columns(
             insulin_U_day=pl.col("insulin_total_mU") / 1000.0 / pl.col("days"),
             known=pl.col("able") & pl.all_horizontal(pl.col(METRICS).is_finite()),
         )
-        cells = len(asked.sensors) * len(asked.scenarios)
+        cells = len(config.sensors) * len(config.scenarios)
         together = over_all_cells(people.filter("known"), cells)
         every = [pl.lit(ALL).alias(name) for name in ("sensor", "scenario")]
         heads = lines.with_columns(every).unique(maintain_order=True, subset=LINE)
         shown, known = [of.select(LINE) for of in (heads, lines)], people.filter("known").select(together.columns)
         best = plans.filter(reason="").explode("person", "able", *METRICS).filter(pl.col("gri").is_finite())
         numbers = line_table(
-            reach.beside(pl.concat([together, known]), best, len(asked.scenarios)),
+            reach.beside(pl.concat([together, known]), best, len(config.scenarios)),
             pl.concat(shown),
-            asked.reference.label,
-            asked.worse_by_pct,
-            columns_of(asked),
+            config.reference.label,
+            config.worse_by_pct,
+            columns_of(config),
         )
         plain = {
-            "config": asked.tree(whole=True),
-            "families": dict(_families(asked)),
+            "config": config.tree(whole=True),
+            "families": dict(_families(config)),
             "rows": numbers.to_dicts(),
-            "rankings": [ranking(together, family, asked.seed) for family in asked.family_names],
-            "harms": harms(numbers.to_dicts(), asked.reference.label),
-            "nearest": reach.nearest(numbers.to_dicts()) if asked.bound_people else [],
-            "absent": [*_left_out(asked), *_absent(table, people), *_without_best(plans)],
+            "rankings": [ranking(together, family, config.seed) for family in config.family_names],
+            "harms": harms(numbers.to_dicts(), config.reference.label),
+            "nearest": reach.nearest(numbers.to_dicts()) if config.bound_people else [],
+            "absent": [*_left_out(config), *_absent(table, people), *_without_best(plans)],
             "targets": {name: [bound for bound in bounds if np.isfinite(bound)] for name, bounds in TARGETS.items()},
         }
-        return Findings(plain, {"league.csv": numbers, "league.parquet": numbers})
+        return Results(plain, {"league.csv": numbers, "league.parquet": numbers})
 
 
 search = LeagueSearch
@@ -280,22 +280,22 @@ def _computed(line: Line, number: int, person: npt.NDArray[np.int64], best: reac
     if line.sensor == ALL:
         return ShardResult(line, number, "", "", "", best.of(line.trial, number, line.controller))
     prepared = prepare(line.trial)
-    found, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
-    metrics = {name: found.metrics[name] for name in METRICS}
-    people = {"person": found.person, "able": found.feasible, **metrics}
+    results, facts = run_people(prepared, line.controller, person), prepared.engines[line.controller]
+    metrics = {name: results.metrics[name] for name in METRICS}
+    people = {"person": results.person, "able": results.feasible, **metrics}
     return ShardResult(line, number, facts["engine"], facts.get("not_native", ""), "", people)
 
 
-def _families(asked: League) -> Iterator[tuple[str, str]]:
+def _families(config: League) -> Iterator[tuple[str, str]]:
     """Population and people of each family, and what is special about it."""
-    for family, of_family in groupby(lines_of(asked), lambda line: line.family):
+    for family, of_family in groupby(lines_of(config), lambda line: line.family):
         trials = [line.trial for line in of_family if line.trial is not None]
         names = sorted({f"{how_many(trial.people, 'person', 'people')} of {trial.population.name}" for trial in trials})
-        told = [f"{'; '.join(names)}."] if names else []
+        lines = [f"{'; '.join(names)}."] if names else []
         if any(trial.population.name == NOMINAL for trial in trials):
-            told.append("All are the nominal patient, and differ in their days and readings alone.")
-        told += dict.fromkeys(text for trial in trials for text in boluses_into_a_vein(trial))
-        yield family, " ".join(told)
+            lines.append("All are the nominal patient, and differ in their days and readings alone.")
+        lines += dict.fromkeys(text for trial in trials for text in intravenous_boluses(trial))
+        yield family, " ".join(lines)
 
 
 def _absent(table: pl.DataFrame, people: pl.DataFrame) -> Iterator[str]:

@@ -14,7 +14,7 @@ from glucoloop.studies.study import PlainStudy
 from glucoloop.text import how_many, is_printable
 
 _LAST: Final = "last-"
-_MOST_DAYS: Final = 3660
+_MAX_DAYS: Final = 3660
 _report = functools.partial(Option, panel="Report")
 _reading = functools.partial(Option, panel="Reading")
 
@@ -34,9 +34,9 @@ def period_of(text: str) -> Period:
     """A period by its text: two dates like ``2026-03-01/2026-03-14``, or ``last-14`` for the last 14 days."""
     if text.startswith(_LAST) and text.removeprefix(_LAST).isdecimal():
         days = int(text.removeprefix(_LAST))
-        if 1 <= days <= _MOST_DAYS:
+        if 1 <= days <= _MAX_DAYS:
             return Period(text, days=days)
-        raise Refusal(f"--period {text} is not possible; give last-1 to last-{_MOST_DAYS}")
+        raise Refusal(f"--period {text} is not possible; give last-1 to last-{_MAX_DAYS}")
     first, _, last = text.partition("/")
     try:
         period = Period(text, dt.date.fromisoformat(first), dt.date.fromisoformat(last))
@@ -130,9 +130,9 @@ class RecordRequest(Part):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Settings without the files, whose names often hold that of a person."""
-        found = super().tree(whole=whole)
-        found.pop("files", None)
-        return found
+        results = super().tree(whole=whole)
+        results.pop("files", None)
+        return results
 
 
 REPORT: Final = PlainStudy(

@@ -36,10 +36,10 @@ class SimulatedCourse(NamedTuple):
 
 def is_simulated(folder: Path) -> bool:
     """Whether a folder holds courses of `glucoloop run`, `compare`, or `trial --traces`; Refusal for other trials."""
-    found = bool(_tables_of(folder))
-    if not found and (folder / "shards").is_dir():
+    results = bool(_tables_of(folder))
+    if not results and (folder / "shards").is_dir():
         raise Refusal(f"{folder} holds no course of glucose; run it by `glucoloop trial --traces`")
-    return found
+    return results
 
 
 def _tables_of(folder: Path) -> list[Path]:
@@ -65,7 +65,7 @@ def _table_of(place: Path) -> pl.DataFrame:
     return table
 
 
-def simulated_courses(folder: Path) -> list[SimulatedCourse]:
+def simulated_trajectories(folder: Path) -> list[SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     tables = [_table_of(place) for place in _tables_of(folder)]
     with refusing_damage(folder):
@@ -73,10 +73,10 @@ def simulated_courses(folder: Path) -> list[SimulatedCourse]:
     names = [name for name in _NAMES if name in table.columns]
     parts = table.partition_by(names, as_dict=True, maintain_order=True) if names else {("the run",): table}
     of_people = "person" in names and table["person"].n_unique() > 1
-    found = []
+    results = []
     for key, part in parts.items():
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        found.append(SimulatedCourse(" ".join(words), group, of_people, readings))
-    return found
+        results.append(SimulatedCourse(" ".join(words), group, of_people, readings))
+    return results

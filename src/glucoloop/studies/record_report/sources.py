@@ -12,7 +12,7 @@ from glucoloop.metrics.readings.series import Readings
 from glucoloop.records import FileRefusal, read_record
 from glucoloop.refusal import Refusal
 from glucoloop.studies.record_report import RecordRequest
-from glucoloop.studies.record_report.simulated import is_simulated, simulated_courses
+from glucoloop.studies.record_report.simulated import is_simulated, simulated_trajectories
 from glucoloop.text import how_many, printable
 
 
@@ -36,28 +36,28 @@ class NamedReadings(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sources_of(asked: RecordRequest) -> list[RecordSource]:
+def sources_of(config: RecordRequest) -> list[RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
-    found: list[RecordSource] = []
-    for place, name in enumerate(asked.files):
+    results: list[RecordSource] = []
+    for place, name in enumerate(config.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not is_simulated(path):
             people = _people_of(path)
-        label = asked.labels[place] if asked.labels else printable(path.name) if asked.file_names else ""
+        label = config.labels[place] if config.labels else printable(path.name) if config.file_names else ""
         if not people:
-            found.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(asked.files) == 1))
+            results.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
             continue
-        group = label or ("People" if len(asked.files) == 1 else f"Group {place + 1}")
-        begin = "" if len(asked.files) == 1 and not asked.labels else f"{group}: "
+        group = label or ("People" if len(config.files) == 1 else f"Group {place + 1}")
+        begin = "" if len(config.files) == 1 and not config.labels else f"{group}: "
         for number, paths in enumerate(people, 1):
-            own = printable(_name_of(path, paths[0])) if asked.file_names else f"person {number}"
-            found.append(
-                RecordSource(f"{begin}{own}" if begin or asked.file_names else f"Person {number}", group, paths)
+            own = printable(_name_of(path, paths[0])) if config.file_names else f"person {number}"
+            results.append(
+                RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
             )
-    twice = {source.label for source in found if sum(other.label == source.label for other in found) > 1}
+    twice = {source.label for source in results if sum(other.label == source.label for other in results) > 1}
     if twice:
         raise Refusal(f"{min(twice)!r} would name more than one record; give each file a --label")
-    return found
+    return results
 
 
 def _people_of(folder: Path) -> list[tuple[Path, ...]]:
@@ -84,32 +84,36 @@ def _name_of(folder: Path, path: Path) -> str:
     return path.relative_to(folder).parts[0]
 
 
-def read(source: RecordSource, asked: RecordRequest) -> Iterator[NamedReadings]:
+def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:
     """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
     [first, *_] = source.paths
     if first.is_dir() and is_simulated(first):
         try:
-            courses = simulated_courses(first)
+            trajectories = simulated_trajectories(first)
         except Refusal:
             if source.group:  # whose refusals tell no path
                 raise FileRefusal([first], Refusal("its simulated courses are damaged", "write them again")) from None
             raise
-        for course in courses:
+        for trajectory in trajectories:
             label = (
-                source.label if len(courses) == 1 else course.name if source.alone else f"{source.label}: {course.name}"
+                source.label
+                if len(trajectories) == 1
+                else trajectory.name
+                if source.alone
+                else f"{source.label}: {trajectory.name}"
             )
-            group = source.group or (course.group if source.alone else f"{source.label} {course.group}".strip())
-            group = group if course.of_people or source.group else ""
-            yield NamedReadings(label, group, course.readings, ("A simulated course; its first minute is 0 h.",))
+            group = source.group or (trajectory.group if source.alone else f"{source.label} {trajectory.group}".strip())
+            group = group if trajectory.of_people or source.group else ""
+            yield NamedReadings(label, group, trajectory.readings, ("A simulated course; its first minute is 0 h.",))
         return
     record = read_record(
         *source.paths,
-        reader=asked.reader,
-        dates=asked.dates,
-        glucose_unit=asked.glucose_unit,
-        time_zone=asked.time_zone,
-        columns=asked.columns,
-        scans=asked.scans,
+        reader=config.reader,
+        dates=config.dates,
+        glucose_unit=config.glucose_unit,
+        time_zone=config.time_zone,
+        columns=config.columns,
+        scans=config.scans,
     )
     given = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
     try:

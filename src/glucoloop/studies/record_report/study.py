@@ -16,17 +16,17 @@ from glucoloop.refusal import Refusal
 from glucoloop.report.columns import FittingTable, lines_table
 from glucoloop.report.record_goals import GOALS
 from glucoloop.report.record_groups import ReportedGroup, ReportedRecord, groups_of, warnings
-from glucoloop.report.record_page import MOST_IN_FULL, number_columns, number_rows, record_page
-from glucoloop.storage.findings import Findings
+from glucoloop.report.record_page import MAX_IN_FULL, number_columns, number_rows, record_page
+from glucoloop.storage.results import Results
 from glucoloop.studies.record_report import Period, RecordRequest, period_of
 from glucoloop.studies.record_report.file_tables import file_tables
 from glucoloop.studies.record_report.sources import NamedReadings, read, sources_of
 from glucoloop.text import how_many, percent, the_first
 from glucoloop.units import MIN_PER_DAY
 
-_MOST_ROWS: Final = 60
+_MAX_ROWS: Final = 60
 """Largest number of records that the terminal has in rows; files have all."""
-_MOST_TOLD: Final = 20
+_MAX_REASONS: Final = 20
 """Largest number of records of which the page tells why they could not be read; report.json has all."""
 
 
@@ -38,21 +38,21 @@ class Extra(NamedTuple):
     """Label of each record that could not be read, and a sentence with the names of its files."""
 
 
-def amount(asked: RecordRequest) -> int:
+def amount(config: RecordRequest) -> int:
     """Number of files, and of folders of one person."""
-    return len(sources_of(asked))
+    return len(sources_of(config))
 
 
-def found(asked: RecordRequest, progress: Callable[[int], None]) -> Findings:
+def results_of(config: RecordRequest, progress: Callable[[int], None]) -> Results:
     """Read the records, and compute their metrics; one of a folder of people that cannot be read is named."""
-    periods = [period_of(text) for text in asked.periods] or [Period("")]
+    periods = [period_of(text) for text in config.periods] or [Period("")]
     records: list[ReportedRecord] = []
     unread: list[tuple[str, str]] = []
     not_read: list[dict[str, str]] = []
-    for source in sources_of(asked):
+    for source in sources_of(config):
         try:
             own = [
-                _reported(one, period, several=len(periods) > 1) for one in read(source, asked) for period in periods
+                _reported(one, period, several=len(periods) > 1) for one in read(source, config) for period in periods
             ]
         except Refusal as error:
             if not source.group:
@@ -70,10 +70,10 @@ def found(asked: RecordRequest, progress: Callable[[int], None]) -> Findings:
         "groups": [_plain_group(group) for group in groups],
         "not_read": not_read,
         "complete": not not_read,
-        "goals": asked.goals,
+        "goals": config.goals,
         "notes": [*_on_unread(unread), *warnings(records)],
     }
-    return Findings(plain, file_tables(records, groups, GOALS[asked.goals]), Extra(records, unread))
+    return Results(plain, file_tables(records, groups, GOALS[config.goals]), Extra(records, unread))
 
 
 def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedRecord:
@@ -123,21 +123,21 @@ def _plain(record: ReportedRecord) -> dict[str, Any]:
     return {**about, **record.numbers, "gri_zone": gri_zone(record.numbers["gri"]), "read": list(record.notes)}
 
 
-def tables(asked: RecordRequest, found: Findings) -> Iterator[object]:
+def tables(config: RecordRequest, results: Results) -> Iterator[object]:
     """All metrics side by side, or the first ones of many records and of groups."""
-    records: list[ReportedRecord] = found.extra.records
-    if len(records) <= MOST_IN_FULL:
+    records: list[ReportedRecord] = results.extra.records
+    if len(records) <= MAX_IN_FULL:
         yield lines_table("Metric", number_columns(records), number_rows(records))
-    elif len(records) <= _MOST_ROWS:
+    elif len(records) <= _MAX_ROWS:
         yield FittingTable(_rows_table("Record", ((one.label, one.numbers) for one in records)))
     if groups := groups_of(records):
         medians = ((f"{one.label}, {one.dates}", one.medians) for one in groups)
         yield FittingTable(_rows_table("Median of", medians))
 
 
-def sentences(asked: RecordRequest, found: Findings) -> Iterator[str]:
+def sentences(config: RecordRequest, results: Results) -> Iterator[str]:
     """Files that could not be read, by name: here alone, since names of files are in no result."""
-    yield from (f"{label} was not read: {why}." for label, why in found.extra.unread)
+    yield from (f"{label} was not read: {why}." for label, why in results.extra.unread)
 
 
 def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> Any:
@@ -157,19 +157,19 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
     return table
 
 
-def drawn(asked: RecordRequest, found: Findings) -> dict[str, bytes]:
+def drawn(config: RecordRequest, results: Results) -> dict[str, bytes]:
     """The page, and the figure."""
     from glucoloop.report.print_figure import figure_files
     from glucoloop.report.record_figure import plot_records
 
-    records, goals = found.extra.records, GOALS[asked.goals]
-    why = [f"{one['label']}: {one['why']}." for one in found.plain["not_read"][:_MOST_TOLD]]
-    page = record_page(records, goals, notes=[*_on_unread(found.extra.unread), *why])
+    records, goals = results.extra.records, GOALS[config.goals]
+    why = [f"{one['label']}: {one['why']}." for one in results.plain["not_read"][:_MAX_REASONS]]
+    page = record_page(records, goals, notes=[*_on_unread(results.extra.unread), *why])
     figure = plot_records(groups_of(records) or records, goals)
     return {"report.html": page.encode(), **figure_files("figure", figure)}
 
 
-def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
+def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentence on the page."""
     if "report.html" in files:
         yield f"Open {files['report.html']} in a browser; it needs no network, and prints on paper."

@@ -12,7 +12,7 @@ from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked, json_value
 from glucoloop.situations.option import Option
 from glucoloop.situations.run import ControlledSituation
-from glucoloop.studies.study import PARTS_TOLD, PlainStudy
+from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 from glucoloop.studies.twin import RecordOfPerson
 
 SUMMARY: Final = "twin.json"
@@ -57,7 +57,7 @@ class ReplayRequest(RecordOfPerson, ControlledSituation):
         family = self.kept().get("patient")
         if not isinstance(family, str):
             raise Refusal(f"{self.twin} holds no twin; give the folder of `glucoloop twin`")
-        return patient_entry(family).partial({"person": f"{self.twin}/{PERSON}"}, asked=family)
+        return patient_entry(family).partial({"person": f"{self.twin}/{PERSON}"}, display_name=family)
 
     def kept(self) -> dict[str, Any]:
         """Plain values of the twin; Refusal where there are none."""
@@ -84,7 +84,7 @@ REPLAY: Final = PlainStudy(
         "glucose, and the twin under the recorded doses: the difference from the latter, person by person of the "
         "posterior, is what the therapy changes. What the twin does not explain of the readings is left out, or "
         "carried along with --carry; the page says which.\n\n"
-        f"{PARTS_TOLD}\n\n"
+        f"{COMPONENTS_HELP}\n\n"
         "  glucoloop replay record.parquet --twin twin --controller profile-mpc --out replay\n\n"
         "  glucoloop replay record.parquet --twin twin --controller basal-bolus --controller profile-mpc --carry"
     ),

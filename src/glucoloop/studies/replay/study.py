@@ -33,13 +33,13 @@ from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.plant import SampleGrid
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
 from glucoloop.text import how_many
-from glucoloop.twins import CarriedResidual, RecordedDays, Simulator, StoredTwin
-from glucoloop.twins.course import WARM_UP_MIN
+from glucoloop.twins import RecordedDays, ResidualSensor, Simulator, StoredTwin
 from glucoloop.twins.days import SAMPLE_MIN
+from glucoloop.twins.trajectory import WARM_UP_MIN
 from glucoloop.units import MIN_PER_DAY, MU_PER_U
 
 Values = npt.NDArray[np.float64]
@@ -69,8 +69,8 @@ class Arm:
         count = there.sum(axis=1)
 
         def share(inside: npt.NDArray[np.bool_]) -> Values:
-            found: Values = 100.0 * (inside & there).sum(axis=1) / count
-            return found
+            results: Values = 100.0 * (inside & there).sum(axis=1) / count
+            return results
 
         return {
             "mean_mg_dl": np.nanmean(glucose, axis=1),
@@ -92,37 +92,37 @@ class Replayed:
     left_out: int
 
 
-def found(asked: ReplayRequest, progress: Callable[[str], None]) -> Findings:
+def results_of(config: ReplayRequest, progress: Callable[[str], None]) -> Results:
     """Replay the record under each controller; Refusal for one that cannot be designed."""
-    kept = asked.kept()
+    kept = config.kept()
     try:
         twin = StoredTwin.of(kept)
     except Refusal as error:
-        raise error.within(str(asked.twin)) from None
-    days = days_of(asked)
-    if abs(asked.sample_time_min - SAMPLE_MIN) > 1e-9:
+        raise error.within(str(config.twin)) from None
+    days = days_of(config)
+    if abs(config.sample_time_min - SAMPLE_MIN) > 1e-9:
         raise Refusal(f"a replay has samples of {SAMPLE_MIN:g} min, as its twin; leave --sample-time out")
-    replayed = _replayed(asked, twin, days, progress)
+    replayed = _replayed(config, twin, days, progress)
     rows = [_row(RECORD, {name: value[:1] for name, value in _record(days).numbers().items()}, None)]
     recorded = replayed.arms[0].numbers()
     rows += [_row(arm.name, arm.numbers(), None if arm is replayed.arms[0] else recorded) for arm in replayed.arms]
     plain = {
-        "config": asked.tree(whole=True),
-        "carried": asked.carry,
+        "config": config.tree(whole=True),
+        "carried": config.carry,
         "people": len(replayed.arms[0].glucose_mg_dl),
         "days": days.length_min / MIN_PER_DAY,
         "meals": days.meals,
         "rows": rows,
-        "notes": [*days.notes, *_notes(asked, replayed)],
+        "notes": [*days.notes, *_notes(config, replayed)],
     }
     table = pl.DataFrame(rows)
-    return Findings(plain, {"numbers.csv": table, "courses.parquet": _courses(replayed)}, replayed)
+    return Results(plain, {"numbers.csv": table, "courses.parquet": _courses(replayed)}, replayed)
 
 
-def _replayed(asked: ReplayRequest, twin: StoredTwin, days: RecordedDays, progress: Callable[[str], None]) -> Replayed:
+def _replayed(config: ReplayRequest, twin: StoredTwin, days: RecordedDays, progress: Callable[[str], None]) -> Replayed:
     start = f"{days.first:%H:%M}"
-    situation = Situation(**{**{name: getattr(asked, name) for name in Situation.settings()}, "start": start})
-    z = twin.coordinates(asked.draws, asked.seed)
+    situation = Situation(**{**{name: getattr(config, name) for name in Situation.settings()}, "start": start})
+    z = twin.coordinates(config.draws, config.seed)
     simulator = Simulator.of(twin.people(Simulator.parameters(twin.posterior, z)), twin.posterior, days)
     values, x = simulator.starts(z)
     people = virtual_people(
@@ -140,12 +140,12 @@ def _replayed(asked: ReplayRequest, twin: StoredTwin, days: RecordedDays, progre
     plasma = dataclasses.replace(simulator, site=sites(people.patient)[0])
     recorded = plasma.glucose_mg_dl(z[possible])[:, : samples + 1]
     progress(f"{how_many(len(seen), 'person', 'people')} under the recorded doses")
-    residual = _residual(days, seen) if asked.carry else np.zeros_like(seen)
+    residual = _residual(days, seen) if config.carry else np.zeros_like(seen)
     t_min = SAMPLE_MIN * np.arange(samples + 1, dtype=np.float64)
     given = np.broadcast_to(days.insulin_mU_min[:samples], (len(seen), samples))
     arms = [Arm(RECORDED_DOSES, t_min, recorded + residual, given)]
-    for case in asked.cases:
-        run = _loop(situation, case, people, days, grid, residual if asked.carry else None)
+    for case in config.cases:
+        run = _loop(situation, case, people, days, grid, residual if config.carry else None)
         arms.append(Arm(case.label, t_min, run.glucose_mg_dl.T + residual, run.insulin_mU_min.T))
         progress(case.label)
     return Replayed(days, grid, tuple(arms), int(np.count_nonzero(~possible)))
@@ -164,7 +164,7 @@ def _loop(
     bare = surroundings_of(situation, case.faults)
 
     def with_residual(of: Values) -> Surroundings:
-        return Surroundings(sensor=CarriedResidual(inner=bare.sensor, residual_mg_dl=jnp.asarray(of)), pump=bare.pump)
+        return Surroundings(sensor=ResidualSensor(inner=bare.sensor, residual_mg_dl=jnp.asarray(of)), pump=bare.pump)
 
     controller = controller_of(situation, case)
     loop = PeopleLoop(
@@ -244,11 +244,11 @@ def _courses(replayed: Replayed) -> pl.DataFrame:
     return pl.concat(parts)
 
 
-def _notes(asked: ReplayRequest, replayed: Replayed) -> Iterator[str]:
+def _notes(config: ReplayRequest, replayed: Replayed) -> Iterator[str]:
     yield (
         "What the twin does not explain of the readings is carried along: the controller sees it, and it is in the "
         "glucose of every therapy, as if it came from outside and no dose had changed it."
-        if asked.carry
+        if config.carry
         else "What the twin does not explain of the readings is left out; --carry carries it along."
     )
     if replayed.left_out:
@@ -275,19 +275,19 @@ def _columns() -> Iterator[Column]:
 _COLUMNS: Final = tuple(_columns())
 
 
-def _lines(found: Findings) -> list[tuple[str, list[dict[str, Any]]]]:
+def _lines(results: Results) -> list[tuple[str, list[dict[str, Any]]]]:
     names = [column.name for column in _COLUMNS]
-    return [(row["therapy"], [{name: row.get(name) for name in names}]) for row in found.rows]
+    return [(row["therapy"], [{name: row.get(name) for name in names}]) for row in results.rows]
 
 
-def tables(asked: ReplayRequest, found: Findings) -> Iterator[FittingTable]:
+def tables(config: ReplayRequest, results: Results) -> Iterator[FittingTable]:
     """Numbers of the record, of the twin under the recorded doses, and under each controller."""
-    yield terminal_table("Therapy", [("", _lines(found))], _COLUMNS)
+    yield terminal_table("Therapy", [("", _lines(results))], _COLUMNS)
 
 
-def sentences(asked: ReplayRequest, found: Findings) -> Iterator[str]:
+def sentences(config: ReplayRequest, results: Results) -> Iterator[str]:
     """Sentences on what each controller changes, with its interval."""
-    for row in found.rows[2:]:
+    for row in results.rows[2:]:
         inside, below = (
             (f"{row[f'change_{key}']:+.1f}", f"{row[f'change_{key}_low']:+.1f} to {row[f'change_{key}_high']:+.1f}")
             for key in ("time_70_180_pct", "time_below_70_pct")
@@ -302,24 +302,24 @@ def sentences(asked: ReplayRequest, found: Findings) -> Iterator[str]:
     )
 
 
-def drawn(asked: ReplayRequest, found: Findings) -> dict[str, bytes]:
+def drawn(config: ReplayRequest, results: Results) -> dict[str, bytes]:
     """The page and the figure."""
-    replayed: Replayed = found.extra
+    replayed: Replayed = results.extra
     shown = _shown(replayed)
     page = render(
         Path(__file__).with_name("page.html"),
         "Replay of a record",
-        sentences=[*sentences(asked, found), *found.plain["notes"]],
+        sentences=[*sentences(config, results), *results.plain["notes"]],
         facts={
-            "Twin": asked.patient.called,
-            "Record": f"{found.plain['days']:.1f} days with {found.plain['meals']} meals",
-            "Meals": "not announced" if asked.unannounced else "announced when they were entered",
-            "Residual": "carried along" if asked.carry else "left out",
-            "People": f"the twin and {found.plain['people'] - 1} drawn from its posterior",
+            "Twin": config.patient.called,
+            "Record": f"{results.plain['days']:.1f} days with {results.plain['meals']} meals",
+            "Meals": "not announced" if config.unannounced else "announced when they were entered",
+            "Residual": "carried along" if config.carry else "left out",
+            "People": f"the twin and {results.plain['people'] - 1} drawn from its posterior",
         },
         script=True,
         plot=days_plot(shown, "90 % of people"),
-        rows=[(name, [("", row) for row in rows]) for name, rows in _lines(found)],
+        rows=[(name, [("", row) for row in rows]) for name, rows in _lines(results)],
         columns=_COLUMNS,
     )
     return {"page.html": page.encode(), **figure_files("figure", plot_days(shown))}

@@ -29,12 +29,12 @@ BOTH: Final = "both"
 """Preference for the tuning that is nearest to the best of both objectives."""
 RANGES: Final = {setting.name: setting for setting in SEARCHED.searched}
 """Ranges that can be searched, by the name of the setting."""
-_MOST_SUBJECTS: Final = 100_000
+_MAX_SUBJECTS: Final = 100_000
 _subjects = functools.partial(Option, panel="People and noise")
 _check = functools.partial(Option, panel="Check on others")
 _search = functools.partial(Option, panel="Search")
-_number: Final[dict[str, Any]] = {"at_least": 1, "at_most": _MOST_SUBJECTS}
-_first: Final[dict[str, Any]] = {"at_least": 0, "at_most": LARGEST_SEED - _MOST_SUBJECTS}
+_number: Final[dict[str, Any]] = {"at_least": 1, "at_most": _MAX_SUBJECTS}
+_first: Final[dict[str, Any]] = {"at_least": 0, "at_most": LARGEST_SEED - _MAX_SUBJECTS}
 _people_seed: Final[dict[str, Any]] = {"at_least": 0, "at_most": LARGEST_COUNTER}
 
 
@@ -111,9 +111,9 @@ class Search(Trial):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
-        found = super().tree(whole=whole)
+        results = super().tree(whole=whole)
         ranges = {setting.name: setting.text for setting in self.space} if whole else self.given.get(RANGES_KEY) or {}
-        return with_ranges(found, ranges)
+        return with_ranges(results, ranges)
 
     def uses(self) -> frozenset[Need]:
         """Needs that the trial meets, by the reference controllers too."""
@@ -159,18 +159,18 @@ class Search(Trial):
     def space(self) -> tuple[Tuned, ...]:
         """Ranges of the tuned numbers: those that are given, and the usual ones unless one number is given."""
         given, fixed = self.ranges or {}, self.case.controller.given
-        found = []
+        results = []
         for name, usual in RANGES.items():
             if name in given:
                 read = parse_range(given[name], usual)
                 if not isinstance(read, Tuned):
                     raise Refusal(f"{name} is {given[name]!r}; write it like .1:2, or one number that is kept")
-                found.append(read)
-            elif name not in fixed and usual.unasked:
-                found.append(usual)
-        if not found:
+                results.append(read)
+            elif name not in fixed and usual.by_default:
+                results.append(usual)
+        if not results:
             raise Refusal("nothing is tuned; give at least one range, like .1:2, in place of a number")
-        return tuple(found)
+        return tuple(results)
 
     @functools.cached_property
     def bounds(self) -> tuple[tuple[str, float | str], ...]:

@@ -37,7 +37,7 @@ from glucoloop.report.columns import Column, decimals
 from glucoloop.report.descriptions import engine_facts
 from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, ROBUST, Search
 from glucoloop.text import how_many
@@ -191,8 +191,8 @@ class TuningLoop:
             block = np.array(list(itertools.islice(waiting, size)), int)
             ended = len(block) < size
             if len(block):
-                found = self._block(subjects, possible, *np.resize(block, (size, 2)).T)
-                ready = np.hstack([ready, found[:, : len(block)]])
+                results = self._block(subjects, possible, *np.resize(block, (size, 2)).T)
+                ready = np.hstack([ready, results[:, : len(block)]])
             while order and (not order[0] or ready.shape[1] >= n):
                 if order.pop(0):
                     yield dict(zip(METRICS, ready[:, :n], strict=True))
@@ -206,7 +206,7 @@ class TuningLoop:
         controller = self._of(controllers[first : which.max() + 1], which - first, some.profile)
         run = self._loop.run(some, some.key, controller=controller)
         metrics = self._fold.finish(
-            run.fold,
+            run.accumulator,
             samples=self._grid.samples,
             sample_time_min=self._grid.sample_time_min,
             meal_t_min=0.0,
@@ -236,7 +236,7 @@ class TuningLoop:
 
 CHOSEN: Final = "chosen"
 AS_IT_WAS: Final = "as it was"
-_MOST_CANDIDATES: Final = 1_000_000
+_MAX_CANDIDATES: Final = 1_000_000
 Candidate = dict[str, Any]
 """A tuning that was tried, as a row: its number, its round, the tuned numbers, and its scores."""
 LOW_MG_DL: Final = 60.0
@@ -369,14 +369,14 @@ def choose(values: npt.NDArray[np.float64], objectives: Sequence[str], prefer: s
     return int(np.argmin(np.hypot(away[:, 0], away[:, 1])))
 
 
-def tuning_of(asked: Search, candidate: Candidate) -> dict[str, float]:
+def tuning_of(config: Search, candidate: Candidate) -> dict[str, float]:
     """The tuned numbers of a candidate."""
-    return {setting.name: candidate[setting.name] for setting in asked.space}
+    return {setting.name: candidate[setting.name] for setting in config.space}
 
 
-def rows_of(asked: Search) -> Rows[Candidate]:
+def rows_of(config: Search) -> Rows[Candidate]:
     """The rows that are kept."""
-    numbers = [*(setting.name for setting in asked.space), *NO_SCORES]
+    numbers = [*(setting.name for setting in config.space), *NO_SCORES]
 
     def row(cells: Mapping[str, Any], before: Sequence[Candidate]) -> Candidate:
         if cells["candidate"] != len(before):
@@ -386,8 +386,8 @@ def rows_of(asked: Search) -> Rows[Candidate]:
     return Rows(
         file=ROBUST.results,
         what="candidates",
-        wanted=asked.rounds * asked.batch,
-        most=_MOST_CANDIDATES,
+        wanted=config.rounds * config.batch,
+        most=_MAX_CANDIDATES,
         schema={"candidate": pl.Int64, "round": pl.Int64, **dict.fromkeys(numbers, pl.Float64)},
         cells=dict,
         row=row,
@@ -400,21 +400,21 @@ class SearchEngine:
     Loops are compiled when they are first needed; Refusal if one cannot be closed.
     """
 
-    def __init__(self, asked: Search) -> None:
-        self.asked = asked
+    def __init__(self, config: Search) -> None:
+        self.config = config
         self.subjects = draw_subjects(
-            asked.trial, asked.people, asked.people_seed, seeds=asked.seeds, first_seed=asked.first_seed
+            config.trial, config.people, config.people_seed, seeds=config.seeds, first_seed=config.first_seed
         )
         self._loops: dict[str, TuningLoop] = {}
         self.references = {
-            case.label: self._scores(next(self._loop(case).run(self.subjects))) for case in asked.trial.cases[1:]
+            case.label: self._scores(next(self._loop(case).run(self.subjects))) for case in config.trial.cases[1:]
         }
         """Scores of the reference controllers, by label."""
         self.bounds = [
             Bound(name, self.references[most][OBJECTIVES[name].name], most)
             if isinstance(most, str)
             else Bound(name, most)
-            for name, most in asked.bounds
+            for name, most in config.bounds
         ]
 
     def missing(self, before: Sequence[Candidate]) -> Iterator[Candidate]:
@@ -422,72 +422,72 @@ class SearchEngine:
 
         Refusal for a sampler that asks for other tunings than it did before.
         """
-        asked, known = self.asked, list(before)
+        config, known = self.config, list(before)
         start = None
-        if all(setting.holds(asked.initial[setting.name]) for setting in asked.space):
-            start = {setting.name: setting.rounded(asked.initial[setting.name]) for setting in asked.space}
-        sampler = asked.sampler.made(space=asked.space, batch=asked.batch, start=start)
-        for first in range(0, asked.rounds * asked.batch, asked.batch):
-            tunings = sampler.ask(asked.batch)
-            held = known[first : first + asked.batch]
+        if all(setting.holds(config.initial[setting.name]) for setting in config.space):
+            start = {setting.name: setting.rounded(config.initial[setting.name]) for setting in config.space}
+        sampler = config.sampler.made(space=config.space, batch=config.batch, start=start)
+        for first in range(0, config.rounds * config.batch, config.batch):
+            tunings = sampler.ask(config.batch)
+            held = known[first : first + config.batch]
             for candidate, tuning in zip(held, tunings, strict=False):
-                if tuning_of(asked, candidate) != tuning:
+                if tuning_of(config, candidate) != tuning:
                     raise Refusal(
                         f"candidate {candidate['candidate']} of the search was another tuning than "
-                        f"{asked.sampler.called} proposes now; go on with the libraries with which it was begun, or "
+                        f"{config.sampler.called} proposes now; go on with the libraries with which it was begun, or "
                         "begin again with --overwrite"
                     )
             todo = tunings[len(held) :]
-            runs = self._loop(asked.tuned).run(self.subjects, todo) if todo else ()
+            runs = self._loop(config.tuned).run(self.subjects, todo) if todo else ()
             for tuning, metrics in zip(todo, runs, strict=True):
-                place = {"candidate": len(known), "round": first // asked.batch}
+                place = {"candidate": len(known), "round": first // config.batch}
                 known.append({**place, **tuning, **self._scores(metrics)})
                 yield known[-1]
-            sampler.tell([self._outcome(candidate) for candidate in known[first : first + asked.batch]])
+            sampler.tell([self._outcome(candidate) for candidate in known[first : first + config.batch]])
 
-    def found(self, rows: Sequence[Candidate]) -> Findings:
+    def results_of(self, rows: Sequence[Candidate]) -> Results:
         """Choose a tuning, and check it."""
-        asked = self.asked
-        table = judged(rows_of(asked).table(rows), self.bounds, asked.objectives, asked.prefer)
+        config = self.config
+        table = judged(rows_of(config).table(rows), self.bounds, config.objectives, config.prefer)
         acceptable, front = table.filter("keeps_the_bounds"), table.filter("on_the_front")
-        front = front.sort(OBJECTIVES[asked.objectives[0]].name, maintain_order=True)
+        front = front.sort(OBJECTIVES[config.objectives[0]].name, maintain_order=True)
         chosen = table.row(by_predicate=pl.col("chosen"), named=True)
-        check, scores_of_check = self.check(tuning_of(asked, chosen))
-        left, people = self.subjects.infeasible, how_many(asked.people, "person", "people")
+        check, scores_of_check = self.check(tuning_of(config, chosen))
+        left, people = self.subjects.infeasible, how_many(config.people, "person", "people")
         has, was = ("has", "was") if left == 1 else ("have", "were")
         left_out = [f"{left} of {people} {has} no basal rate and {was} left out."] if left else []
         plain = {
-            "config": asked.tree(whole=True),
+            "config": config.tree(whole=True),
             "candidates": len(table),
             "keeping_the_bounds": len(acceptable),
             "bounds": [{"objective": b.objective, "at_most": b.most, "of": b.controller} for b in self.bounds],
             "chosen": {**self._plain(chosen), "keeps_the_bounds": chosen["keeps_the_bounds"]},
             "front": [self._plain(row) for row in front.to_dicts()],
-            "as_it_was": self._plain(rows[0]) if tuning_of(asked, rows[0]) == asked.initial else None,
+            "as_it_was": self._plain(rows[0]) if tuning_of(config, rows[0]) == config.initial else None,
             "beside": self.references,
             "check": scores_of_check,
             "engines": (engines := {label: loop.engine_facts for label, loop in self._loops.items()}),
             "notes": [*left_out, f"Engine: {engine_facts(engines)['Engine']}."],
         }
-        return Findings(plain, {"candidates.csv": table, "check.parquet": check})
+        return Results(plain, {"candidates.csv": table, "check.parquet": check})
 
     def check(self, tuning: Mapping[str, float]) -> tuple[pl.DataFrame, dict[str, Scores]]:
         """The chosen, the initial and the reference tunings on subjects outside the search: each subject, and scores.
 
         Nothing is told of a tuning that the design refuses.
         """
-        asked = self.asked
+        config = self.config
         subjects = draw_subjects(
-            asked.trial,
-            asked.check_people,
-            asked.check_people_seed,
-            seeds=asked.check_seeds,
-            first_seed=asked.check_first_seed,
+            config.trial,
+            config.check_people,
+            config.check_people_seed,
+            seeds=config.check_seeds,
+            first_seed=config.check_first_seed,
         )
         runs = dict(
-            zip((CHOSEN, AS_IT_WAS), self._loop(asked.tuned).run(subjects, [tuning, asked.initial]), strict=True)
+            zip((CHOSEN, AS_IT_WAS), self._loop(config.tuned).run(subjects, [tuning, config.initial]), strict=True)
         )
-        runs |= {case.label: next(self._loop(case).run(subjects)) for case in asked.trial.cases[1:]}
+        runs |= {case.label: next(self._loop(case).run(subjects)) for case in config.trial.cases[1:]}
         done = {label: metrics for label, metrics in runs.items() if metrics is not None}
         group = np.where(np.arange(subjects.number) < subjects.people, "people", "noise")
         table = pl.concat(
@@ -506,8 +506,8 @@ class SearchEngine:
 
     def _loop(self, case: Case) -> TuningLoop:
         if case.label not in self._loops:
-            space = self.asked.space if case.label == self.asked.tuned.label else ()
-            self._loops[case.label] = TuningLoop(self.asked.trial, case, space, self.subjects)
+            space = self.config.space if case.label == self.config.tuned.label else ()
+            self._loops[case.label] = TuningLoop(self.config.trial, case, space, self.subjects)
         return self._loops[case.label]
 
     def _scores(self, metrics: Mapping[str, npt.NDArray[Any]] | None) -> Scores:
@@ -515,10 +515,10 @@ class SearchEngine:
 
     def _plain(self, row: Candidate) -> dict[str, Any]:
         scores = {name: row[name] for name in NO_SCORES}
-        return {"candidate": row["candidate"], "tuning": tuning_of(self.asked, row), "scores": scores}
+        return {"candidate": row["candidate"], "tuning": tuning_of(self.config, row), "scores": scores}
 
     def _outcome(self, candidate: Candidate) -> Evaluated:
         return Evaluated(
-            values=tuple(candidate[OBJECTIVES[name].name] for name in self.asked.objectives),
+            values=tuple(candidate[OBJECTIVES[name].name] for name in self.config.objectives),
             violation=tuple(float(np.nan_to_num(bound.violation(candidate), nan=1e9)) for bound in self.bounds),
         )

@@ -19,7 +19,7 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import Run
 from glucoloop.situations.toml import toml_text
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.robust import Search
 from glucoloop.studies.robust.search import AS_IT_WAS, CHOSEN, OBJECTIVES, SearchEngine, objective, rows_of
 from glucoloop.text import NOT_AVAILABLE, how_many
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def notes(asked: Search) -> tuple[str, ...]:
+def notes(config: Search) -> tuple[str, ...]:
     """Refuse what is missing before anything is drawn; who is left out is known when people are."""
-    for name in asked.objectives:
+    for name in config.objectives:
         objective(name)
-    for text, (name, _) in zip(asked.at_most, asked.bounds, strict=True):
+    for text, (name, _) in zip(config.at_most, config.bounds, strict=True):
         if name not in OBJECTIVES:
             raise Refusal(f"--at-most is {text!r}: unknown objective {name!r}; {known_names(name, OBJECTIVES)}")
-    asked.sampler.made(space=asked.space, batch=asked.batch)  # refuses a library that is missing
+    config.sampler.made(space=config.space, batch=config.batch)  # refuses a library that is missing
     return ()
 
 
@@ -45,19 +45,19 @@ rows = rows_of
 search = SearchEngine
 
 
-def tables(asked: Search, found: Findings) -> Iterator[FittingTable]:
+def tables(config: Search, results: Results) -> Iterator[FittingTable]:
     """The front in order of its first objective, the initial tuning and the references; and all on others."""
-    plain = found.plain
+    plain = results.plain
     columns = [
         Column(name="candidate", short="Candidate", text=str, only=lambda row: "candidate" in row),
         *(
             Column(name=name, short=name.replace("_", "\n"), text="{:.4g}".format, only=lambda row: "candidate" in row)
-            for name in (tuned.name for tuned in asked.space)
+            for name in (tuned.name for tuned in config.space)
         ),
         *OBJECTIVES.values(),
     ]
     chosen, start = plain["chosen"]["candidate"], plain["as_it_was"]
-    front = _thinned(plain["front"], asked.top, chosen) or [plain["chosen"]]
+    front = _thinned(plain["front"], config.top, chosen) or [plain["chosen"]]
     sections: list[list[Line]] = [
         [_line(CHOSEN if one["candidate"] == chosen else "", one) for one in front],
         [] if start is None or start["candidate"] == chosen else [_line(AS_IT_WAS, start)],
@@ -79,9 +79,9 @@ def _thinned(front: Sequence[Mapping[str, Any]], top: int, chosen: int) -> list[
     return [candidate for place, candidate in enumerate(front) if place in places or candidate["candidate"] == chosen]
 
 
-def sentences(asked: Search, found: Findings) -> Iterator[str]:
+def sentences(config: Search, results: Results) -> Iterator[str]:
     """Conclusions on the bounds, the front and the choice."""
-    plain, objectives, prefer = found.plain, asked.objectives, asked.prefer
+    plain, objectives, prefer = results.plain, config.objectives, config.prefer
     for bound in plain["bounds"]:
         whose = "" if bound["of"] is None else f", what {bound['of']} comes to"
         most = NOT_AVAILABLE if bound["at_most"] is None else f"{bound['at_most']:.4g}"
@@ -99,27 +99,27 @@ def sentences(asked: Search, found: Findings) -> Iterator[str]:
     )
 
 
-def drawn(asked: Search, found: Findings) -> dict[str, bytes]:
+def drawn(config: Search, results: Results) -> dict[str, bytes]:
     """The chosen tuning as the configuration of a run, and the figure."""
-    trial, case = asked.trial, asked.tuned
-    people = how_many(asked.people, "person", "people")
+    trial, case = config.trial, config.tuned
+    people = how_many(config.people, "person", "people")
     title = (
-        f"{case.label}: {how_many(found.plain['candidates'], 'tuning')}, {people} of {trial.population.name} and "
-        f"{how_many(asked.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
+        f"{case.label}: {how_many(results.plain['candidates'], 'tuning')}, {people} of {trial.population.name} and "
+        f"{how_many(config.seeds, 'seed')} of noise {trial.noise_variance:g} (mg/dl)²"
     )
-    best = _best(asked, found.plain["chosen"]["tuning"])
+    best = _best(config, results.plain["chosen"]["tuning"])
     return {
         "best.toml": toml_text(best.tree(whole=True), "run --config best.toml", best.tree()).encode(),
-        **figure_files("front", plot_robust(asked, found, title=title)),
+        **figure_files("front", plot_robust(config, results, title=title)),
     }
 
 
-def _best(asked: Search, tuning: Mapping[str, float]) -> Run:
+def _best(config: Search, tuning: Mapping[str, float]) -> Run:
     """The run of the nominal patient, in the same situation, with a tuning."""
-    controller = SEARCHED.partial({**asked.tuned.controller.given, **tuning})
-    case = Case.partial({**asked.case.given, "controller": controller})
-    names = [name for name in asked.given if name in Run.settings()]
-    shared = {name: getattr(asked, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
+    controller = SEARCHED.partial({**config.tuned.controller.given, **tuning})
+    case = Case.partial({**config.case.given, "controller": controller})
+    names = [name for name in config.given if name in Run.settings()]
+    shared = {name: getattr(config, name) for name in dict.fromkeys([*names, "sensor", "meals", "duration_min"])}
     return Run.partial({**shared, "controller": (case,)}).completed()
 
 
@@ -130,13 +130,13 @@ _ROOM: Final = 0.06
 _MARKERS: Final = ("D", "s", "^", "v", "P", "X")
 
 
-def plot_robust(asked: Search, found: Findings, *, title: str | None = None) -> Figure:
+def plot_robust(config: Search, results: Results, *, title: str | None = None) -> Figure:
     """Draw the two objectives of every tuning with the front, and undershoot on subjects that were not searched on."""
     figure = _style.new_figure("double", _HEIGHT_MM, title)
     trade, people, noise = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.5, 1.0, 1.0]})
-    styles = _styles([CHOSEN, AS_IT_WAS, *found.plain["beside"]])
-    entries = _draw_trade(trade, asked, found, styles)
-    check = found.tables["check.parquet"]
+    styles = _styles([CHOSEN, AS_IT_WAS, *results.plain["beside"]])
+    entries = _draw_trade(trade, config, results, styles)
+    check = results.tables["check.parquet"]
     _draw_check(people, check.filter(group="people"), "people", styles)
     _draw_check(noise, check.filter(group="noise"), "seeds", styles)
     for axes in (people, noise):
@@ -150,20 +150,20 @@ def plot_robust(asked: Search, found: Findings, *, title: str | None = None) -> 
 
 def _styles(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Colour, dashes and marker of each controller, of which the first one is chosen."""
-    found = {}
+    results = {}
     for index, label in enumerate(labels):
         marker = "*" if index == 0 else _MARKERS[(index - 1) % len(_MARKERS)]
-        found[label] = {**_style.line_style(index), "marker": marker, "markersize": 10.0 if index == 0 else 5.0}
-    return found
+        results[label] = {**_style.line_style(index), "marker": marker, "markersize": 10.0 if index == 0 else 5.0}
+    return results
 
 
 def _draw_trade(
-    axes: Axes, asked: Search, found: Findings, styles: Mapping[str, Mapping[str, Any]]
+    axes: Axes, config: Search, results: Results, styles: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Artist]:
     """Draw the tunings, the front, the bounds and the other controllers; returns the entries of the legend."""
-    x, y = (OBJECTIVES[name] for name in asked.objectives)
-    plain = found.plain
-    candidates = found.tables["candidates.csv"].filter(pl.all_horizontal(pl.col(x.name, y.name).is_finite()))
+    x, y = (OBJECTIVES[name] for name in config.objectives)
+    plain = results.plain
+    candidates = results.tables["candidates.csv"].filter(pl.all_horizontal(pl.col(x.name, y.name).is_finite()))
     out, within = candidates.filter(~pl.col("keeps_the_bounds")), candidates.filter("keeps_the_bounds")
     front = candidates.filter("on_the_front").sort(x.name, y.name)
     entries: dict[str, Artist] = {}
@@ -186,7 +186,7 @@ def _draw_trade(
     for label, place in places.items():
         style = {**styles[label], "markeredgecolor": "black", "markeredgewidth": 0.6}
         entries[label] = axes.plot(*place, **style, zorder=4)[0]
-    lines = dict(zip(asked.objectives, (axes.axvline, axes.axhline), strict=True))
+    lines = dict(zip(config.objectives, (axes.axvline, axes.axhline), strict=True))
     for bound in plain["bounds"]:
         if bound["objective"] in lines and bound["at_most"] is not None:
             line = lines[bound["objective"]]

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Final
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import CONTROLLER_PANEL, Option
 from glucoloop.situations.run import Run
-from glucoloop.studies.study import PARTS_TOLD, PlainStudy
+from glucoloop.studies.study import COMPONENTS_HELP, PlainStudy
 
 _FEWEST: Final = 2
 
@@ -44,7 +44,7 @@ RUN: Final = PlainStudy(
         "Without options it is the noise-free loop of Parker, Doyle and Peppas (1999): 50 g of carbohydrate at 50 min, "
         "linear MPC on a model identified from the patient. With --noise the model comes from an equally noisy record, "
         "and the tuning is the paper's for noise.\n\n"
-        f"{PARTS_TOLD}\n\n"
+        f"{COMPONENTS_HELP}\n\n"
         "  glucoloop run --noise 1.45 --seed 3 --out first\n\n"
         "  glucoloop run --controller 'mpc-se, move_weight=2' --guard --meal 60g@1h --meal 40g@6h --duration 720\n\n"
         "  glucoloop run --config first/run.toml"
@@ -60,7 +60,7 @@ COMPARE: Final = PlainStudy(
         "Simulate several controllers, or tunings of one, in the same situation and compare them.\n\n"
         "Give --controller for each; all have the same meals, the same noise and the same pump. What differs between "
         "them stands among the settings of each: its label, guard and model, and whether it knows the dead time.\n\n"
-        f"{PARTS_TOLD}\n\n"
+        f"{COMPONENTS_HELP}\n\n"
         "  glucoloop compare --controller pid --controller imc --controller mpc --out comparison\n\n"
         "  glucoloop compare --controller mpc --controller 'mpc, move_weight=1, label=careful' --noise 1.45\n\n"
         "  glucoloop compare --controller 'mpc, label=bare' --controller 'mpc, label=safe, guard=usual' --bound"

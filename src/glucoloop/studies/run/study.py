@@ -20,7 +20,7 @@ from glucoloop.report.print_figure import figure_files
 from glucoloop.simulation import Trace
 from glucoloop.situations.run import Run
 from glucoloop.storage import tables as stored
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.bound.study import bound_of_run
 from glucoloop.studies.closed_loop import Outcome, close_the_loop
 from glucoloop.studies.run import Comparison
@@ -51,30 +51,30 @@ class ClosedLoops:
         }
 
 
-def notes(asked: Run) -> tuple[str, ...]:
+def notes(config: Run) -> tuple[str, ...]:
     """Refuse several controllers outside a comparison, and a bound over too many samples, before a loop is closed."""
-    if not isinstance(asked, Comparison):
-        _ = asked.case
-    elif asked.bound:
-        check_samples(asked.horizon_min, asked.sample_time_min)
+    if not isinstance(config, Comparison):
+        _ = config.case
+    elif config.bound:
+        check_samples(config.horizon_min, config.sample_time_min)
     return ()
 
 
-def found(asked: Run, progress: Callable[[str], None]) -> Findings:
+def results_of(config: Run, progress: Callable[[str], None]) -> Results:
     """Close the loop of each controller; Refusal for one that is not possible, with its label."""
     outcomes: dict[str, Outcome] = {}
-    for case in asked.cases:
+    for case in config.cases:
         try:
-            outcomes[case.label] = close_the_loop(asked, case)
+            outcomes[case.label] = close_the_loop(config, case)
         except Refusal as error:
-            if isinstance(asked, Comparison):
+            if isinstance(config, Comparison):
                 raise error.within(f"case {case.label!r}") from error
             raise
         progress(f"the loop of {case.label}")
-    if not isinstance(asked, Comparison):
+    if not isinstance(config, Comparison):
         [outcome] = outcomes.values()
         return findings(outcome, outcome.report(), outcome.notes)
-    loops = ClosedLoops(outcomes, bound_of_run(asked) if asked.bound else None)
+    loops = ClosedLoops(outcomes, bound_of_run(config) if config.bound else None)
     plain: dict[str, Any] = {"cases": {label: outcome.report() for label, outcome in outcomes.items()}}
     if loops.bound is not None:
         plain["bound"] = {
@@ -85,19 +85,19 @@ def found(asked: Run, progress: Callable[[str], None]) -> Findings:
         }
     plain["notes"] = [
         *(f"{label}: {text}" for label, outcome in outcomes.items() for text in outcome.notes),
-        *_notes_on_bound(asked, loops),
+        *_notes_on_bound(config, loops),
     ]
     samples, minutes = (
         stored.stacked({label: table(outcome.trace) for label, outcome in outcomes.items()})
         for table in (Trace.to_polars, stored.minute_table)
     )
-    return Findings(plain, _tables(samples, minutes), loops)
+    return Results(plain, _tables(samples, minutes), loops)
 
 
-def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Findings:
+def findings(outcome: Outcome, report: Mapping[str, Any], notes: tuple[str, ...]) -> Results:
     """Findings of one loop."""
     tables = _tables(outcome.trace.to_polars(), stored.minute_table(outcome.trace))
-    return Findings({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
+    return Results({**report, "notes": list(notes)}, tables, ClosedLoops({outcome.case.controller.called: outcome}))
 
 
 def _tables(samples: pl.DataFrame, minutes: pl.DataFrame) -> dict[str, pl.DataFrame]:
@@ -108,7 +108,7 @@ def _gave_boluses(outcome: Outcome) -> bool:
     return outcome.trace.bolus_mU is not None and bool((outcome.trace.bolus_mU > 0.0).any())
 
 
-def _notes_on_bound(asked: Comparison, loops: ClosedLoops) -> Iterator[str]:
+def _notes_on_bound(config: Comparison, loops: ClosedLoops) -> Iterator[str]:
     bound = loops.bound
     if bound is None:
         return
@@ -124,53 +124,53 @@ def _notes_on_bound(asked: Comparison, loops: ClosedLoops) -> Iterator[str]:
                 f"{label} gave boluses. The bound is of rates alone, so it does not hold for {label}, which has no "
                 "distance from it."
             )
-    if len(asked.meals) > 1:
+    if len(config.meals) > 1:
         yield "A controller that prepares for a likely meal could do better."
 
 
-def tables(asked: Run, found: Findings) -> Iterator[object]:
+def tables(config: Run, results: Results) -> Iterator[object]:
     """The metrics, one column for each controller, with the distances from the bound."""
-    loops: ClosedLoops = found.extra
+    loops: ClosedLoops = results.extra
     metrics = {label: outcome.metrics for label, outcome in loops.outcomes.items()}
-    if isinstance(asked, Comparison):
+    if isinstance(config, Comparison):
         yield comparison_table(metrics, loops.distances())
     else:
         yield metrics_table(next(iter(metrics.values())))
 
 
-def sentences(asked: Run, found: Findings) -> Iterator[str]:
+def sentences(config: Run, results: Results) -> Iterator[str]:
     """Sentences that a clinician would say first of each loop."""
-    if "cases" not in found.plain:
-        yield from found.plain["summary"]["sentences"]
+    if "cases" not in results.plain:
+        yield from results.plain["summary"]["sentences"]
         return
-    for label, case in found.plain["cases"].items():
+    for label, case in results.plain["cases"].items():
         yield from (f"{label}: {text}" for text in case["summary"]["sentences"])
 
 
-def drawn(asked: Run, found: Findings) -> dict[str, bytes]:
+def drawn(config: Run, results: Results) -> dict[str, bytes]:
     """Page and figure, the models, and the configuration, which names them."""
-    loops: ClosedLoops = found.extra
-    outcomes, models = loops.outcomes, _models(asked, loops)
+    loops: ClosedLoops = results.extra
+    outcomes, models = loops.outcomes, _models(config, loops)
     files = {name: text.encode() for name, text in models.values()}
-    if isinstance(asked, Comparison):
-        command, title = "compare", f"Comparison at {asked.place}"
-        facts = comparison_facts(asked, {label: outcome.computed_settings for label, outcome in outcomes.items()})
+    if isinstance(config, Comparison):
+        command, title = "compare", f"Comparison at {config.place}"
+        facts = comparison_facts(config, {label: outcome.computed_settings for label, outcome in outcomes.items()})
     else:
         [(name, outcome)] = outcomes.items()
-        command, title = "run" if type(asked) is Run else "hil", f"{name} at {asked.place}"
-        facts = run_facts(asked, outcome.case, outcome.computed_settings)
-    again = _repeat(asked, loops, command, {label: name for label, (name, _) in models.items()})
+        command, title = "run" if type(config) is Run else "hil", f"{name} at {config.place}"
+        facts = run_facts(config, outcome.case, outcome.computed_settings)
+    again = _repeat(config, loops, command, {label: name for label, (name, _) in models.items()})
     first = next(iter(outcomes.values()))
     traces = {label: outcome.trace for label, outcome in outcomes.items()}
     metrics = {label: outcome.metrics for label, outcome in outcomes.items()}
-    figure = plot(traces, title=title, units_per_hour=asked.patient.under_the_skin, limits=asked.limits)
+    figure = plot(traces, title=title, units_per_hour=config.patient.subcutaneous, limits=config.limits)
     page = interactive_page(
         traces if len(traces) > 1 else first.trace,
         metrics if len(metrics) > 1 else first.metrics,
         title=title,
-        limits=asked.limits,
-        faults=asked.fault_texts,
-        start_min=asked.start_min or 0.0,
+        limits=config.limits,
+        faults=config.fault_texts,
+        start_min=config.start_min or 0.0,
         facts=facts,
         repeat=again,
     )
@@ -182,25 +182,25 @@ def drawn(asked: Run, found: Findings) -> dict[str, bytes]:
     }
 
 
-def _models(asked: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
+def _models(config: Run, loops: ClosedLoops) -> dict[str, tuple[str, str]]:
     """Name and text of the file of each model, by the label of the case."""
-    found = {}
+    results = {}
     for number, outcome in enumerate(loops.outcomes.values(), start=1):
         if outcome.model is not None:
             label = outcome.case.label
             short = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-") or "case"
-            name = f"model-{number}-{short}.json" if isinstance(asked, Comparison) else "model.json"
-            found[label] = name, outcome.model.text()
-    return found
+            name = f"model-{number}-{short}.json" if isinstance(config, Comparison) else "model.json"
+            results[label] = name, outcome.model.text()
+    return results
 
 
-def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, str]) -> Repeat:
+def _repeat(config: Run, loops: ClosedLoops, command: str, models: Mapping[str, str]) -> Repeat:
     """Command and configuration that repeat the loops from the folder alone, with the models beside it."""
-    used, given = asked.tree(whole=True), asked.tree()
+    used, given = config.tree(whole=True), config.tree()
     by_label = {outcome.case.label: outcome for outcome in loops.outcomes.values()}
     model_files = {
         case.label: {"name": FilePart.name, "path": models[case.label]}
-        for case in asked.cases
+        for case in config.cases
         if isinstance(case.model, FilePart) and case.label in models
     }
     for table in used["controller"]:
@@ -210,7 +210,7 @@ def _repeat(asked: Run, loops: ClosedLoops, command: str, models: Mapping[str, s
         table.update({"model": model_files[label]} if label in model_files else {})
     if model_files:
         given.pop("model", None)
-        given["controller"] = given.get("controller") or [case.tree() for case in asked.cases]
-        for table, case in zip(given["controller"], asked.cases, strict=True):
+        given["controller"] = given.get("controller") or [case.tree() for case in config.cases]
+        for table, case in zip(given["controller"], config.cases, strict=True):
             table.update({"model": model_files[case.label]} if case.label in model_files else {})
     return Repeat(f"{command} --config {command}.toml", used, _FILES, given=given)

@@ -31,8 +31,8 @@ from glucoloop.report.heat import HeatCell, HeatMap, legend_shades, plot_heat_ma
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
-from glucoloop.storage.findings import Findings
+from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
+from glucoloop.storage.results import Results
 from glucoloop.storage.trials.folder import TrialFolder
 from glucoloop.storage.trials.shard import people_table
 from glucoloop.studies.guarded import WITH_GUARD
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 NO_FAULT: Final = ""
-MOST_MORE_PCT: Final = 1.0
+MAX_MORE_PCT: Final = 1.0
 """Largest increase of the time below 60 mg/dl, in percent of the run, that a fault may cause for a cell to pass."""
 
 
@@ -67,22 +67,22 @@ class StressCell:
         return " | ".join(filter(None, (self.controller, "guarded" if self.guarded else "", self.fault)))
 
 
-def cells_of(asked: StressTest) -> dict[StressCell, Case]:
+def cells_of(config: StressTest) -> dict[StressCell, Case]:
     """The case of a trial for each cell."""
-    faults = {NO_FAULT: (), **{text: (fault,) for text, fault in zip(asked.fault_texts, asked.faults, strict=True)}}
+    faults = {NO_FAULT: (), **{text: (fault,) for text, fault in zip(config.fault_texts, config.faults, strict=True)}}
     cells = {}
-    for case in asked.cases:
-        for guarded in WITH_GUARD[asked.guards]:
-            in_cell = asked.with_guard(case, guarded)
+    for case in config.cases:
+        for guarded in WITH_GUARD[config.guards]:
+            in_cell = config.with_guard(case, guarded)
             for text, fault in faults.items():
                 cell = StressCell(case.label, guarded, text)
                 cells[cell] = dataclasses.replace(in_cell, label=cell.label, faults=fault)
     return cells
 
 
-def trial_of(asked: StressTest) -> Trial:
+def trial_of(config: StressTest) -> Trial:
     """Trial with a case for each cell."""
-    return asked.with_cases(tuple(cells_of(asked).values()), faults=())
+    return config.with_cases(tuple(cells_of(config).values()), faults=())
 
 
 def cell_table(cells: Iterable[StressCell], people: pl.DataFrame, samples: int) -> pl.DataFrame:
@@ -115,7 +115,7 @@ def _share(kind: str, short: str | None = None, **others: Any) -> Column:
 
 _60, _54, _LOWEST = pl.col("time_below_60_pct"), pl.col("time_below_54_pct"), pl.col("minimum_mg_dl")
 _MORE, _PERSON = pl.col("more_pct"), pl.col("person")
-_WORSE: Final = _MORE > MOST_MORE_PCT
+_WORSE: Final = _MORE > MAX_MORE_PCT
 _worse_off = functools.partial(Column, group="Worse off", strong=lambda row: bool(row["worse"]))
 _below_60 = functools.partial(Column, group="Time below 60 mg/dl (%)", short_text=terse_percent)
 _below_54 = functools.partial(Column, group="Time below 54 mg/dl (%)", short_text=terse_percent)
@@ -168,18 +168,18 @@ COLUMNS: Final = (
 GUARDS: Final = {False: "without the guard", True: "with the guard"}
 _ACTS: Final = ("rejected", "fallback", "suspended", "dose_limited")
 """Acts of a guard on a reading or a dose, by the names of their columns."""
-_MOST_LISTED: Final = 5
-_MOST_NAMED: Final = 20
+_MAX_LISTED: Final = 5
+_MAX_NAMED: Final = 20
 
 
-def notes(asked: StressTest) -> tuple[str, ...]:
+def notes(config: StressTest) -> tuple[str, ...]:
     """Notes on boluses into a vein, and on rhythms."""
-    return (*boluses_into_a_vein(asked), *rests_without_rhythm(asked))
+    return (*intravenous_boluses(config), *steady_without_rhythm(config))
 
 
-def found(asked: StressTest, folder: TrialFolder) -> Findings:
+def results_of(config: StressTest, folder: TrialFolder) -> Results:
     """Numbers of each cell, and why the worst-off person of each guarded cell that fails was worse off."""
-    cells, people, base = list(cells_of(asked)), people_table(folder.people()), asked.base
+    cells, people, base = list(cells_of(config)), people_table(folder.people()), config.base
     table = cell_table(cells, people, folder.trial.samples)
     prepared = prepare(folder.trial)
     reasons = [
@@ -198,21 +198,21 @@ def found(asked: StressTest, folder: TrialFolder) -> Findings:
     del facts["Faults"]  # those of the base; the page lists the faults of the test
     plain = {
         "facts": facts,
-        "people": asked.people,
+        "people": config.people,
         # who has a basal rate does not depend on the cell
         "able": people.filter(label=cells[0].label)["feasible"].sum(),
         "rows": table.to_dicts(),
         "reasons": reasons,
         "repeat": "glucoloop stress --config stress.toml --out again",
     }
-    return Findings(plain, {"stress.csv": table, "stress.parquet": table})
+    return Results(plain, {"stress.csv": table, "stress.parquet": table})
 
 
 class Grid:
     """The cells of a stress test in their places."""
 
-    def __init__(self, found: Findings) -> None:
-        self.rows = {StressCell(row["controller"], row["guarded"], row["fault"]): row for row in found.rows}
+    def __init__(self, results: Results) -> None:
+        self.rows = {StressCell(row["controller"], row["guarded"], row["fault"]): row for row in results.rows}
         self.controllers = list(dict.fromkeys(cell.controller for cell in self.rows))
         self.guards = sorted({cell.guarded for cell in self.rows})
         faults = dict.fromkeys(cell.fault for cell in self.rows if cell.fault != NO_FAULT)
@@ -236,9 +236,9 @@ class Grid:
         return sorted(rows, key=lambda row: -(row["worst_more_pct"] or 0.0))
 
 
-def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
+def tables(config: StressTest, results: Results) -> Iterator[FittingTable]:
     """A section for each controller and a line for each fault, without and with the guard side by side."""
-    grid = Grid(found)
+    grid = Grid(results)
     which = (
         "In each pair a|b, a is without the guard and b with it."
         if len(grid.guards) > 1
@@ -248,7 +248,7 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
         "Fault",
         grid.sections(),
         COLUMNS,
-        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MOST_MORE_PCT:g} % of the "
+        caption=f"{which} Worse off: people whose time below 60 mg/dl was longer by over {MAX_MORE_PCT:g} % of the "
         "run than without the fault. <60, <54: time below 60 or 54 mg/dl in percent of the run, as the mean over the "
         "people and for the person with the longest time. Low events: periods of 15 min or longer below 70 mg/dl, "
         "summed over all people. Saturated (dose at the pump's limits), fallback (at most the basal rate "
@@ -256,23 +256,23 @@ def tables(asked: StressTest, found: Findings) -> Iterator[FittingTable]:
     )
 
 
-def sentences(asked: StressTest, found: Findings) -> Iterator[str]:
+def sentences(config: StressTest, results: Results) -> Iterator[str]:
     """Conclusions, and the reasons why people were worse off with the guard."""
-    yield from conclusions(found)
-    names = Grid(found).names
-    for reason in found.plain["reasons"]:
-        [who] = asked.population.called(asked.seed, [reason["person"]])
+    yield from conclusions(results)
+    names = Grid(results).names
+    for reason in results.plain["reasons"]:
+        [who] = config.population.called(config.seed, [reason["person"]])
         yield (
             f"{reason['controller']} under {names[reason['fault']]}, with the guard: person {who}, below "
             f"60 mg/dl for {percent(reason['more_pct'])} of the run longer. {reason['text']}"
         )
 
 
-def conclusions(found: Findings) -> Iterator[str]:
+def conclusions(results: Results) -> Iterator[str]:
     """Conclusions in sentences; every number is computed."""
-    grid = Grid(found)
-    yield from _left_out(found)
-    if found.plain["able"]:
+    grid = Grid(results)
+    yield from _left_out(results)
+    if results.plain["able"]:
         yield from _passing(grid) if len(grid.names) > 1 else ["No fault was tried."]
         yield from _failing(grid)
         yield from _harm_of_the_guard(grid)
@@ -280,19 +280,19 @@ def conclusions(found: Findings) -> Iterator[str]:
         yield from _beyond_the_model(grid)
 
 
-def _left_out(found: Findings) -> Iterator[str]:
+def _left_out(results: Results) -> Iterator[str]:
     """Sentences on people who are in no cell, or not in all."""
-    people, feasible = found.plain["people"], found.plain["able"]
+    people, feasible = results.plain["people"], results.plain["able"]
     if missing := people - feasible:
         yield (
             f"{missing} of {how_many(people, 'person', 'people')} {'has' if missing == 1 else 'have'} no basal rate "
             f"for the setpoint and {'was' if missing == 1 else 'were'} left out."
         )
-    lost = {cell: row for cell, row in Grid(found).rows.items() if row["people"] < feasible}
+    lost = {cell: row for cell, row in Grid(results).rows.items() if row["people"] < feasible}
     if lost:
         cell = min(lost, key=lambda cell: int(lost[cell]["people"]))
         yield (
-            f"In {len(lost)} of {len(found.rows)} combinations the glucose of some people, "
+            f"In {len(lost)} of {len(results.rows)} combinations the glucose of some people, "
             f"{feasible - lost[cell]['people']} of {how_many(feasible, 'person', 'people')} at most ({cell.label}), "
             "did not stay a finite number, with or without the fault; they are in no number there."
         )
@@ -307,7 +307,7 @@ def _passing(grid: Grid) -> Iterator[str]:
             f"{passing} passed."
             if texts
             else f"{passing} combinations of a controller and a fault passed: with the fault, nobody's time below "
-            f"60 mg/dl was longer by more than {MOST_MORE_PCT:g} % of the run than without it."
+            f"60 mg/dl was longer by more than {MAX_MORE_PCT:g} % of the run than without it."
         )
     unknown = sum(not row["people"] for row in grid.under_faults(grid.guards[-1]))
     if unknown:
@@ -320,8 +320,8 @@ def _failing(grid: Grid) -> Iterator[str]:
     rows = [row for row in grid.under_faults(guarded) if row["worse"]]
     if rows:
         listed = [f"{row['controller']} under {grid.names[row['fault']]} ({worse_text(row)})" for row in rows]
-        more = f"; and {len(rows) - _MOST_LISTED} more" if len(rows) > _MOST_LISTED else ""
-        yield f"Combinations that failed {GUARDS[guarded]}: {'; '.join(listed[:_MOST_LISTED])}{more}."
+        more = f"; and {len(rows) - _MAX_LISTED} more" if len(rows) > _MAX_LISTED else ""
+        yield f"Combinations that failed {GUARDS[guarded]}: {'; '.join(listed[:_MAX_LISTED])}{more}."
 
 
 def _harm_of_the_guard(grid: Grid) -> Iterator[str]:
@@ -388,12 +388,12 @@ def worse_text(row: Row) -> str:
 
 def worse_people_text(row: Row) -> str:
     """Numbers of the people who were worse off, shortened if there are many."""
-    return the_first([str(person) for person in row["worse_people"]], _MOST_NAMED)
+    return the_first([str(person) for person in row["worse_people"]], _MAX_NAMED)
 
 
-def maps(found: Findings) -> list[HeatMap]:
+def maps(results: Results) -> list[HeatMap]:
     """Longest time of a person below 60 mg/dl, without the guard and with it: faults in rows, controllers across."""
-    grid = Grid(found)
+    grid = Grid(results)
     faults = {name: fault for fault, name in grid.names.items()}
     longest = next(column for column in COLUMNS if column.name == "below_60_worst_pct")
 
@@ -411,28 +411,28 @@ def maps(found: Findings) -> list[HeatMap]:
     return [map_of(guarded) for guarded in grid.guards]
 
 
-def plot_stress(found: Findings, *, title: str | None = None, width: Width = "double") -> Figure:
+def plot_stress(results: Results, *, title: str | None = None, width: Width = "double") -> Figure:
     """Draw the maps of a stress test; see `plot_heat_maps`."""
     return plot_heat_maps(
-        maps(found),
+        maps(results),
         what="of the run below 60 mg/dl",
-        mark=f"people below for {MOST_MORE_PCT:g} % of the run longer than without the fault",
+        mark=f"people below for {MAX_MORE_PCT:g} % of the run longer than without the fault",
         title=title,
         width=width,
     )
 
 
-def page(asked: StressTest, found: Findings) -> str:
+def page(config: StressTest, results: Results) -> str:
     """The page of a stress test: one file that needs neither network nor script."""
-    grid, heat_maps = Grid(found), maps(found)
+    grid, heat_maps = Grid(results), maps(results)
     files = {"stress.csv": "all numbers of each cell", "summary.json": "the same, with the reasons"}
-    reasons = {(reason["controller"], reason["fault"]): reason for reason in found.plain["reasons"]}
+    reasons = {(reason["controller"], reason["fault"]): reason for reason in results.plain["reasons"]}
     failing = [row for row in grid.under_faults(True) if row["worse"]]
     values: dict[str, Any] = {
         "grid": grid,
         "guards": GUARDS,
-        "people": max(row["people"] for row in found.rows),
-        "most_more_pct": f"{MOST_MORE_PCT:g}",
+        "people": max(row["people"] for row in results.rows),
+        "most_more_pct": f"{MAX_MORE_PCT:g}",
         "maps": heat_maps,
         "shades": legend_shades(heat_maps),
         "reasons": [(row, grid.names[row["fault"]], reasons[row["controller"], row["fault"]]) for row in failing],
@@ -450,13 +450,13 @@ def page(asked: StressTest, found: Findings) -> str:
     return render(
         Path(__file__).with_name("page.html"),
         "Stress test",
-        sentences=conclusions(found),
-        facts=found.plain["facts"],
-        repeat=Repeat("stress --config stress.toml", asked.tree(whole=True), files, given=asked.tree()),
+        sentences=conclusions(results),
+        facts=results.plain["facts"],
+        repeat=Repeat("stress --config stress.toml", config.tree(whole=True), files, given=config.tree()),
         **values,
     )
 
 
-def drawn(asked: StressTest, found: Findings) -> dict[str, bytes]:
+def drawn(config: StressTest, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
-    return {"stress.html": page(asked, found).encode(), **figure_files("figure", plot_stress(found))}
+    return {"stress.html": page(config, results).encode(), **figure_files("figure", plot_stress(results))}

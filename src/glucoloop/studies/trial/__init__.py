@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from glucoloop.cohorts.trial import Trial
-from glucoloop.studies.study import PARTS_TOLD, TrialStudy
+from glucoloop.studies.study import COMPONENTS_HELP, TrialStudy
 
 TRIAL: Final = TrialStudy(
     name="trial",
@@ -17,7 +17,7 @@ TRIAL: Final = TrialStudy(
         "kill or a full disk, the same command continues where it stopped, and the results are the same to the bit. By "
         "default linear MPC is simulated on 1000 people whose metabolism varies as in Parker et al. (2000), for a day "
         "with three meals.\n\n"
-        f"{PARTS_TOLD}\n\n"
+        f"{COMPONENTS_HELP}\n\n"
         "  glucoloop trial --people 10000 --controller mpc --controller mpc-se --seed 1 --out trial\n\n"
         "  glucoloop trial --scenario 'week, days=14' --noise 1.45 --out fortnight\n\n"
         "  glucoloop trial --controller mpc --controller 'mpc, move_weight=3, label=careful' --out weights\n\n"

@@ -25,8 +25,8 @@ from glucoloop.report.descriptions import (
 )
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.trial_report import ranges_pct
-from glucoloop.situations.run import boluses_into_a_vein, rests_without_rhythm
-from glucoloop.storage.findings import Findings
+from glucoloop.situations.run import intravenous_boluses, steady_without_rhythm
+from glucoloop.storage.results import Results
 from glucoloop.storage.trials.folder import BANDS, REPORT, TrialFolder
 from glucoloop.storage.trials.shard import BY_WEEK, Counts, add_counts, edges, no_counts, times
 from glucoloop.text import NOT_AVAILABLE, NOT_VALID, how_many, percent
@@ -70,57 +70,57 @@ _LOST: Final = {
 _NAMED: Final = 10
 
 
-def trial_of(asked: Trial) -> Trial:
+def trial_of(config: Trial) -> Trial:
     """The trial itself."""
-    return asked
+    return config
 
 
-def notes(asked: Trial) -> tuple[str, ...]:
+def notes(config: Trial) -> tuple[str, ...]:
     """Notes on boluses into a vein, and on rhythms."""
-    return (*boluses_into_a_vein(asked), *rests_without_rhythm(asked))
+    return (*intravenous_boluses(config), *steady_without_rhythm(config))
 
 
-def found(asked: Trial, folder: TrialFolder) -> Findings:
+def results_of(config: Trial, folder: TrialFolder) -> Results:
     """Distributions and percentiles of all people; those with the worst outcomes are simulated again."""
-    summary = summarise_people(folder.people, max_insulin_mU_min=float(asked.limits.max_mU_min))
-    counts, origin, prepared = _counts(folder), folder.recorded, engine.prepare(asked)
-    bands = _bands(asked, counts)
+    summary = summarise_people(folder.people, max_insulin_mU_min=float(config.limits.max_mU_min))
+    counts, origin, prepared = _counts(folder), folder.recorded, engine.prepare(config)
+    bands = _bands(config, counts)
     numbers, designed = summary.plain, prepared.computed_settings
     for label, of_label in numbers["controllers"].items():
         of_label |= {**prepared.engines[label], "settled": designed[label]}
         of_label["control_variability_pct"] = zone_pct(summary.cvga_counts[label])
         if BY_WEEK in counts[label]:
             of_label["weeks"] = list(_weeks(bands[label][BY_WEEK], counts[label][BY_WEEK]))
-    plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": asked.target_mg_dl, **numbers}
+    plain = {"libraries": origin.libraries, "config": origin.config, "setpoint_mg_dl": config.target_mg_dl, **numbers}
     report = TrialReport(
-        title=f"{asked.population.name}, {how_many(asked.people, 'person', 'people')}",
-        setpoint_mg_dl=asked.target_mg_dl,
-        units_per_hour=asked.patient.under_the_skin,
+        title=f"{config.population.name}, {how_many(config.people, 'person', 'people')}",
+        setpoint_mg_dl=config.target_mg_dl,
+        units_per_hour=config.patient.subcutaneous,
         people=numbers["people"],
         infeasible=numbers["unable"]["count"],
-        facts={**controllers_facts(asked.cases, designed), **trial_facts(asked), **engine_facts(prepared.engines)},
-        meals=[(meal.t_min, meal.carbs_g) for meal in asked.plan.nominal()],
-        exercise=asked.bouts,
-        faults=asked.fault_texts,
-        length_min=asked.horizon_min,
-        start_min=asked.start_min or 0.0,
-        repeat=Repeat("trial --config trial.toml", asked.tree(whole=True), _FILES, given=asked.tree()),
-        cases={label: _case_report(asked, label, summary, bands[label]) for label in numbers["controllers"]},
+        facts={**controllers_facts(config.cases, designed), **trial_facts(config), **engine_facts(prepared.engines)},
+        meals=[(meal.t_min, meal.carbs_g) for meal in config.plan.nominal()],
+        exercise=config.bouts,
+        faults=config.fault_texts,
+        length_min=config.horizon_min,
+        start_min=config.start_min or 0.0,
+        repeat=Repeat("trial --config trial.toml", config.tree(whole=True), _FILES, given=config.tree()),
+        cases={label: _case_report(config, label, summary, bands[label]) for label in numbers["controllers"]},
     )
-    return Findings(
-        {**plain, "notes": list(_notes(asked, plain))}, {BANDS: pl.concat(_band_tables(asked, bands))}, report
+    return Results(
+        {**plain, "notes": list(_notes(config, plain))}, {BANDS: pl.concat(_band_tables(config, bands))}, report
     )
 
 
-def drawn(asked: Trial, found: Findings) -> dict[str, bytes]:
+def drawn(config: Trial, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
-    report: TrialReport = found.extra
+    report: TrialReport = results.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
 
 
-def tables(asked: Trial, found: Findings) -> Iterator[object]:
+def tables(config: Trial, results: Results) -> Iterator[object]:
     """Statistics of the metrics over the people, one column for each controller."""
-    yield lines_table("Over the people", found.plain["controllers"], list(_rows(asked, found.plain)))
+    yield lines_table("Over the people", results.plain["controllers"], list(_rows(config, results.plain)))
 
 
 def _counts(folder: TrialFolder) -> dict[str, Counts]:
@@ -133,7 +133,7 @@ def _counts(folder: TrialFolder) -> dict[str, Counts]:
 def _bands(trial: Trial, counts: Mapping[str, Counts]) -> Bands:
     bins = edges(trial)
     return {
-        label: {quantity: quantiles_of_counts(bins[quantity], found) for quantity, found in of_label.items()}
+        label: {quantity: quantiles_of_counts(bins[quantity], results) for quantity, results in of_label.items()}
         for label, of_label in counts.items()
     }
 
@@ -142,8 +142,8 @@ def _weeks(quantiles: Any, counts: Any) -> Iterator[dict[str, float]]:
     """Glucose of each week, all samples of all people together: quantiles, and shares of the time in ranges."""
     shares = times_pct(counts)
     for week in range(len(counts)):
-        found = {f"p{100 * q:.0f}": of[week] for q, of in zip(BAND_QUANTILES, quantiles, strict=True)}
-        yield {"week": week + 1, **found, **{name: share[week] for name, share in shares.items()}}
+        results = {f"p{100 * q:.0f}": of[week] for q, of in zip(BAND_QUANTILES, quantiles, strict=True)}
+        yield {"week": week + 1, **results, **{name: share[week] for name, share in shares.items()}}
 
 
 def _band_tables(trial: Trial, bands: Bands) -> Iterator[pl.DataFrame]:
@@ -221,7 +221,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
     again = engine.run_people(engine.prepare(trial), label, worst, traces=True)
     if again.glucose_mg_dl is None or again.insulin_mU_min is None:
         raise TypeError("traces were asked for, but the engine gave none")
-    found = []
+    results = []
     for column, person in enumerate(people):
         glucose, insulin = (of[:, column].astype(np.float64) for of in (again.glucose_mg_dl, again.insulin_mU_min))
         note = person_in_words(trial.population, person, trial.seed)
@@ -230,7 +230,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
             first, last = week * trial.samples_a_week, min((week + 1) * trial.samples_a_week, trial.samples)
             glucose, insulin, note = glucose[first : last + 1], insulin[first:last], f"week {week + 1}; {note}"
         t_min = trial.sample_time_min * np.arange(glucose.size, dtype=np.float64)
-        found.append(
+        results.append(
             WorstPerson(
                 person=person["person"],
                 minimum_mg_dl=person["metrics"]["minimum_mg_dl"],
@@ -241,7 +241,7 @@ def _worst(trial: Trial, label: str, people: Sequence[Mapping[str, Any]]) -> lis
                 note=note,
             )
         )
-    return found
+    return results
 
 
 def _rows(trial: Trial, summary: Mapping[str, Any]) -> Iterator[MetricRow]:

@@ -14,12 +14,12 @@ from glucoloop.situations.ranges import RANGES, ranges_parted, with_ranges
 from glucoloop.situations.run import Run
 from glucoloop.studies.study import PlainStudy
 
-MOST_SEEDS: Final = 1000
+MAX_SEEDS: Final = 1000
 TUNED: Final = ("move_horizon", "prediction_horizon", "reference_filter", "output_weight", "move_weight")
 """Settings of a controller that a grid tries."""
-USUAL_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
+DEFAULT_RANGES: Final = {"move_horizon": "1:4", "prediction_horizon": "1:14"}
 """Ranges that are tried unless others are given; of the other settings the usual values."""
-USUAL_SEEDS: Final = 5
+DEFAULT_SEEDS: Final = 5
 _grid = functools.partial(Option, panel="Grid")
 
 
@@ -37,9 +37,9 @@ class GridSearch(Run):
         int | None,
         _grid(
             "Number of runs of each tuning with noise, another sensor or a fault, from --seed on.",
-            default=f"{USUAL_SEEDS}",
+            default=f"{DEFAULT_SEEDS}",
             at_least=1,
-            at_most=MOST_SEEDS,
+            at_most=MAX_SEEDS,
         ),
     ] = None
     top: Annotated[int, _grid("Number of tunings in the table.", at_least=1, at_most=100_000)] = 10
@@ -51,8 +51,8 @@ class GridSearch(Run):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Given settings, or all that are used, with the ranges among the settings of the controller."""
-        found = super().tree(whole=whole)
-        return with_ranges(found, self.all_ranges if whole else self.given.get(RANGES) or {})
+        results = super().tree(whole=whole)
+        return with_ranges(results, self.all_ranges if whole else self.given.get(RANGES) or {})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,13 +69,13 @@ class GridSearch(Run):
     @property
     def number_of_seeds(self) -> int:
         """Number of runs of each tuning."""
-        return self.seeds or (USUAL_SEEDS if self.noisy else 1)
+        return self.seeds or (DEFAULT_SEEDS if self.noisy else 1)
 
     @property
     def all_ranges(self) -> dict[str, str]:
         """Range of each tuned setting, as text: the given ones and the usual ones."""
         tuning, controller = self.case.tuning, self.case.controller
-        usual = {**USUAL_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
+        usual = {**DEFAULT_RANGES, **{key: f"{tuning[key]:g}" for key in ("output_weight", "move_weight")}}
         if "reference_filter" in tuning:
             usual["reference_filter"] = controller.reference_filters or f"{tuning['reference_filter']:g}"
         return {**usual, **(self.ranges or {})}

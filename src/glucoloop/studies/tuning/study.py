@@ -13,7 +13,7 @@ import polars as pl
 
 from glucoloop.control import MPCTuning
 from glucoloop.models.settings import FilePart
-from glucoloop.patients.settings import USUAL_PATIENT
+from glucoloop.patients.settings import DEFAULT_PATIENT
 from glucoloop.refusal import Refusal
 from glucoloop.report import Repeat
 from glucoloop.report.columns import Column, FittingTable, Line, terminal_table
@@ -21,8 +21,8 @@ from glucoloop.report.descriptions import run_facts
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.sse_surface import CELL_WORDS, Cell, SurfaceLayout, cell_colours, layout, plot_surface, texts
 from glucoloop.report.template import render
-from glucoloop.storage.findings import Findings
 from glucoloop.storage.model_file import ModelFile
+from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.text import how_many
@@ -31,26 +31,26 @@ from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
 from glucoloop.tuning.search import search, usual_tuning
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
-MOST_ROWS: Final = 200
+MAX_ROWS: Final = 200
 """Largest number of tunings in the list on the page; all are in ``surface.csv``."""
 _ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
-def grid_of(asked: GridSearch) -> list[MPCTuning]:
+def grid_of(config: GridSearch) -> list[MPCTuning]:
     """Every tuning of the grid."""
-    ranges = asked.all_ranges
+    ranges = config.all_ranges
     whole = {key: parse_integers(ranges[key], key) for key in ("move_horizon", "prediction_horizon")}
     numbers = {key: parse_numbers(ranges[key], key) for key in ranges if key not in whole}
     for key, values in {**whole, **numbers}.items():
         for value in values:
-            asked.case.controller.setting(key).check(value)
+            config.case.controller.setting(key).check(value)
     return tuning_grid(
         whole["move_horizon"],
         whole["prediction_horizon"],
         output_weights=numbers["output_weight"],
         move_weights=numbers["move_weight"],
         reference_filters=numbers.get("reference_filter"),
-        reference_start=int(asked.case.tuning.get("reference_start", 1)),
+        reference_start=int(config.case.tuning.get("reference_start", 1)),
     )
 
 
@@ -67,41 +67,41 @@ class Searched:
     model: ModelFile | None = None
 
 
-def found(asked: GridSearch, progress: Callable[[str], None]) -> Findings:
+def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     """Try every tuning of the grid, and the usual one; Refusal for a design that is not possible."""
-    case = asked.case
+    case = config.case
     name = case.controller.called
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    usual, grid = usual_tuning(asked, name), grid_of(asked)
+    usual, grid = usual_tuning(config, name), grid_of(config)
     grid = grid if usual in grid else [*grid, usual]
-    model = model_for(asked, case)
-    design = designer(asked, case, **model_arguments(model))
+    model = model_for(config, case)
+    design = designer(config, case, **model_arguments(model))
     progress(f"designing {len(grid)} controllers")
     surface = search(
-        asked,
+        config,
         design,
         grid,
         name=name,
-        scenario=asked.as_scenario(),
-        seeds=range(asked.seed, asked.seed + asked.number_of_seeds),
-        integrator=integrator_of(asked),
+        scenario=config.as_scenario(),
+        seeds=range(config.seed, config.seed + config.number_of_seeds),
+        integrator=integrator_of(config),
         progress=lambda done, total: progress(f"{done} of {total} runs"),
     )
-    printed = surface.rank_of(usual, "printed" if isinstance(asked.patient, USUAL_PATIENT) else "usual")
+    printed = surface.rank_of(usual, "printed" if isinstance(config.patient, DEFAULT_PATIENT) else "usual")
     plain = {
-        "config": asked.tree(whole=True),
+        "config": config.tree(whole=True),
         "model": None if model is None else model.plain(),
         "best": None if printed.best is None else {**dataclasses.asdict(printed.best), "sse": printed.best_sse},
         "printed": {**dataclasses.asdict(printed.tuning), "sse": printed.sse, "rank": printed.rank},
         "acceptable": printed.points,
         "surface": {name: values.tolist() for name, values in surface.columns().items()},
-        "notes": [*notes_on(asked, case, model), *_counts(asked, surface), *_no_picture(asked, surface)],
+        "notes": [*notes_on(config, case, model), *_counts(config, surface), *_no_picture(config, surface)],
     }
     table = pl.DataFrame(surface.columns())
-    return Findings(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
+    return Results(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
 
 
-def _counts(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
+def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentences on the numbers of tunings and seeds."""
     points = len(surface.tunings)
     broken = int((~surface.feasible).sum())
@@ -113,18 +113,18 @@ def _counts(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
     )
     if surface.refused:
         yield f"{how_many(len(surface.refused), 'tuning has', 'tunings have')} no controller: {surface.refused[0][1]}."
-    if asked.noisy:
+    if config.noisy:
         yield (
             f"Results are medians of {how_many(surface.seeds, 'seed')}; oscillation was judged without "
-            f"{'the noise around the sensor' if asked.drawn_otherwise else 'noise'}."
+            f"{'the noise around the sensor' if config.drawn_otherwise else 'noise'}."
         )
     elif surface.seeds > 1:
         yield f"Results are medians of {surface.seeds} seeds; oscillation was judged in the run of the first."
 
 
-def _no_picture(asked: GridSearch, surface: TuningSurface) -> Iterator[str]:
+def _no_picture(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentence on why there is no picture, if there is none."""
-    shown = surface.only(grid_of(asked))
+    shown = surface.only(grid_of(config))
     try:
         layout(shown)
         if not np.isfinite(shown.sse).any():
@@ -180,15 +180,15 @@ def _faults(surface: TuningSurface, point: int) -> Iterator[str]:
         yield "oscillates"
 
 
-def tables(asked: GridSearch, found: Findings) -> Iterator[FittingTable]:
+def tables(config: GridSearch, results: Results) -> Iterator[FittingTable]:
     """The first tunings of the order, and the printed one at its place."""
-    best, beyond = lines_of(found.extra, asked.top)
+    best, beyond = lines_of(results.extra, config.top)
     yield terminal_table("Rank", [("", best), *([("", beyond)] if beyond else [])], _COLUMNS)
 
 
-def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
+def sentences(config: GridSearch, results: Results) -> Iterator[str]:
     """Sentence on the usual tuning among the others."""
-    printed: TuningRank = found.extra.printed
+    printed: TuningRank = results.extra.printed
     subject = f"The {printed.called} tuning {tuning_text(printed.tuning)}"
     if printed.rank is None:
         yield f"{subject} is not acceptable here."
@@ -201,32 +201,32 @@ def sentences(asked: GridSearch, found: Findings) -> Iterator[str]:
         yield f"{subject} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
 
 
-def drawn(asked: GridSearch, found: Findings) -> dict[str, bytes]:
+def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
     """Page and picture, the model, and the configuration that names it."""
-    searched: Searched = found.extra
-    files, used, given = {}, asked.tree(whole=True), asked.tree()
+    searched: Searched = results.extra
+    files, used, given = {}, config.tree(whole=True), config.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
-        if isinstance(asked.case.model, FilePart):
+        if isinstance(config.case.model, FilePart):
             model_file = {"name": FilePart.name, "path": "model.json"}
             used["controller"][0]["model"] = given["model"] = model_file
     data = {"surface.csv": "all tunings", "tune.json": "the same"}
     again = Repeat("tune --config tune.toml", used, data, given=given)
     files["tune.toml"] = again.text.encode()
-    title = f"{asked.case.controller.called} at {asked.place}"
-    ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in asked.all_ranges.items()}
+    title = f"{config.case.controller.called} at {config.place}"
+    ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in config.all_ranges.items()}
     files["surface.html"] = surface_page(
         searched,
         f"Tunings of {title}",
-        grid_of(asked),
-        sentences=[*sentences(asked, found), *found.plain["notes"]],
-        facts={**ranges, **run_facts(asked, asked.case), "Engine": _ENGINE},
+        grid_of(config),
+        sentences=[*sentences(config, results), *results.plain["notes"]],
+        facts={**ranges, **run_facts(config, config.case), "Engine": _ENGINE},
         repeat=again,
     ).encode()
-    if not any(_no_picture(asked, searched.surface)):
+    if not any(_no_picture(config, searched.surface)):
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
         printed = searched.printed
-        shown = searched.surface.only(grid_of(asked))
+        shown = searched.surface.only(grid_of(config))
         files |= figure_files(
             "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
         )
@@ -249,14 +249,14 @@ _EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
 def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
     """The page of a search: every place of the grid, and the first tunings in order; `common` as for `render`."""
     shown, printed = searched.surface.only(grid), searched.printed
-    best, beyond = lines_of(searched, MOST_ROWS)
+    best, beyond = lines_of(searched, MAX_ROWS)
     values: dict[str, Any] = {
         "panels": [],
         "printed": printed,
         "printed_text": tuning_text(printed.tuning),
         "beside": printed.tuning not in shown.tunings,
         "points": len(searched.surface.tunings),
-        "most_rows": MOST_ROWS,
+        "most_rows": MAX_ROWS,
         "columns": [column for column in _COLUMNS if column.only(best[0][1][0])],
         "lines": [*best, *beyond],
         "why_not": "",

@@ -41,9 +41,9 @@ class RecordOfPerson(Part):
 
     def tree(self, *, whole: bool = False) -> Tree:
         """Settings without the files, whose names often hold that of a person."""
-        found = super().tree(whole=whole)
-        found.pop("files", None)
-        return found
+        results = super().tree(whole=whole)
+        results.pop("files", None)
+        return results
 
 
 class TwinRequest(RecordOfPerson):

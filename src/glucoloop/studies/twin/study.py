@@ -18,7 +18,7 @@ from glucoloop.report.days_figure import DaysShown, days_plot, plot_days
 from glucoloop.report.print_figure import figure_files
 from glucoloop.report.template import render
 from glucoloop.situations.population import population_keys
-from glucoloop.storage.findings import Findings
+from glucoloop.storage.results import Results
 from glucoloop.studies.twin import RecordOfPerson, TwinRequest
 from glucoloop.twins import RecordedDays, Twin, find_twin, recorded_days
 from glucoloop.units import MIN_PER_DAY
@@ -31,45 +31,45 @@ POSTERIOR: Final = "posterior.toml"
 _WEIGHT: Final = "weight_kg"
 
 
-def days_of(asked: RecordOfPerson) -> RecordedDays:
+def days_of(config: RecordOfPerson) -> RecordedDays:
     """Days of the record that is asked for; Refusal with its files for one that is not enough."""
-    if not asked.files:
+    if not config.files:
         raise Refusal("no record is given; give the path of one, like record.parquet")
     try:
-        record = read_record(*asked.files)
+        record = read_record(*config.files)
     except Refusal as error:  # a question about the file, which has no option here
         if error.remedies:
             error = error.with_remedy("answer it in `glucoloop records`, and give the record that this writes")
         raise error from None
     try:
-        return recorded_days(record, most_days=asked.most_days, basal_U_h=asked.basal_U_h)
+        return recorded_days(record, most_days=config.most_days, basal_U_h=config.basal_U_h)
     except Refusal as error:
-        raise error.within(", ".join(asked.files)) from None
+        raise error.within(", ".join(config.files)) from None
 
 
-def found(asked: TwinRequest, progress: Callable[[str], None]) -> Findings:
+def results_of(config: TwinRequest, progress: Callable[[str], None]) -> Results:
     """Find the twin; Refusal for a record that is not enough, or a family whose people do not differ."""
-    days = days_of(asked)
+    days = days_of(config)
     progress(f"{days.days} days")
     twin = find_twin(
         days,
-        population_of(asked.population, asked.patient),
-        known={} if asked.weight_kg is None else {_WEIGHT: asked.weight_kg},
-        held_out_days=asked.held_out_days,
-        starts=asked.starts,
-        seed=asked.seed,
+        population_of(config.population, config.patient),
+        known={} if config.weight_kg is None else {_WEIGHT: config.weight_kg},
+        held_out_days=config.held_out_days,
+        starts=config.starts,
+        seed=config.seed,
         tell=progress,
     )
     notes = [*days.notes, *twin.warnings()]
-    return Findings({**twin.plain(), "notes": notes}, _tables(twin), twin)
+    return Results({**twin.plain(), "notes": notes}, _tables(twin), twin)
 
 
 def _tables(twin: Twin) -> dict[str, pl.DataFrame]:
-    held = twin.held_out
+    held_out = twin.held_out
     parameters = pl.DataFrame(twin.rows())
-    if held is None:
+    if held_out is None:
         return {"parameters.csv": parameters}
-    columns = {name: value for name, value in vars(held).items() if isinstance(value, np.ndarray)}
+    columns = {name: value for name, value in vars(held_out).items() if isinstance(value, np.ndarray)}
     return {"parameters.csv": parameters, "held_out.csv": pl.DataFrame(columns)}
 
 
@@ -89,9 +89,9 @@ _COLUMNS: Final = (
 )
 
 
-def tables(asked: TwinRequest, found: Findings) -> Iterator[FittingTable]:
+def tables(config: TwinRequest, results: Results) -> Iterator[FittingTable]:
     """The parameters, with their intervals and those of the population."""
-    rows = found.plain["parameters"]
+    rows = results.plain["parameters"]
     yield terminal_table(
         "Parameter",
         [("", [(row["parameter"], [row]) for row in rows])],
@@ -100,37 +100,37 @@ def tables(asked: TwinRequest, found: Findings) -> Iterator[FittingTable]:
     )
 
 
-def sentences(asked: TwinRequest, found: Findings) -> Iterator[str]:
+def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
     """Sentences on what was found, and how well it predicts."""
-    plain = found.plain
-    record, held = plain["record"], plain["held_out"]
+    plain = results.plain
+    record, held_out = plain["record"], plain["held_out"]
     yield (
         f"A twin of {plain['patient']} was found from {record['fitted_days']:.1f} days with "
         f"{record['fitted_meals']} meals and {record['total_daily_dose_U']:.0f} U a day; readings lie "
         f"{plain['fit_rmse_mg_dl']:.1f} mg/dl about it."
     )
-    if held is not None:
+    if held_out is not None:
         yield (
-            f"On the days held out it errs by {held['rmse_mg_dl']:.1f} mg/dl, the median of the population by "
-            f"{held['by_population_rmse_mg_dl']:.1f} mg/dl, and the mean of the earlier readings by "
-            f"{held['by_mean_rmse_mg_dl']:.1f} mg/dl; {held['covered_pct']:.0f} % of the readings lie within the "
+            f"On the days held out it errs by {held_out['rmse_mg_dl']:.1f} mg/dl, the median of the population by "
+            f"{held_out['by_population_rmse_mg_dl']:.1f} mg/dl, and the mean of the earlier readings by "
+            f"{held_out['by_mean_rmse_mg_dl']:.1f} mg/dl; {held_out['covered_pct']:.0f} % of the readings lie within the "
             "intervals of 90 %."
         )
     yield "It is a model of the past days, for research; it says nothing on what this person should do."
 
 
-def drawn(asked: TwinRequest, found: Findings) -> dict[str, bytes]:
+def drawn(config: TwinRequest, results: Results) -> dict[str, bytes]:
     """The person and the posterior as files of people, the figure, and the page."""
-    twin: Twin = found.extra
+    twin: Twin = results.extra
     shown = _shown(twin)
     page = render(
         Path(__file__).with_name("page.html"),
         f"Twin of {twin.patient}",
-        sentences=[*sentences(asked, found), *found.plain["notes"]],
+        sentences=[*sentences(config, results), *results.plain["notes"]],
         facts=_facts(twin),
         script=True,
         plot=days_plot(shown, "90 % interval"),
-        rows=[(row["parameter"], [("", row)]) for row in found.plain["parameters"]],
+        rows=[(row["parameter"], [("", row)]) for row in results.plain["parameters"]],
         columns=_COLUMNS,
         person=f"{twin.patient}, person={PERSON}:twin",
         posterior=POSTERIOR,
@@ -150,16 +150,20 @@ def _text(population: Population) -> bytes:
 
 def _shown(twin: Twin) -> DaysShown:
     """Readings, the twin and its band: of the days held out, or of the last two that were used."""
-    days, held = twin.days, twin.held_out
-    begin = days.length_min - 2.0 * MIN_PER_DAY if held is None else twin.fitted_min[1]
+    days, held_out = twin.days, twin.held_out
+    begin = days.length_min - 2.0 * MIN_PER_DAY if held_out is None else twin.fitted_min[1]
     chosen = days.reading_min >= max(begin, 0.0)
-    courses = days.at_readings(twin.courses_mg_dl, chosen)
-    band = np.percentile(courses, (5.0, 95.0), axis=0) if held is None else (held.low_mg_dl, held.high_mg_dl)
+    trajectories = days.at_readings(twin.courses_mg_dl, chosen)
+    band = (
+        np.percentile(trajectories, (5.0, 95.0), axis=0)
+        if held_out is None
+        else (held_out.low_mg_dl, held_out.high_mg_dl)
+    )
     return DaysShown(
         first=days.first,
         t_min=days.reading_min[chosen],
         reading_mg_dl=days.reading_mg_dl[chosen],
-        course_mg_dl={"twin": courses[0]},
+        course_mg_dl={"twin": trajectories[0]},
         band_mg_dl={"twin": (band[0], band[1])},
         meals=days.meals_from(begin),
     )
@@ -180,9 +184,9 @@ def _facts(twin: Twin) -> Mapping[str, str]:
     }
 
 
-def how_to_go_on(found: Findings, files: Mapping[str, str]) -> Iterator[str]:
+def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentences on the files."""
     if PERSON in files:
-        patient = found.plain["patient"]
+        patient = results.plain["patient"]
         yield f"The person, in run: --patient '{patient}, person={files[PERSON]}:twin'"
         yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[POSTERIOR]}"

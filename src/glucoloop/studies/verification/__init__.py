@@ -11,13 +11,13 @@ from typing import Annotated, ClassVar, Final, Literal
 from glucoloop.component.part import Part
 from glucoloop.control.catalogue import CONTROLLERS, controller_entry
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
-from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
+from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.refusal import Refusal
 from glucoloop.situations.option import Option
 from glucoloop.situations.situation import LONGEST_SAMPLE_TIME_MIN, SHORTEST_SAMPLE_TIME_MIN
 from glucoloop.studies.study import PlainStudy
 
-USUAL_LOOPS: Final = 100_000
+DEFAULT_LOOPS: Final = 100_000
 SLOW_SHARE: Final = 0.05
 """Number of loops of a slow controller for each loop of another one."""
 SAMPLE_MIN: Final = 5.0
@@ -38,14 +38,14 @@ class Verification(Part):
         int | None,
         _key(
             "Smallest number of loops; each controller has as many with a guard as without.",
-            default=f"{USUAL_LOOPS}",
+            default=f"{DEFAULT_LOOPS}",
             at_least=1,
             at_most=1_000_000_000,
         ),
     ] = None
     seed: Annotated[int, _key("The same seed gives the same loops.", at_least=0, at_most=LARGEST_SEED)] = 1
     controllers: Annotated[tuple[str, ...], _key(_ONE_OF, flag="--controller", default="all")] = ()
-    patient: Annotated[str, _key("The patient, or one person, like 'kanderian-2009, person=3'.")] = USUAL_PATIENT.name
+    patient: Annotated[str, _key("The patient, or one person, like 'kanderian-2009, person=3'.")] = DEFAULT_PATIENT.name
     person: Annotated[
         int | None, _key("Only the loops of this person, with their faults.", at_least=0, at_most=LARGEST_COUNTER)
     ] = None
@@ -109,7 +109,7 @@ class Verification(Part):
             together = NONSENSE_SAMPLES * len(names) * len(self.guard_timings())
             return dict.fromkeys(names, math.ceil(self.nonsense / together))
         shares = {name: SLOW_SHARE if controller_entry(name).slow else 1.0 for name in names}
-        pairs = (self.loops or USUAL_LOOPS) / sum(shares.values()) / 2.0
+        pairs = (self.loops or DEFAULT_LOOPS) / sum(shares.values()) / 2.0
         return {name: max(1, math.ceil(pairs * share - 1e-9)) for name, share in shares.items()}
 
     def guard_timings(self) -> tuple[tuple[float, str], ...]:
@@ -118,7 +118,7 @@ class Verification(Part):
 
     def repeat(self, controller: str, person: int, timing: tuple[float, str] | None = None) -> str:
         """Command that repeats the loops of a person, or a loop of a nonsense test with its timing."""
-        kind = "" if self.patient == USUAL_PATIENT.name else f"--patient {shlex.quote(self.patient)} "
+        kind = "" if self.patient == DEFAULT_PATIENT.name else f"--patient {shlex.quote(self.patient)} "
         if timing is not None:
             kind = f"--nonsense 1 {kind}--sample-time {timing[0]:g} --precision {timing[1]} "
         return f"glucoloop verify {kind}--seed {self.seed} --controller {controller} --person {person}"

@@ -42,7 +42,7 @@ from glucoloop.meals import Eaten
 from glucoloop.metrics.promises import PROMISES, Caps, Promises
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population, VirtualPeople, populations_of, virtual_people
-from glucoloop.patients.settings import PATIENTS, USUAL_PATIENT
+from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
@@ -60,8 +60,8 @@ from glucoloop.units import MIN_PER_DAY
 Floats = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 
-MOST_MEALS: Final = 4
-MOST_AT_ONCE: Final = 3
+MAX_MEALS: Final = 4
+MAX_AT_ONCE: Final = 3
 LONGEST_SAMPLES: Final = 48
 _TO_THE_END: Final = 0.15
 """Share of the planned faults that last to the end."""
@@ -79,7 +79,7 @@ PUMP_KINDS: Final = tuple(
 KINDS: Final = (*SENSOR_KINDS, *PUMP_KINDS)
 
 
-def populations_in_turn(patient: str = USUAL_PATIENT.name, seed: int = 0) -> list[Population]:
+def populations_in_turn(patient: str = DEFAULT_PATIENT.name, seed: int = 0) -> list[Population]:
     """Populations from which people are drawn in turn, or the one person that the text of the patient names.
 
     It is the nominal one where the patient has no other.
@@ -92,7 +92,7 @@ def populations_in_turn(patient: str = USUAL_PATIENT.name, seed: int = 0) -> lis
     return [other if other.most_people is None else other.drawn_as(REPLACED) for other in others] or [nominal]
 
 
-def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.name) -> VirtualPeople:
+def draw_people(seed: int, person: npt.ArrayLike, patient: str = DEFAULT_PATIENT.name) -> VirtualPeople:
     """People drawn from a patient's populations in turn, by their numbers; drawn values are those of the last one."""
     number = np.asarray(person, np.int64)
     each = [virtual_people(population, seed, number) for population in populations_in_turn(patient, seed)]
@@ -113,24 +113,24 @@ def draw_people(seed: int, person: npt.ArrayLike, patient: str = USUAL_PATIENT.n
     )
 
 
-def feasible_people(seed: int, wanted: int, patient: str = USUAL_PATIENT.name) -> Numbers:
+def feasible_people(seed: int, wanted: int, patient: str = DEFAULT_PATIENT.name) -> Numbers:
     """Numbers of the first people who have a basal rate; Refusal if there are not as many."""
-    found: list[Numbers] = []
+    results: list[Numbers] = []
     for start in range(0, LARGEST_COUNTER, _CHUNK):
-        if sum(map(len, found)) >= wanted:
-            return np.concatenate(found)[:wanted]
+        if sum(map(len, results)) >= wanted:
+            return np.concatenate(results)[:wanted]
         with one_at_a_time:
             feasible = draw_people(seed, np.arange(start, min(start + _CHUNK, LARGEST_COUNTER)), patient).feasible
-        found.append(start + np.flatnonzero(feasible))
+        results.append(start + np.flatnonzero(feasible))
     raise Refusal(f"seed {seed} has fewer than {wanted} people; give fewer loops")
 
 
 def draw_random_meals(seed: int, person: npt.ArrayLike, horizon_min: float) -> Eaten:
     """Meals, at most four ``(4, n)`` of 5 to 120 g at any time, eaten at once; a meal of 0 g counts as none."""
-    many = np.floor((MOST_MEALS + 1) * uniforms(seed, "meals", person))
-    t_min = np.stack([horizon_min * uniforms(seed, "when", person, i) for i in range(MOST_MEALS)])
-    carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, i) for i in range(MOST_MEALS)])
-    carbs_g = np.where(np.arange(MOST_MEALS)[:, None] < many, carbs_g, 0.0)
+    many = np.floor((MAX_MEALS + 1) * uniforms(seed, "meals", person))
+    t_min = np.stack([horizon_min * uniforms(seed, "when", person, i) for i in range(MAX_MEALS)])
+    carbs_g = np.stack([5.0 + 115.0 * uniforms(seed, "how much", person, i) for i in range(MAX_MEALS)])
+    carbs_g = np.where(np.arange(MAX_MEALS)[:, None] < many, carbs_g, 0.0)
     return Eaten(t_min=t_min, carbs_g=carbs_g, eating_min=np.zeros_like(carbs_g))
 
 
@@ -237,7 +237,7 @@ def random_faults(order: Order, seed: int, person: npt.ArrayLike, samples: int) 
 
         return {name: np.asarray(draw(even)) for name, draw in _entry(kind).drawn.items()}
 
-    many = np.floor((MOST_AT_ONCE + 1) * drawn("how many"))
+    many = np.floor((MAX_AT_ONCE + 1) * drawn("how many"))
     rank = np.argsort(np.argsort([drawn(f"which {kind}") for kind in KINDS], axis=0), axis=0)
     there = {kind: rank[place] < many for place, kind in enumerate(KINDS)}
     return RandomFaults(
@@ -306,11 +306,11 @@ def horizon_min(controller: str) -> float:
     return SLOW_HORIZON_MIN if controller_entry(controller).slow else HORIZON_MIN
 
 
-def trial_of(asked: Verification, controller: str) -> Trial:
+def trial_of(config: Verification, controller: str) -> Trial:
     """The situation of a controller's loops as a trial, whose people, meals and faults are those of the campaign."""
     given = {
-        "patient": PATIENTS.parse(asked.patient),
-        "seed": asked.seed,
+        "patient": PATIENTS.parse(config.patient),
+        "seed": config.seed,
         "duration_min": horizon_min(controller),
         "meals": (),
     }
@@ -318,14 +318,14 @@ def trial_of(asked: Verification, controller: str) -> Trial:
 
 
 def catalogue_controller(
-    name: str, patient: str = USUAL_PATIENT.name, sample_time_min: float = SAMPLE_MIN
+    name: str, patient: str = DEFAULT_PATIENT.name, sample_time_min: float = SAMPLE_MIN
 ) -> Controller:
     """A controller as the catalogue has it, for a nominal patient and readings without noise."""
     situation = configured(Situation, patient=patient, sample_time_min=sample_time_min)
     return controller_of(situation, usual_case(name, situation))
 
 
-def circumstances_of(controller: str, seed: int, person: int, patient: str = USUAL_PATIENT.name) -> dict[str, Any]:
+def circumstances_of(controller: str, seed: int, person: int, patient: str = DEFAULT_PATIENT.name) -> dict[str, Any]:
     """A person of a campaign, with the meals and faults under a controller, as plain values.
 
     Meals are pairs of the minute and the carbohydrate in g; faults have the form of `glucoloop run --fault`.
@@ -405,10 +405,10 @@ class WatchedLoops:
         )
         points = self.samples * len(trial.grid.inside_min)
         return Closed(
-            broken=run.fold.broken[:, :n],
-            first_min=run.fold.first_min[:, :n],
-            below_60_pct=100.0 * run.fold.below_60[:n] / points,
-            bits=bits_of([run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.fold)])[:n],
+            broken=run.accumulator.broken[:, :n],
+            first_min=run.accumulator.first_min[:, :n],
+            below_60_pct=100.0 * run.accumulator.below_60[:n] / points,
+            bits=bits_of([run.glucose_mg_dl, run.insulin_mU_min, *jax.tree.leaves(run.accumulator)])[:n],
         )
 
 
@@ -421,36 +421,36 @@ def bits_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
     return together
 
 
-def run_campaign(asked: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
+def run_campaign(config: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
     """The loops of each controller, without a guard and then with one, as plain values.
 
     Each is an ``arm``; with that of the guard comes ``guarding``, its effect on the time below 60 mg/dl.
     """
-    pairs = asked.people()
-    if asked.person is None:
-        people = feasible_people(asked.seed, max(pairs.values()), asked.patient)
+    pairs = config.people()
+    if config.person is None:
+        people = feasible_people(config.seed, max(pairs.values()), config.patient)
     else:
-        people = np.array([asked.person])
-        if not draw_people(asked.seed, people, asked.patient).feasible.all():
+        people = np.array([config.person])
+        if not draw_people(config.seed, people, config.patient).feasible.all():
             raise Refusal(
-                f"no basal rate holds person {asked.person} of seed {asked.seed} at the setpoint; give another person"
+                f"no basal rate holds person {config.person} of seed {config.seed} at the setpoint; give another person"
             )
     for name, number in pairs.items():
-        person, order, trial = people[:number], _order(asked.seed, name), trial_of(asked, name)
-        bare = catalogue_controller(name, asked.patient)
+        person, order, trial = people[:number], _order(config.seed, name), trial_of(config, name)
+        bare = catalogue_controller(name, config.patient)
         loops = WatchedLoops(trial, bare, order)
         without = loops.close(person, progress)
-        yield {"arm": _arm(asked, name, loops, person, without, guarded=False)}
+        yield {"arm": _arm(config, name, loops, person, without, guarded=False)}
         loops = WatchedLoops(trial, with_guard(bare, guard_of(trial.patient), trial.limits), order)
         closed = loops.close(person, progress)
         yield {
-            "arm": _arm(asked, name, loops, person, closed, guarded=True),
+            "arm": _arm(config, name, loops, person, closed, guarded=True),
             "guarding": {"controller": name, **_guarding(person, without.below_60_pct, closed.below_60_pct)},
         }
 
 
 def _arm(
-    asked: Verification, name: str, loops: WatchedLoops, person: Numbers, closed: Closed, *, guarded: bool
+    config: Verification, name: str, loops: WatchedLoops, person: Numbers, closed: Closed, *, guarded: bool
 ) -> dict[str, Any]:
     """Numbers of broken loops, the first of each promise, and the repetition of some loops."""
     again = np.arange(person.size)[::REPEATED][::-1]
@@ -474,8 +474,8 @@ def _arm(
                 "person": (number := int(person[i])),
                 "samples": int(closed.broken[place, i]),
                 "first_min": float(closed.first_min[place, i]),
-                "faults": circumstances_of(name, asked.seed, number, asked.patient)["faults"],
-                "repeat": asked.repeat(name, number),
+                "faults": circumstances_of(name, config.seed, number, config.patient)["faults"],
+                "repeat": config.repeat(name, number),
             }
             for place, promise in enumerate(PROMISES)
             for i in np.flatnonzero(closed.broken[place])[:LISTED]

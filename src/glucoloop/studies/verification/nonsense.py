@@ -21,7 +21,7 @@ from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.control import Controller, Decision, Observation, guarded
 from glucoloop.control.guard_settings import guard_of
 from glucoloop.control.protocol import gives_boluses
-from glucoloop.metrics.promises import OF_CONTROLLER, ROUNDING, Caps, Counted, breaches, held_by_controller
+from glucoloop.metrics.promises import OF_CONTROLLER, ROUNDING, Caps, Counted, breaches, promises_of_controller
 from glucoloop.simulation.engines import NativeEngine
 from glucoloop.situations.situation import Situation, configured
 from glucoloop.studies.verification import NONSENSE_SAMPLES, Verification
@@ -112,11 +112,11 @@ class _Carry:
 class _Loops:
     """The loops of one guarded controller; each is a function of the seed and its number alone."""
 
-    def __init__(self, name: str, asked: Verification, sample_time_min: float, precision: str) -> None:
-        situation = configured(Situation, patient=asked.patient, sample_time_min=sample_time_min)
-        self._seed, self._setpoint, self._every = asked.seed, situation.target_mg_dl, sample_time_min
+    def __init__(self, name: str, config: Verification, sample_time_min: float, precision: str) -> None:
+        situation = configured(Situation, patient=config.patient, sample_time_min=sample_time_min)
+        self._seed, self._setpoint, self._every = config.seed, situation.target_mg_dl, sample_time_min
         self._limits, self._rounding = situation.limits, ROUNDING[precision]
-        controller = catalogue_controller(name, asked.patient, sample_time_min)
+        controller = catalogue_controller(name, config.patient, sample_time_min)
         self._guard = guarded(controller, guard_of(situation.patient), self._limits)
         self._caps = Caps(
             settings=self._guard.settings,
@@ -186,7 +186,7 @@ class _Loops:
         counted, within_caps = self._caps.step(carry.counted, rate, dose.rate_mU_min, bolus, dose.bolus_mU)
         whole = jnp.where(inputs["word"] >= 0.0, 0.0, carry.whole)
         within_caps = within_caps | (whole < 0.5)
-        held = held_by_controller(
+        fulfilled = promises_of_controller(
             self._limits,
             _ANY_BOLUS_MU,
             decision,
@@ -202,7 +202,7 @@ class _Loops:
             dose=dose,
             dose_before=carry.dose,
             whole=whole,
-            broken=carry.broken + breaches(held),
+            broken=carry.broken + breaches(fulfilled),
         ), dose.rate_mU_min
 
     def _inputs(self, loop: Numbers) -> dict[str, Floats]:
@@ -265,12 +265,12 @@ def _overwritten(state: Any, word: jax.Array, value: jax.Array) -> Any:
     return jax.tree.unflatten(structure, new)
 
 
-def run_nonsense(asked: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
+def run_nonsense(config: Verification, progress: Progress) -> Iterator[dict[str, dict[str, Any]]]:
     """The loops of each guarded controller at each sample time and precision as plain values, each an ``arm``."""
-    for name, number in asked.people().items():
-        loop = np.arange(number) if asked.person is None else np.array([asked.person])
-        for sample_time_min, precision in asked.guard_timings():
-            samples = _Loops(name, asked, sample_time_min, precision).broken(loop, progress)
+    for name, number in config.people().items():
+        loop = np.arange(number) if config.person is None else np.array([config.person])
+        for sample_time_min, precision in config.guard_timings():
+            samples = _Loops(name, config, sample_time_min, precision).broken(loop, progress)
             broken = dict(zip(OF_CONTROLLER, samples > 0, strict=True))
             yield {
                 "arm": {

@@ -15,8 +15,8 @@ from glucoloop.report.columns import Column, FittingTable, Line, decimals, termi
 from glucoloop.report.descriptions import engine_notes
 from glucoloop.report.moments import moment_text
 from glucoloop.situations.case import Case
-from glucoloop.situations.run import ControlledSituation, boluses_into_a_vein
-from glucoloop.storage.findings import Findings
+from glucoloop.situations.run import ControlledSituation, intravenous_boluses
+from glucoloop.storage.results import Results
 from glucoloop.studies.verification import Verification
 from glucoloop.studies.verification.campaign import (
     LISTED,
@@ -30,21 +30,21 @@ from glucoloop.text import how_many
 SAME_BITS: Final = "the same bits again, in another order and other blocks"
 
 
-def notes(asked: Verification) -> tuple[str, ...]:
+def notes(config: Verification) -> tuple[str, ...]:
     """Sentence on boluses into a vein, where controllers were chosen."""
-    if asked.nonsense is not None or not asked.controllers:
+    if config.nonsense is not None or not config.controllers:
         return ()
-    chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in asked.controllers)
-    return boluses_into_a_vein(ControlledSituation(patient=PATIENTS.parse(asked.patient), controller=chosen))
+    chosen = tuple(Case(controller=CONTROLLERS.find(name).partial({})) for name in config.controllers)
+    return intravenous_boluses(ControlledSituation(patient=PATIENTS.parse(config.patient), controller=chosen))
 
 
-def amount(asked: Verification) -> int:
+def amount(config: Verification) -> int:
     """Number of loops that will be closed."""
-    repeats = 2 if asked.nonsense is None else len(asked.guard_timings())
-    return repeats * sum(asked.people().values())
+    repeats = 2 if config.nonsense is None else len(config.guard_timings())
+    return repeats * sum(config.people().values())
 
 
-def found(asked: Verification, progress: Callable[[int], None]) -> Findings:
+def results_of(config: Verification, progress: Callable[[int], None]) -> Results:
     """Close the loops, and count in how many each promise was broken.
 
     After an interrupt, of which `progress` tells, only controllers whose loops were all closed are among the findings.
@@ -53,17 +53,17 @@ def found(asked: Verification, progress: Callable[[int], None]) -> Findings:
     arms: list[dict[str, Any]] = []
     guarding: list[dict[str, Any]] = []
     try:
-        for part in run_campaign(asked, progress) if asked.nonsense is None else run_nonsense(asked, progress):
+        for part in run_campaign(config, progress) if config.nonsense is None else run_nonsense(config, progress):
             arms.append(part["arm"])
             guarding += [part["guarding"]] if "guarding" in part else []
     except KeyboardInterrupt:
         interrupted = True
-    promises = PROMISES if asked.nonsense is None else OF_CONTROLLER
+    promises = PROMISES if config.nonsense is None else OF_CONTROLLER
     violations = {promise: sum(arm["broken"][promise] for arm in arms) for promise in promises}
-    if asked.nonsense is None:
+    if config.nonsense is None:
         violations[SAME_BITS] = sum(len(arm["not_repeated"]) for arm in arms)
     plain = {
-        "seed": asked.seed,
+        "seed": config.seed,
         "loops": sum(arm["loops"] for arm in arms),
         "samples": sum(arm["samples"] for arm in arms),
         "seconds": time.monotonic() - began,
@@ -72,14 +72,14 @@ def found(asked: Verification, progress: Callable[[int], None]) -> Findings:
         "violations": violations,
         "arms": arms,
     }
-    if asked.nonsense is None:
+    if config.nonsense is None:
         plain["guarding"] = guarding
-        if asked.person is not None:
+        if config.person is not None:
             circumstances = {
-                name: circumstances_of(name, asked.seed, asked.person, asked.patient) for name in asked.people()
+                name: circumstances_of(name, config.seed, config.person, config.patient) for name in config.people()
             }
             plain["meets"] = circumstances
-    return Findings(plain)
+    return Results(plain)
 
 
 _effect = functools.partial(Column, only=lambda row: "better" in row)
@@ -96,10 +96,10 @@ _ARM_COLUMNS: Final = (
 )
 
 
-def tables(asked: Verification, found: Findings) -> Iterator[FittingTable]:
+def tables(config: Verification, results: Results) -> Iterator[FittingTable]:
     """Number of loops that broke each promise, and the loops of each controller."""
-    arms, violations = found.plain["arms"], found.plain["violations"]
-    if asked.nonsense is not None:
+    arms, violations = results.plain["arms"], results.plain["violations"]
+    if config.nonsense is not None:
         broken: dict[str, Counter[str]] = {arm["controller"]: Counter() for arm in arms}
         for arm in arms:
             broken[arm["controller"]].update(arm["broken"])
@@ -109,7 +109,7 @@ def tables(asked: Verification, found: Findings) -> Iterator[FittingTable]:
         return
     column = Column(name="loops", short="Loops that broke it", text=whole)
     yield terminal_table("Promise", [("", [(promise, [{"loops": n}]) for promise, n in violations.items()])], [column])
-    guarding = {effect["controller"]: effect for effect in found.plain["guarding"]}
+    guarding = {effect["controller"]: effect for effect in results.plain["guarding"]}
     lines: list[Line] = []
     for arm in arms:
         row = {**arm, "all_broken": sum(arm["broken"].values()) + len(arm["not_repeated"])}
@@ -122,9 +122,9 @@ def tables(asked: Verification, found: Findings) -> Iterator[FittingTable]:
     yield terminal_table("Controller", [("", lines)], _ARM_COLUMNS)
 
 
-def sentences(asked: Verification, found: Findings) -> Iterator[str]:
+def sentences(config: Verification, results: Results) -> Iterator[str]:
     """A line for each broken loop that is listed, with the command that repeats it, and the verdict."""
-    plain = found.plain
+    plain = results.plain
     for name, person in plain.get("meets", {}).items():
         meals = " ".join(f"{carbs:.1f}g@{t:.1f}min" for t, carbs in person["meals"]) or "no meal"
         yield (
@@ -132,9 +132,9 @@ def sentences(asked: Verification, found: Findings) -> Iterator[str]:
             f"{person['noise_variance']:.3g} (mg/dl)² within {person['noise_bound_mg_dl']:.3g}; {_faults(person)}"
         )
     for arm in plain["arms"]:
-        yield from _broken(asked, arm)
+        yield from _broken(config, arm)
     seconds = f"{plain['seconds']:.1f} s"
-    if asked.nonsense is not None:
+    if config.nonsense is not None:
         yield f"{plain['samples']} samples of guarded controllers with nonsense as inputs, {seconds}."
     else:
         repeated = sum(arm["repeated"] for arm in plain["arms"])
@@ -150,12 +150,12 @@ def sentences(asked: Verification, found: Findings) -> Iterator[str]:
     yield f"Broken: {'; '.join(broken)}." if broken else "Every promise was kept."
 
 
-def _broken(asked: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
+def _broken(config: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
     """Lines for the broken loops of a controller."""
     name, called = arm["controller"], _called(arm)
-    if asked.nonsense is not None:
+    if config.nonsense is not None:
         for promise, loops in arm["told"].items():
-            repeat = functools.partial(asked.repeat, name, timing=(arm["sample_time_min"], arm["precision"]))
+            repeat = functools.partial(config.repeat, name, timing=(arm["sample_time_min"], arm["precision"]))
             yield from (f"{called}, loop {loop}: {promise}; {repeat(loop)}" for loop in loops)
         return
     for broken in arm["told"]:
@@ -164,7 +164,7 @@ def _broken(asked: Verification, arm: Mapping[str, Any]) -> Iterator[str]:
             f"at {moment_text(broken['first_min'])}; {_faults(broken)}; {broken['repeat']}"
         )
     for person in arm["not_repeated"][:LISTED]:
-        yield f"{called}, person {person}: other bits; {asked.repeat(name, person)}"
+        yield f"{called}, person {person}: other bits; {config.repeat(name, person)}"
 
 
 def _called(arm: Mapping[str, Any]) -> str:

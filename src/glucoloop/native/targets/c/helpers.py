@@ -19,11 +19,11 @@ def template(name: str) -> str:
     return (importlib.resources.files("glucoloop.native.targets.c") / "templates" / name).read_text(encoding="utf-8")
 
 
-def _for_each_column(found: re.Match[str]) -> str:
+def _for_each_column(result: re.Match[str]) -> str:
     """A line that is marked, for each of the columns."""
     # MISRA C:2012, rule 2.2: nothing is added to the first place.
-    texts = (found[2].replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
-    return "\n".join(f"{found[1]}{text}" for text in texts)
+    texts = (result[2].replace(" + #", f" + {i}" if i else "").replace("#", str(i)) for i in range(COLUMNS))
+    return "\n".join(f"{result[1]}{text}" for text in texts)
 
 
 @functools.cache
@@ -63,4 +63,4 @@ def _filled(source: str, format: Format) -> str:
         "magic": f"0x1p+{shift}{format.suffix}",
         "MAX": "FLT_MAX" if format.type == "float" else "DBL_MAX",
     }
-    return re.sub(r"@(\w+)@", lambda found: texts[found.group(1)], source)
+    return re.sub(r"@(\w+)@", lambda result: texts[result.group(1)], source)

@@ -28,14 +28,14 @@ class Library:
     """A controller in C, compiled for this machine; what the C compiler refuses is refused with its words."""
 
     def __init__(self, source: Source, precision: str, optimise: str = "-O1") -> None:
-        found = compiler()
-        if found is None:
+        result = compiler()
+        if result is None:
             raise FileNotFoundError("there is no C compiler on this machine")
         self._source, self._precision = source, precision
         with private_temporary_folder("glucoloop-c-") as folder:
             (folder / HEADER).write_text(source.header)
             (folder / "controller.c").write_text(source.code)
-            command = [found, *FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
+            command = [result, *FLAGS, *optimise.split(), "-shared", "-fPIC", "-o", "controller.so", "controller.c"]
             made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
             if made.returncode:
                 raise ValueError(f"the C compiler refuses the code: {made.stderr.strip()[:2000]}")

@@ -182,10 +182,10 @@ def plan_chunks(
 
 def _arguments(program: Program, value: Value, fused: Mapping[Value, Value]) -> list[Value]:
     """Values from which a value is computed, including those of a product that is fused with it."""
-    found: list[Value] = []
+    result: list[Value] = []
     for argument in program.operations[value][1]:
         if fused.get(argument) == value:
-            found += program.operations[argument][1]
+            result += program.operations[argument][1]
         else:
-            found.append(argument)
-    return [argument for argument in found if program.levels[argument] == SAMPLE]
+            result.append(argument)
+    return [argument for argument in result if program.levels[argument] == SAMPLE]

@@ -302,8 +302,8 @@ class Emitter:
     def _bring(self, rounds: Rounds) -> None:
         """Bring what is carried at the end of a loop to the place in which it was at the beginning."""
         for i in range(len(rounds.loop.carried)):
-            found = self._out.load(self._cell(f"%{rounds.label}_end_at", i))
-            self._out.store(found, self._cell(f"%{rounds.label}_start", i))
+            result = self._out.load(self._cell(f"%{rounds.label}_end_at", i))
+            self._out.store(result, self._cell(f"%{rounds.label}_start", i))
 
     def _loop_over(self, rows: MatrixRows) -> None:
         """Sum the products of each row and keep the sums."""

@@ -15,8 +15,8 @@ from typing import Final
 
 from glucoloop.native.program import Program, Value
 
-LEAST_ROWS: Final = 3
-LEAST_COLUMNS: Final = 3
+MIN_ROWS: Final = 3
+MIN_COLUMNS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -63,39 +63,39 @@ def find_rows(
         number, factor = sorted(arguments, key=lambda a: a not in places)
         return places[number], factor
 
-    found: dict[Value, _Sum] = {}
+    result: dict[Value, _Sum] = {}
     for value in order:
         operation, arguments = program.operations[value]
         terms = [(a, term) for a in arguments if operation == "add" and (term := product(a)) is not None]
         if len(terms) == 2:
-            found[value] = _Sum(None, tuple(sorted(term for _, term in terms)), frozenset(arguments))
+            result[value] = _Sum(None, tuple(sorted(term for _, term in terms)), frozenset(arguments))
         elif len(terms) == 1:
             ((added, term),) = terms
             (before,) = (a for a in arguments if a != added)
             if before in places:
-                found[value] = _Sum(places[before], (term,), frozenset([added]))
-            elif before in found and uses[before] == 1:
-                so_far = found.pop(before)
-                found[value] = _Sum(so_far.start, (*so_far.terms, term), so_far.inner | {before, added})
+                result[value] = _Sum(places[before], (term,), frozenset([added]))
+            elif before in result and uses[before] == 1:
+                so_far = result.pop(before)
+                result[value] = _Sum(so_far.start, (*so_far.terms, term), so_far.inner | {before, added})
 
     alike: dict[tuple[object, ...], list[Value]] = {}
-    for value, total in found.items():
+    for value, total in result.items():
         first = total.terms[0][0]
         form = tuple((place - first, factor) for place, factor in total.terms)
         alike.setdefault((total.start is None, form), []).append(value)
     rows = []
     for sums in alike.values():
-        terms_of_first = found[sums[0]].terms
-        if len(sums) < LEAST_ROWS or len(terms_of_first) < LEAST_COLUMNS:
+        terms_of_first = result[sums[0]].terms
+        if len(sums) < MIN_ROWS or len(terms_of_first) < MIN_COLUMNS:
             continue
         rows.append(
             MatrixRows(
                 sums=sums,
                 factors=[factor for _, factor in terms_of_first],
                 columns=[place - terms_of_first[0][0] for place, _ in terms_of_first],
-                places=[found[value].terms[0][0] for value in sums],
-                starts=[start for value in sums if (start := found[value].start) is not None],
-                inner=frozenset[Value]().union(*(found[value].inner for value in sums)),
+                places=[result[value].terms[0][0] for value in sums],
+                starts=[start for value in sums if (start := result[value].start) is not None],
+                inner=frozenset[Value]().union(*(result[value].inner for value in sums)),
             )
         )
     return rows

@@ -193,11 +193,11 @@ class VectorCode:
         a, b = reversed(names) if known[1] else names
         # takes b where the two cannot be compared
         taken = self(f"fcmp {order} {v} {a}, {b}")
-        found = self(f"select {self._mask} {taken}, {v} {a}, {v} {b}")
+        result = self(f"select {self._mask} {taken}, {v} {a}, {v} {b}")
         if any(known):
-            return found
+            return result
         strange = self(f"fcmp uno {v} {a}, {a}")
-        return self(f"select {self._mask} {strange}, {v} {a}, {v} {found}")
+        return self(f"select {self._mask} {strange}, {v} {a}, {v} {result}")
 
     def _of_bits(self, operation: str, x: str) -> str:
         v, w = self.vector, self._wholes

@@ -92,7 +92,7 @@ def _entry(name: str, looped: Looped, lanes: int) -> str:
         **{group: str(sum(field.size for field in fields)) for group, fields in groups.items()},
         **{"name": name, "lanes": str(lanes), "step": "\n      ".join([*taken, *called, *given])},
     }
-    filled = re.sub(r"@(held|own|carry|outputs|name|lanes|step)@", lambda found: texts[found[1]], _ENTRY.read_text())
+    filled = re.sub(r"@(held|own|carry|outputs|name|lanes|step)@", lambda output: texts[output[1]], _ENTRY.read_text())
     return filled.replace("@real@", format.type)
 
 

@@ -96,41 +96,41 @@ class Arithmetic:
         return results if isinstance(results, list) else [results]
 
     def _apply(self, name: str, *given: Array) -> Array:
-        _, found = interpret(function(name, self.precision), own=np.stack([x.ravel() for x in given]))
-        return found.reshape(given[0].shape)
+        _, result = interpret(function(name, self.precision), own=np.stack([x.ravel() for x in given]))
+        return result.reshape(given[0].shape)
 
     def _elementwise(self, name: str, equation: Any, given: Sequence[Array]) -> Array:
         a, b, c = (*given, given[0], given[0])[:3]
         kind = kind_of(equation.invars[0].aval.dtype)
         simple, called = _SIMPLE.get(name), function_of(name, equation)
-        found: Array
+        result: Array
         if called is not None:
-            found = self._apply(called, *given)
+            result = self._apply(called, *given)
         elif name == "rem":
-            found = np.where(b == 0, a, np.fmod(a, b))
+            result = np.where(b == 0, a, np.fmod(a, b))
         elif simple is not None:
-            found = simple(*given)
+            result = simple(*given)
         elif name == "div":
             whole = np.where(b == 0, -1, np.trunc(np.true_divide(a, b))) if kind != REAL else None
-            found = np.divide(a, b) if whole is None else whole.astype(np.int32)
+            result = np.divide(a, b) if whole is None else whole.astype(np.int32)
         elif name in ("max", "min"):
-            found = (larger if name == "max" else smaller)(a, b)
+            result = (larger if name == "max" else smaller)(a, b)
         elif name == "clamp":
-            found = smaller(larger(a, b), c)
+            result = smaller(larger(a, b), c)
         elif name == "pow":
-            found = self._power(a, b, primitives.written_exponent(equation))
+            result = self._power(a, b, primitives.written_exponent(equation))
         elif name == "integer_pow":
-            found = self._integer_power(a, primitives.exponent(equation))
+            result = self._integer_power(a, primitives.exponent(equation))
         elif name == "select_n":
-            found = a.astype(np.int32).choose(given[1:])
+            result = a.astype(np.int32).choose(given[1:])
         elif name == "sign":
             one = a.dtype.type(1)
-            found = np.where(a > 0, one, np.where(a < 0, -one, a))
+            result = np.where(a > 0, one, np.where(a < 0, -one, a))
         elif name in ("lt_to", "le_to"):
-            found = (a < b) | ((a == a) & (b != b)) if name == "lt_to" else (a <= b) | (b != b)
+            result = (a < b) | ((a == a) & (b != b)) if name == "lt_to" else (a <= b) | (b != b)
         else:
-            found = self._converted(a, kind, kind_of(primitives.new_dtype(equation)))
-        return found
+            result = self._converted(a, kind, kind_of(primitives.new_dtype(equation)))
+        return result
 
     def _power(self, x: Array, y: Array, written: float | None) -> Array:
         if written in SMALL_POWERS:
@@ -151,8 +151,8 @@ class Arithmetic:
 
     def _moved(self, equation: Any, given: Sequence[Array]) -> list[Array]:
         whole = np.concatenate([array.ravel() for array in given])
-        found = self._known_places(equation, lambda: places_of(equation, [array.shape for array in given]))
-        return [whole[places] for places in found]
+        result = self._known_places(equation, lambda: places_of(equation, [array.shape for array in given]))
+        return [whole[places] for places in result]
 
     def _known_places(self, equation: Any, find: Callable[[], list[npt.NDArray[np.int64]]]) -> Any:
         if id(equation) not in self._places:
@@ -233,9 +233,9 @@ class Arithmetic:
         known = self._known_places(
             equation, lambda: [primitives.scatter_places(equation, a.shape, indices, updates.shape)]
         )
-        found, (places,) = a.copy(), known
-        found.ravel()[places] = found.ravel()[places] + updates if adds else updates
-        return found
+        result, (places,) = a.copy(), known
+        result.ravel()[places] = result.ravel()[places] + updates if adds else updates
+        return result
 
     _scatter = functools.partialmethod(_scattered, adds=False)
     _scatter_add = functools.partialmethod(_scattered, adds=True)
@@ -355,7 +355,7 @@ def gather_places(equation: Any, shape: tuple[int, ...], indices: Array) -> npt.
     """Source of each element of a gather with known indices."""
     places = np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
     with jax.ensure_compile_time_eval():
-        found = primitives.gathered(equation, places, indices, -1)
-    if (found < 0).any():
+        result = primitives.gathered(equation, places, indices, -1)
+    if (result < 0).any():
         raise UnsupportedError("a place outside an array")
-    return found
+    return result

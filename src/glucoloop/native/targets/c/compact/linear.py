@@ -48,12 +48,12 @@ class LinearAlgebra(ValueStore):
         inner = [shape_of(left)[i] for i in summed_a]
 
         def total(indices: list[str]) -> Scalar:
-            found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
+            result = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
             with self._w.loops(inner) as of_inner:
                 of_a = a.value([*indices[: n + f], *of_inner])
                 of_b = b.value([*indices[:n], *indices[n + f :], *of_inner])
-                self._w.say(f"{found.text} = {found.text} + ({of_a} * {of_b});")
-            return found
+                self._w.say(f"{result.text} = {result.text} + ({of_a} * {of_b});")
+            return result
 
         return [self._each(output, total, (a, b))]
 
@@ -104,11 +104,11 @@ class LinearAlgebra(ValueStore):
         i, p = self._w.fresh("i"), self._w.fresh("i")
         self._w.say(f"/*@ loop unroll {counts.size}; */")  # without it Frama-C does not see that no index is outside
         with self._w.counted(i, counts.size):
-            found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
+            result = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
             with self._w.counted(p, f"{begin}[{i} + 1]", f"{begin}[{i}]"):
                 element = line.value([f"({p} + {shift}[{i}])"])
-                self._w.say(f"{found.text} = {found.text} + ({numbers}[{p}] * {element});")
-            self._w.assign(to, [i], found.text)
+                self._w.say(f"{result.text} = {result.text} + ({numbers}[{p}] * {element});")
+            self._w.assign(to, [i], result.text)
         view = replace(to, shape=output.shape, strides=dense(output.shape))
         return self._scalar(view) if math.prod(output.shape) == 1 else view
 

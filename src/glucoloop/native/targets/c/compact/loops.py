@@ -101,8 +101,8 @@ class Loops(ValueStore):
         for n, branch in enumerate(operation.inner):
             head = "else" if n == last else f"{'else ' if n else ''}if ({which} {'<=' if n == 0 else '=='} {n})"
             with self._w.block(head):
-                found = self._body(branch, dict(zip(branch.inputs, values, strict=True)))
-                needed = zip(found, results, operation.outputs, strict=True)
+                result = self._body(branch, dict(zip(branch.inputs, values, strict=True)))
+                needed = zip(result, results, operation.outputs, strict=True)
                 pairs = [(value, to) for value, to, output in needed if output in flat.uses]
                 for value, to in pairs:
                     if isinstance(to, Scalar):  # a variable of its own, which nothing reads

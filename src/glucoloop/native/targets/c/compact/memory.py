@@ -46,8 +46,8 @@ def placed(lines: Sequence[str], arrays: Sequence[Array]) -> tuple[list[str], di
         places_of_kind, total[kind] = _packed(of_kind, lives)
         place.update(places_of_kind)
 
-    def put(found: re.Match[str]) -> str:
-        return str(place[int(found.group(1))] + int(found.group(2)))
+    def put(result: re.Match[str]) -> str:
+        return str(place[int(result.group(1))] + int(result.group(2)))
 
     return [_MARK.sub(put, line).replace(" + 0]", "]") for line in lines], total
 
@@ -63,14 +63,14 @@ def _packed(arrays: Sequence[Array], lives: Lives) -> tuple[dict[int, int], int]
         for line in {lives[array.number][0] for array in arrays}
     )
     order = sorted(arrays, key=lambda array: (-array.size, lives[array.number]))
-    best = found = _in_order(order, lives)
+    best = result = _in_order(order, lives)
     for _ in range(1, _ATTEMPTS):
         if best[1] == needed:
             break
-        beyond = [array for array in order if found[0][array.number] + array.size > needed]
+        beyond = [array for array in order if result[0][array.number] + array.size > needed]
         order = [*beyond, *(array for array in order if array not in beyond)]
-        found = _in_order(order, lives)
-        best = min(best, found, key=lambda of_order: of_order[1])
+        result = _in_order(order, lives)
+        best = min(best, result, key=lambda of_order: of_order[1])
     return best
 
 
@@ -108,8 +108,8 @@ def _lives(lines: Sequence[str]) -> Lives:
             begin, is_loop = opened.pop()
             if is_loop:
                 loops.append((begin, i))
-        for found in _MARK.finditer(line):
-            number = int(found.group(1))
+        for result in _MARK.finditer(line):
+            number = int(result.group(1))
             first, _ = lives.get(number, (i, i))
             lives[number] = (first, i)
     for begin, end in loops:  # inner ones come before those around them

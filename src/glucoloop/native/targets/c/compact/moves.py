@@ -70,8 +70,8 @@ class Moves(ValueStore):
         line = replace(source, shape=(math.prod(source.shape),), strides=(1,))
 
         def write(to: View) -> None:
-            with self._w.loops(places.shape) as found:
-                self._w.assign(to, found, line.value([index.value(found)]))
+            with self._w.loops(places.shape) as result:
+                self._w.assign(to, result, line.value([index.value(result)]))
 
         return Maker(places.shape, source.kind, write, (source,))
 
@@ -129,11 +129,11 @@ class Moves(ValueStore):
         out = primitives.gathered_offsets(operation.equation)
         size = view.shape[axis]
 
-        def element(found: list[str]) -> Scalar:
-            batch = [i for n, i in enumerate(found) if n not in out]
+        def element(result: list[str]) -> Scalar:
+            batch = [i for n, i in enumerate(result) if n not in out]
             at = self._w.local(Scalar(f"gl_within({index.value([*batch, '0'])}, {size - 1})", WHOLE))
             row = view.row(axis, at.text)
-            return Scalar(row.value([i for n, i in enumerate(found) if n in out]), view.kind)
+            return Scalar(row.value([i for n, i in enumerate(result) if n in out]), view.kind)
 
         return [self._each(output, element, (view, index))]
 

@@ -29,11 +29,11 @@ class Reductions(ValueStore):
         step = f"{{0}} {INFIX[name]} {{1}}" if name in INFIX else f"gl_{name}({{0}}, {{1}})"
 
         def total(indices: list[str]) -> Scalar:
-            found = self._w.variable(output.kind, start)
+            result = self._w.variable(output.kind, start)
             with self._w.loops(inner) as of_inner:
                 text = turned.value([*indices, *of_inner])
-                self._w.say(f"{found.text} = {step.format(found.text, text)};")
-            return found
+                self._w.say(f"{result.text} = {step.format(result.text, text)};")
+            return result
 
         return self._each(output, total, (value,))
 
@@ -52,10 +52,10 @@ class Reductions(ValueStore):
             to = to.permuted(order)
             to = to.reversed(last) if reverse else to
             with self._w.loops(turned.shape[:-1]) as outer:
-                found = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
+                result = self._w.variable(output.kind, self._w.format.constant(0, output.kind))
                 with self._w.loops(turned.shape[-1:]) as along:
-                    self._w.say(f"{found.text} = {found.text} + {turned.value([*outer, *along])};")
-                    self._w.assign(to, [*outer, *along], found.text)
+                    self._w.say(f"{result.text} = {result.text} + {turned.value([*outer, *along])};")
+                    self._w.assign(to, [*outer, *along], result.text)
 
         return [Maker(output.shape, output.kind, write, (value,))]
 
@@ -73,7 +73,7 @@ class Reductions(ValueStore):
 
         def place(indices: list[str]) -> Scalar:
             best = self._w.variable(kind, number(turned.value([*indices, "0"])))
-            found = self._w.variable(WHOLE, "0")
+            result = self._w.variable(WHOLE, "0")
             i = self._w.fresh("i")
             with self._w.counted(i, turned.shape[-1], 1):
                 element = self._w.local(Scalar(number(turned.value([*indices, i])), kind))
@@ -82,8 +82,8 @@ class Reductions(ValueStore):
                 )
                 condition = f"({element.text} {sign} {best.text})"
                 with self._w.block(f"if ({condition}{new})" if new else f"if {condition}"):
-                    self._w.say(f"{best.text} = {element.text};", f"{found.text} = {i};")
-            return found
+                    self._w.say(f"{best.text} = {element.text};", f"{result.text} = {i};")
+            return result
 
         return [self._each(output, place, (view,))]
 

@@ -120,7 +120,7 @@ def _used(lines: Sequence[str]) -> list[str]:
     """Lines without local constants that nothing reads."""
     while True:
         read = Counter(name for line in lines for name in _LOCAL.findall(line))
-        remaining = [line for line in lines if not ((found := _DEFINED.match(line)) and read[found.group(1)] == 1)]
+        remaining = [line for line in lines if not ((result := _DEFINED.match(line)) and read[result.group(1)] == 1)]
         if len(remaining) == len(lines):
             return remaining
         lines = remaining

@@ -150,8 +150,8 @@ class Writer:
                 at = functools.partial(_at, indices=np.unravel_index(i, shape))
                 self.assign(at(to), (), thin.mapped(at, ()).value())
             return
-        with self.loops(shape) as found:
-            self.assign(to, found, thin.value(found))
+        with self.loops(shape) as result:
+            self.assign(to, result, thin.value(result))
 
 
 def _at(view: View, indices: Sequence[Any]) -> View:

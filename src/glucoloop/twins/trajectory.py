@@ -34,8 +34,8 @@ START_SD: Final = 0.2
 WARM_UP_MIN: Final = 360.0
 """Time from the start in which readings are not used: the state forgets how it was begun."""
 _INTERSTITIAL: Final = "interstitial"
-_ASKED: Final = 64
-_MOST_STEP: Final = 0.8
+_SAMPLED_PEOPLE: Final = 64
+_MAX_STEP: Final = 0.8
 """Largest product of a step and the fastest rate."""
 _MARGIN: Final = 1.5
 _TOGETHER: Final = 64
@@ -60,7 +60,7 @@ class Simulator:
     def of(cls, population: Population, prior: Prior, days: RecordedDays) -> Simulator:
         """Simulator with steps that suit the people of a population, some of whom are looked at."""
         some = population if population.table is None else population.drawn_as("with-replacement")
-        people = virtual_people(some, 0, np.arange(_ASKED))
+        people = virtual_people(some, 0, np.arange(_SAMPLED_PEOPLE))
         people = people.at(np.flatnonzero(people.feasible))
         if not people.feasible.size:
             raise Refusal(
@@ -71,7 +71,7 @@ class Simulator:
         return cls(
             prior=prior,
             days=days,
-            steps=max(2, math.ceil(rate * SAMPLE_MIN / _MOST_STEP)),
+            steps=max(2, math.ceil(rate * SAMPLE_MIN / _MAX_STEP)),
             site=_INTERSTITIAL if _INTERSTITIAL in where else where[0],
         )
 
@@ -181,9 +181,9 @@ def _program(fixed: tuple[Any, ...]) -> Any:
         prior = Prior(population, patient, parameters, mean, factor, dict(zip(known, values, strict=True)))
         simulator = Simulator(prior=prior, days=None, steps=steps, site=site)  # type: ignore[arg-type]  # in `given`
 
-        def course(z: jax.Array) -> jax.Array:
+        def trajectory(z: jax.Array) -> jax.Array:
             return simulator._course(z, given)
 
-        return course(z) if tangents is None else jax.jvp(course, (z,), (tangents,))
+        return trajectory(z) if tangents is None else jax.jvp(trajectory, (z,), (tangents,))
 
     return run

@@ -1,6 +1,6 @@
-"""Search for the doses that keep people of `under_the_skin.py` in range for longest, of all that are possible.
+"""Search for the doses that keep people of `subcutaneous.py` in range for longest, of all that are possible.
 
-    python benchmarks/under_the_skin_bound.py [--json] [--people N] [--seed N] [--patient NAME ...] [--days N]
+    python benchmarks/subcutaneous_bound.py [--json] [--people N] [--seed N] [--patient NAME ...] [--days N]
 
 The search is `glucoloop.bounds.least_risk_doses`: each sample of 5 min may have any dose, so a bolus too, and the
 person is known exactly. Meals are known from their first minute (start), or all in advance (advance). What it finds can
@@ -14,7 +14,7 @@ import json
 from typing import Any
 
 import numpy as np
-from under_the_skin import MOST, PATIENTS, trial_of
+from subcutaneous import MOST, PATIENTS, trial_of
 
 from glucoloop.studies.league.reach import KNOWN, BestDoses
 
@@ -23,10 +23,10 @@ def measured(family: str, people: int, seed: int, days: int) -> list[dict[str, A
     """Times in ranges of some people of a family under the best doses, by when meals are known."""
     trial = trial_of(f"{family}, announced, white", people, seed, "basal-bolus", days=days, profile_by="table")
     search, numbers = BestDoses(), range(min(people, MOST.get(family, people)))
-    found = [{known: search.of(trial, number, known) for known in KNOWN} for number in numbers]
+    result = [{known: search.of(trial, number, known) for known in KNOWN} for number in numbers]
     rows = []
     for known in KNOWN:
-        able = [person[known] for person in found if person[known]["able"]]
+        able = [person[known] for person in result if person[known]["able"]]
         rows.append(
             {
                 "family": family,

@@ -6,9 +6,9 @@ import pytest
 from scipy.optimize import minimize
 
 import glucoloop as gl
-from glucoloop.identification import filtered_input, identify_record, skin_coefficients
+from glucoloop.identification import filtered_input, identify_record, subcutaneous_coefficients
 from glucoloop.identification.laguerre import laguerre_functions
-from glucoloop.identification.skin_response import skin_basis
+from glucoloop.identification.subcutaneous_response import subcutaneous_basis
 from glucoloop.models.state_space import step_response
 from glucoloop.models.step_response import StepResponseModel
 
@@ -54,9 +54,7 @@ def test_what_the_functions_span_comes_back_from_a_whole_record():
     record = gl.record_from_samples(
         5.0 * np.arange(insulin.size + 1), np.append(25.0 + insulin, 25.0), glucose, sample_time_min=5.0
     )[0]
-    found = identify_record(
-        record, memory=memory, laguerre_pole=pole, laguerre_functions=functions, under_the_skin=True
-    )
+    found = identify_record(record, memory=memory, laguerre_pole=pole, laguerre_functions=functions, subcutaneous=True)
     np.testing.assert_allclose(found.laguerre_coefficients, coefficients, atol=1e-5)
 
 
@@ -68,8 +66,8 @@ def test_the_fit_is_the_best_one_that_never_rises(seed):
     columns = rng.normal(size=(80, functions))
     truth = np.linalg.lstsq(rows.T, falling(pole, memory))[0]
     readings = columns @ truth + rng.normal(size=80)
-    found = skin_coefficients(columns, readings, pole, functions, memory)
-    combinations = skin_basis(pole, functions, memory)
+    found = subcutaneous_coefficients(columns, readings, pole, functions, memory)
+    combinations = subcutaneous_basis(pole, functions, memory)
     other = minimize(
         lambda c: np.sum((columns @ combinations @ c - readings) ** 2),
         np.zeros(combinations.shape[1]),
@@ -81,14 +79,14 @@ def test_the_fit_is_the_best_one_that_never_rises(seed):
     assert np.max(rows.T @ found) < 1e-9
     np.testing.assert_allclose(rows[:, :2].T @ found, 0.0, atol=1e-12)
     np.testing.assert_allclose(found, combinations @ other.x, atol=1e-5)
-    several = skin_coefficients(columns, np.stack([readings, 2 * readings], axis=1), pole, functions, memory)
+    several = subcutaneous_coefficients(columns, np.stack([readings, 2 * readings], axis=1), pole, functions, memory)
     np.testing.assert_allclose(several, np.stack([found, 2 * found], axis=1), atol=1e-9)
 
 
 def test_a_record_in_which_insulin_raises_glucose_is_not_bent_to_the_contrary():
     pole, functions = 0.9, 6
     columns = filtered_input(np.random.default_rng(0).normal(size=100), pole, functions)
-    raised = columns @ skin_basis(pole, functions, 100) @ np.array([1.0, 0.3, 0.2, 0.1])
-    found = skin_coefficients(columns, raised, pole, functions, 60)
+    raised = columns @ subcutaneous_basis(pole, functions, 100) @ np.array([1.0, 0.3, 0.2, 0.1])
+    found = subcutaneous_coefficients(columns, raised, pole, functions, 60)
     np.testing.assert_allclose(columns @ found, raised, atol=1e-8)
     assert float(jnp.sum(found)) > 0.0

@@ -22,7 +22,7 @@ _MEND: Final = "move it away and run the same command again"
 
 
 @dataclass(frozen=True)
-class Findings:
+class Results:
     """Findings of a study."""
 
     plain: Mapping[str, Any]
@@ -58,7 +58,7 @@ class Findings:
     """File from which they were read back; None for what was computed just now."""
 
     @classmethod
-    def read(cls, place: Path) -> Findings:
+    def read(cls, place: Path) -> Results:
         """Read earlier findings from the JSON file that holds them."""
         plain = stored_json(place, _MEND, dict[str, Any])
         return cls({key: value for key, value in plain.items() if key != "version"}, place=place)

@@ -32,7 +32,7 @@ _ITERATIONS: Final = 100
 """Iterations of NNLS for each inequality, thirty times the usual number."""
 
 
-def skin_basis(pole: float, functions: int, memory: int) -> Floats:
+def subcutaneous_basis(pole: float, functions: int, memory: int) -> Floats:
     """Combinations ``(L, L - 2)`` of Laguerre functions that begin at 0 with a slope of 0; one of fewer than 3."""
     starting = min(_STARTING, functions - 1)
     rows = np.asarray(laguerre_functions(pole, functions, memory))[:, :starting].T
@@ -50,7 +50,7 @@ def filtered_input(insulin_deviation: npt.ArrayLike, pole: float, functions: int
     return responses
 
 
-def skin_coefficients(columns: Floats, readings: Floats, pole: float, functions: int, memory: int) -> Floats:
+def subcutaneous_coefficients(columns: Floats, readings: Floats, pole: float, functions: int, memory: int) -> Floats:
     """Laguerre coefficients of the response to insulin under the skin that fits the readings best.
 
     The columns ``(N, L)`` are responses of the functions to the insulin, and readings ``(N,)`` or ``(N, people)``
@@ -58,16 +58,16 @@ def skin_coefficients(columns: Floats, readings: Floats, pole: float, functions:
     kept. The result is ``(L,)`` or ``(L, people)`` [mg/dl per mU/min]. A fit whose gain is not below 0 without regard
     to the signs keeps it, so that it is seen that the record contradicts what is known.
     """
-    combinations = skin_basis(pole, functions, memory)
+    combinations = subcutaneous_basis(pole, functions, memory)
     impulse_responses = np.asarray(laguerre_functions(pole, functions, memory)).T @ combinations
     orthonormal, triangle = np.linalg.qr(columns @ combinations)
     projected = orthonormal.T @ readings.reshape(readings.shape[0], -1)
     # In w = R c the fit is the point next to the projection of which all responses are at most 0.
     falling = -np.linalg.solve(triangle.T, impulse_responses[min(_STARTING, functions - 1) :].T).T
-    found = np.linalg.solve(triangle, np.stack([_nearest(point, falling) for point in projected.T], axis=1))
+    result = np.linalg.solve(triangle, np.stack([_nearest(point, falling) for point in projected.T], axis=1))
     free = np.linalg.solve(triangle, projected)
     contradicting = combinations.sum(axis=0) @ free >= 0.0
-    coefficients: Floats = combinations @ np.where(contradicting, free, found)
+    coefficients: Floats = combinations @ np.where(contradicting, free, result)
     return coefficients.reshape(functions, *readings.shape[1:])
 
 

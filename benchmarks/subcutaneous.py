@@ -1,6 +1,6 @@
 """Measure what controllers reach with insulin under the skin, on people whose profiles are titrated and 15 % wrong.
 
-    python benchmarks/under_the_skin.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
+    python benchmarks/subcutaneous.py [--json] [--people N] [--seed N] [--case NAME ...] [--controller TEXT ...]
                                         [--announce-before MIN] [--days N]
 
 Three days of 45, 70 and 60 g, the sizes of which spread by 30 % and the times by 30 min. Announced meals are counted
@@ -95,26 +95,28 @@ def measured(case: str, people: int, seeds: list[int], text: str, **more: Any) -
     """Figures of a controller in a case for people of each seed; the loop is compiled once."""
     trial = trial_of(case, people, seeds[0], text, **more)
     [asked] = trial.cases
-    fold, controller, rows = engine.fold_of(trial), controller_of(trial, asked), []
+    accumulator, controller, rows = engine.fold_of(trial), controller_of(trial, asked), []
     of_seed = seeds[0]
 
     def own(people: VirtualPeople) -> Any:
         return given_profile(controller, erred(people.profile, of_seed, people.draw.person))
 
-    loop = engine.loop_of(trial, controller, fold, controllers_of=own)
+    loop = engine.loop_of(trial, controller, accumulator, controllers_of=own)
     of_case = engine.PreparedCase(controller, loop, surroundings_of(trial), ())
     for of_seed in seeds:
-        prepared = engine.PreparedTrial(trial_of(case, people, of_seed, text, **more), fold, {asked.label: of_case})
+        prepared = engine.PreparedTrial(
+            trial_of(case, people, of_seed, text, **more), accumulator, {asked.label: of_case}
+        )
         start = time.perf_counter()
-        found = engine.run_people(prepared, asked.label, np.arange(prepared.trial.people))
+        result = engine.run_people(prepared, asked.label, np.arange(prepared.trial.people))
         taken = time.perf_counter() - start
-        metrics = {name: values[found.feasible] for name, values in found.metrics.items()}
+        metrics = {name: values[result.feasible] for name, values in result.metrics.items()}
         rows.append(
             {
                 "case": case,
                 "controller": text,
                 "seed": of_seed,
-                "people": int(found.feasible.sum()),
+                "people": int(result.feasible.sum()),
                 **{name: float(np.mean(metrics[name])) for name in REPORTED},
                 "ever_below_54_pct": 100.0 * float(np.mean(metrics["time_below_54_pct"] > 0.0)),
                 "below_54_pct": metrics["time_below_54_pct"],
@@ -125,12 +127,12 @@ def measured(case: str, people: int, seeds: list[int], text: str, **more: Any) -
     return rows
 
 
-def compared(found: list[list[dict[str, Any]]]) -> None:
+def compared(result: list[list[dict[str, Any]]]) -> None:
     """Add the share of people who are below 54 mg/dl for longer than under the last controller."""
-    for rows in found:
-        for row, last in zip(rows, found[-1], strict=True):
+    for rows in result:
+        for row, last in zip(rows, result[-1], strict=True):
             row["longer_below_54_pct"] = 100.0 * float(np.mean(row["below_54_pct"] > last["below_54_pct"]))
-    for row in (row for rows in found for row in rows):
+    for row in (row for rows in result for row in rows):
         del row["below_54_pct"]
 
 
@@ -164,11 +166,11 @@ def main() -> None:
         more: dict[str, Any] = {"days": asked.days}
         if ", announced" in case:
             more["announce_before_min"] = asked.announce_before
-        found = [measured(case, asked.people, asked.seed or [1, 4], text, **more) for text in controllers]
-        compared(found)
-        rows += [row for of_controller in found for row in of_controller]
+        result = [measured(case, asked.people, asked.seed or [1, 4], text, **more) for text in controllers]
+        compared(result)
+        rows += [row for of_controller in result for row in of_controller]
         if not asked.json:
-            print("\n".join(map(line, rows[-sum(map(len, found)) :])), flush=True)
+            print("\n".join(map(line, rows[-sum(map(len, result)) :])), flush=True)
     if asked.json:
         print(json.dumps(rows, indent=2))
 

@@ -22,8 +22,8 @@ from glucoloop.patients.protocol import Patient
 from glucoloop.refusal import Refusal
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.integrators import default_integrator
-from glucoloop.simulation.minute_inputs import held_of
-from glucoloop.simulation.plant import Exogenous, Held, Plant, SampleGrid
+from glucoloop.simulation.minute_inputs import minute_inputs_of
+from glucoloop.simulation.plant import Exogenous, MinuteInputs, Plant, SampleGrid
 from glucoloop.simulation.user_objects import compiled_by_class
 
 Values = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ class RunModel:
     plant: Plant
     moments: Values
     """(samples, substeps, 3, members) moments of the meals."""
-    held: Held
+    minute_inputs: MinuteInputs
     """(samples, points) exercise and what a rhythm changes."""
     state: Values
     """(states, 1) state at the start, at rest."""
@@ -68,8 +68,8 @@ class RunModel:
         """The course restricted to some of the circumstances and to the first samples."""
         samples = self.samples if samples is None else samples
         grid = replace(self.grid, samples=samples)
-        held = jax.tree.map(lambda values: values[:samples], self.held)
-        return replace(self, moments=self.moments[:samples, ..., list(members)], held=held, grid=grid)
+        minute_inputs = jax.tree.map(lambda values: values[:samples], self.minute_inputs)
+        return replace(self, moments=self.moments[:samples, ..., list(members)], minute_inputs=minute_inputs, grid=grid)
 
     def glucose_mg_dl(self, insulin_mU_min: Values) -> Values:
         """Glucose on the fine grid, ``(points, members)``, under doses ``(samples, members)``."""
@@ -90,10 +90,10 @@ class RunModel:
     def exogenous(self, member: int) -> Exogenous:
         """Meals of a circumstance, exercise and rhythms, sample by sample."""
         moments = jnp.asarray(self.moments[..., [member]])
-        return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=moments, held=self.held)
+        return Exogenous(t_min=jnp.asarray(self.grid.t_min), moments=moments, minute_inputs=self.minute_inputs)
 
 
-def course_of(
+def trajectory_of(
     patient: Patient, scenario: Scenario, sample_time_min: float, meals: Sequence[Sequence[Meal]]
 ) -> RunModel:
     """Model of a scenario with other meals, one list of them for each member."""
@@ -101,9 +101,9 @@ def course_of(
         raise Refusal("a bound is for a run from rest, without a warm-up; leave the warm-up out")
     grid = sample_grid(scenario.horizon_min, sample_time_min, scenario.start_min)
     most = -(-max(1, *map(len, meals)) // _MEALS_TOGETHER) * _MEALS_TOGETHER
-    held = held_of(patient, scenario, grid)
+    minute_inputs = minute_inputs_of(patient, scenario, grid)
     gut = meal_model_of(patient, scenario.meal_model)
-    integrator = default_integrator(patient, held=bool(held.names))
+    integrator = default_integrator(patient, minute_inputs=bool(minute_inputs.names))
     prepared = {
         eaten_meals: integrator.prepare(patient, absorb(gut, _padded(eaten(eaten_meals), most)), grid)
         for eaten_meals in {tuple(eaten_meals) for eaten_meals in meals}
@@ -115,7 +115,7 @@ def course_of(
     return RunModel(
         plant=prepared[tuple(meals[0])][0],
         moments=np.concatenate([np.asarray(prepared[tuple(eaten_meals)][1].moments) for eaten_meals in meals], axis=-1),
-        held=held,
+        minute_inputs=minute_inputs,
         state=np.asarray(patient.steady_state(resting))[:, None],
         grid=grid,
         setpoint_mg_dl=float(setpoint),

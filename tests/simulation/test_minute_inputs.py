@@ -23,8 +23,8 @@ from glucoloop.simulation import Adaptive, Explicit, Exponential
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.explicit import plant_with
 from glucoloop.simulation.integrators import default_integrator
-from glucoloop.simulation.minute_inputs import HeldOfPeople
-from glucoloop.simulation.plant import Exogenous, Held, SampleGrid
+from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
+from glucoloop.simulation.plant import Exogenous, MinuteInputs, SampleGrid
 from glucoloop.simulation.stepper import scenario_stepper, simulate_stepped
 
 BOUTS = (gl.Exercise(45.0, 420.0, 40.0), gl.Exercise(70.0, 1000.5, 60.0))
@@ -118,9 +118,9 @@ def test_sensitivity_of_one_half_is_a_patient_of_half_the_sensitivity():
     halved = dataclasses.replace(
         person, parameters=dataclasses.replace(p, S_IT=p.S_IT / 2.0, S_ID=p.S_ID / 2.0, S_IE=p.S_IE / 2.0)
     )
-    held = gl.design_open_loop(float(person.basal_insulin_mU_min), gl.usual_limits(person))
+    minute_inputs = gl.design_open_loop(float(person.basal_insulin_mU_min), gl.usual_limits(person))
     scenario = Scenario([Meal(30.0, 60.0)], 600.0, rhythms=[Half()])
-    ours = gl.simulate(person, held, scenario=scenario)
+    ours = gl.simulate(person, minute_inputs, scenario=scenario)
     grid = SampleGrid(5.0, 120)
     plant, outside = Explicit().prepare(halved, Scenario([Meal(30.0, 60.0)], 600.0).absorbed_by(person), grid)
 
@@ -169,13 +169,13 @@ def test_basal_insulin_of_a_low_sensitivity_suppresses_production_less():
 def test_pieces_of_a_run_hold_what_the_whole_run_holds():
     number, grid = np.arange(4), SampleGrid(5.0, 600, start_min=60.0)
     bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
-    held = HeldOfPeople(grid, bouts, (Visentin2015(), Dawn()), 4, number)
-    whole = held.of(slice(None))
-    assert held.names == whole.names == ("exercise_pct", "sensitivity", "production_mg_kg_min")
+    minute_inputs = PeopleMinuteInputs(grid, bouts, (Visentin2015(), Dawn()), 4, number)
+    whole = minute_inputs.of(slice(None))
+    assert minute_inputs.names == whole.names == ("exercise_pct", "sensitivity", "production_mg_kg_min")
     for first in range(0, 600, 170):
         piece = slice(first, min(first + 170, 600))
-        for name in held.names:
-            np.testing.assert_array_equal(getattr(held.of(piece), name), getattr(whole, name)[piece])
+        for name in minute_inputs.names:
+            np.testing.assert_array_equal(getattr(minute_inputs.of(piece), name), getattr(whole, name)[piece])
 
 
 def cohort(engine, precision="float64"):
@@ -187,7 +187,7 @@ def cohort(engine, precision="float64"):
     )
     grid = SampleGrid(5.0, 288, start_min=60.0)
     bouts = draw_bouts(BOUTS, 4, number, intensity_spread_pct=30.0, time_spread_min=120.0, a_day=2)
-    held = HeldOfPeople(grid, bouts, (Visentin2015(), Dawn()), 4, number)
+    minute_inputs = PeopleMinuteInputs(grid, bouts, (Visentin2015(), Dawn()), 4, number)
     made = Cohort(
         nominal,
         varied,
@@ -201,11 +201,11 @@ def cohort(engine, precision="float64"):
         start_min=60.0,
         engine=engine,
         precision=precision,
-        held=held.names,
+        minute_inputs=minute_inputs.names,
     )
     basal = np.asarray(varied.basal_insulin_mU_min)
     rest, keys = np.asarray(varied.steady_state(basal)), jax.random.split(jax.random.key(0), 9)
-    people = People(patient=varied, x=rest, insulin_mU_min=basal, key=keys, held=held)
+    people = People(patient=varied, x=rest, insulin_mU_min=basal, key=keys, minute_inputs=minute_inputs)
     return varied, bouts, made.run(people)
 
 
@@ -297,7 +297,7 @@ def test_the_exponential_integrator_takes_neither():
     with pytest.raises(ValueError, match="the exponential integrator has matrices for a patient whose constants stay"):
         by(patient, day(), Exponential())
     assert isinstance(default_integrator(patient), Exponential)
-    assert isinstance(default_integrator(patient, held=True), Explicit)
+    assert isinstance(default_integrator(patient, minute_inputs=True), Explicit)
 
     class Exercising(HovorkaPatient):
         takes_exercise = True
@@ -310,18 +310,18 @@ def test_what_is_not_there_is_in_no_program():
     plant = plant_with(patient, 2, SampleGrid(5.0, 1))
     x, moments = patient.working_state(), jnp.zeros((10, 3))
 
-    def operations(held):
-        outside = Exogenous(t_min=jnp.zeros(()), moments=moments, held=held)
+    def operations(minute_inputs):
+        outside = Exogenous(t_min=jnp.zeros(()), moments=moments, minute_inputs=minute_inputs)
         program = jax.make_jaxpr(lambda x, outside: plant.advance(x, jnp.ones(()), outside))(x, outside)
         return str(program), len(program.in_avals)
 
-    nothing, inputs = operations(Held())
+    nothing, inputs = operations(MinuteInputs())
     assert inputs == 3  # the state, the time and the moments of meals
     # the derivative of before, with two inputs, is the same program to the letter
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Held, "inputs", lambda self, u, m: Inputs(insulin_mU_min=u, meal_mg_min=m))
-        assert operations(Held())[0] == nothing
-    assert operations(Held(sensitivity=jnp.ones(5)))[1] == 4
+        patched.setattr(MinuteInputs, "inputs", lambda self, u, m: Inputs(insulin_mU_min=u, meal_mg_min=m))
+        assert operations(MinuteInputs())[0] == nothing
+    assert operations(MinuteInputs(sensitivity=jnp.ones(5)))[1] == 4
 
 
 @pytest.mark.long
