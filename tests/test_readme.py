@@ -79,7 +79,7 @@ def options():
     found = {"--help", "--version"}
     for name in app.names():
         found |= {option.flag for option in app.command_of(name).options}
-    for script in [*ROOT.glob("*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
+    for script in [*ROOT.glob("dev/*.py"), *ROOT.glob("docs/*.py"), *ROOT.glob("benchmarks/*.py")]:
         found |= set(re.findall(r"\"(--[a-z-]+)\"", script.read_text(encoding="utf-8")))
     return found
 

@@ -216,8 +216,8 @@ class PeopleLoop:
 
         Controllers, sensors, pumps and meals ``(meals, people)`` of people take the place of those of the loop;
         `announced_g` and `announced_min`, ``(meals, people)``, are the carbohydrate that is announced of the meals [g]
-        and the times at which it is, by default what is eaten and when eating begins; `minute_inputs` is exercise and what
-        rhythms change, in a loop made for them.
+        and the times at which it is, by default what is eaten and when eating begins; `minute_inputs` is exercise
+        and what rhythms change, in a loop made for them.
         """
         number = people.basal_insulin_mU_min.shape[0]
 

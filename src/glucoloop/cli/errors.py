@@ -25,7 +25,7 @@ _LONGEST: Final = 2000
 _LIBRARIES_WITH_MEMORY: Final = ("_duckdb", "duckdb", "llvmlite", "polars", "pyarrow")
 """Libraries that say that memory ran out by errors of their own, which are no RuntimeErrors."""
 _OUT_OF_MEMORY: Final = ("resource_exhausted", "out of memory", "bad_alloc", "bad allocation", "cannot allocate memory")
-"""What libraries write, in small letters, where memory ran out; XLA gives the first two."""
+"""Words of libraries, in small letters, where memory ran out; XLA gives the first two."""
 KEPT_RESULTS: Final[ContextVar[str | None]] = ContextVar("results", default=None)
 """State of the results of the command as part of a sentence; None for one that says it itself."""
 COMMAND: Final[ContextVar[tuple[str, frozenset[str]] | None]] = ContextVar("command", default=None)

@@ -196,7 +196,7 @@ def _run_trial(study: TrialStudy, request: Request, where: Computing) -> None:
         where.compute(folder)
         note([f"{how_many(trial.people - before, 'person', 'people')} in {time.monotonic() - start:.1f} s."])
         with stage("Summing up"):
-            results: Results = module.results(run.config, folder)
+            results: Results = module.results_of(run.config, folder)
             return results
 
     results = run.carry_out(trial_folder(out, trial, overwrite=request.output.overwrite, work=work), compute)
@@ -224,7 +224,7 @@ def _run_search(study: SearchStudy, request: Request) -> None:
                 add(row)
                 more(row_kind.work(number))
         with stage("Summing up"):
-            results: Results = prepared.results(rows)
+            results: Results = prepared.results_of(rows)
             return results
 
     if out is None:
@@ -249,7 +249,7 @@ def _run_plain(study: PlainStudy, request: Request) -> None:
         module = run.module
         shown: Any = counted(module.amount(config), 0, study.unit) if study.unit else stage("Preparing")
         with shown as progress:
-            results = run.with_notes(module.results(config, progress))
+            results = run.with_notes(module.results_of(config, progress))
         if folder is not None:
             from glucoloop.situations.toml import toml_text
 

@@ -155,7 +155,7 @@ def loop_of(
         "controllers_of": with_profile_of_each(controller),
         "precision": trial.precision,
         "products": trial.products,
-        "held": minute_inputs_of(trial, np.array([trial.first_person])).names,
+        "minute_inputs": minute_inputs_of(trial, np.array([trial.first_person])).names,
     }
     example = people_of(trial, [trial.first_person]) if example is None else example
     return PeopleLoop(trial, controller, example, trial.grid, accumulator, **{**usual, **others})
@@ -330,7 +330,7 @@ def brought(trial: Trial, days: LivedDays) -> dict[str, Any]:
         "meals": days.eaten if trial.plan.varies else None,
         "announced_g": days.announced_g if own else None,
         "announced_min": days.announced_min if own else None,
-        "held": minute_inputs_of(trial, days.person),
+        "minute_inputs": minute_inputs_of(trial, days.person),
     }
 
 

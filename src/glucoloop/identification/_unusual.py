@@ -71,7 +71,8 @@ def _refuse_unusual(value: float, quantity: Quantity, result: str) -> None:
             f"{quantity.unit}, {confirm}"
         )
     raise Refusal(
-        f"{result}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. Convert the column, {confirm}"
+        f"{result}; usual is from {quantity.least:g} to {quantity.most:g} {quantity.unit}. "
+        f"Convert the column, {confirm}"
     )
 
 

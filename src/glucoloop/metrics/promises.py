@@ -46,7 +46,7 @@ class Counted:
 
     basal_mU_min: jax.Array
     by_request: InsulinSums
-    """What the pump can have given if it gives no more than it was asked for."""
+    """Insulin that the pump can have given if it gives no more than was requested."""
     by_report: InsulinSums
     """The same, or what it reports where that is more."""
     rate_mU_min: jax.Array

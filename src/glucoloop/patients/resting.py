@@ -70,9 +70,9 @@ class Rest:
             feasible = np.isfinite(np.asarray(u)) & (glucose > 0.0)
             if not np.all(feasible):
                 raise Refusal(
-                    f"no insulin infusion holds glucose at {_first(glucose, ~feasible):g} mg/dl; give a value above 0 and "
-                    f"at most {np.min(np.asarray(self.highest_mg_dl(p))):.2f} mg/dl, where this patient rests without "
-                    "insulin"
+                    f"no insulin infusion holds glucose at {_first(glucose, ~feasible):g} mg/dl; give a value above 0 "
+                    f"and at most {np.min(np.asarray(self.highest_mg_dl(p))):.2f} mg/dl, where this patient rests "
+                    "without insulin"
                 )
             return u
 

@@ -188,7 +188,7 @@ class _Connection(http.client.HTTPConnection):
 
 
 class _ConnectionTLS(http.client.HTTPSConnection, _Connection):
-    """Like `_Connection`, whose `connect` runs before the handshake."""
+    """Encrypted `_Connection`, whose `connect` runs before the handshake."""
 
 
 def _connection(kind: type[_Connection], deadline: _Deadline, *arguments: Any, **options: Any) -> _Connection:

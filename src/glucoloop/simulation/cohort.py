@@ -157,10 +157,10 @@ class Cohort:
     day from `start_min`, in minutes after midnight, if it is given. The meal model is each person's own unless it is
     given. With a warm-up of the grid, times count from the end of it, and fold and results begin there. For engine,
     precision and products see `make_engine`. By default the integrator makes the steps
-    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `minute_inputs` has the
-    names of the inputs of people that are held over minutes, see `plant.MinuteInputs`. One that is `stepped` is advanced from
-    outside, by `begin` and `lanes`, and does not run by itself; its controller is an `ExternalDoses`, or has one inside. With
-    `rescue` people eat when their glucose is low.
+    that `people_plant` gives people. With `record_decisions` a run returns readings and statuses too. `minute_inputs`
+    has the names of the inputs of people that are constant over a minute, see `plant.MinuteInputs`. One that is
+    `stepped` is advanced from outside, by `begin` and `lanes`, and does not run by itself; its controller is an
+    `ExternalDoses`, or has one inside. With `rescue` people eat when their glucose is low.
     """
 
     def __init__(

@@ -6,27 +6,27 @@ To add a study
    `situations.run.Run` or a `cohorts.trial.Trial`, with other defaults where its own are usual, and one of the three
    kinds below. It imports nothing heavy, since help is shown from it. Add a line to ``studies/catalogue.py``: the
    command is there.
-2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``asked``) is
+2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is
    that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
-Every module has ``tables(asked, results_of)``, which makes tables for the terminal, as by `report.columns.terminal_table`,
-of which ``tables.tex`` is made; where the study keeps files, also ``drawn(asked, results_of)``: pages and figures by the
-names of their files. It may have
+Every module has ``tables(config, results)``, which makes tables for the terminal, as by
+`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``drawn(config,
+results)``: pages and figures by the names of their files. It may have
 
-- ``notes(asked)``: sentences on what is possible and hardly meant, before the work begins.
-- ``sentences(asked, results_of)``: conclusions, for the terminal and the page.
-- ``how_to_go_on(results_of, files)``: sentences on the use of the files, whose paths it gets by their names.
+- ``notes(config)``: sentences on what is possible and hardly meant, before the work begins.
+- ``sentences(config, results)``: conclusions, for the terminal and the page.
+- ``how_to_go_on(results, files)``: sentences on the use of the files, whose paths it gets by their names.
 
 By its kind it has
 
-- `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``trial_of(asked)`` is that trial;
-  ``results_of(asked, folder)`` sums up the people of its shards. Example: ``studies/stress``.
-- `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(asked)`` describes the rows;
-  ``search(asked)`` prepares the search, which may take long: its ``missing(rows)`` yields the rows that follow those
+- `TrialStudy`: its cells are cases of a trial, whose folder resumes. ``trial_of(config)`` is that trial;
+  ``results_of(config, folder)`` sums up the people of its shards. Example: ``studies/stress``.
+- `SearchStudy`: it keeps a row for each step in a folder that resumes. ``rows(config)`` describes the rows;
+  ``search(config)`` prepares the search, which may take long: its ``missing(rows)`` yields the rows that follow those
   that are there, and its ``results_of(rows)`` sums up all. Example: ``studies/adversary``.
-- `PlainStudy`: it is carried out in one go by ``results_of(asked, progress)``, where `progress` is called with a text for
-  what was done or, in a study that counts units, with their number; ``amount(asked)`` is that of all. A folder is
+- `PlainStudy`: it is carried out in one go by ``results_of(config, progress)``, where `progress` is called with a text
+  for what was done or, in a study that counts units, with their number; ``amount(config)`` is that of all. A folder is
   written whole or not at all, with what was found, what was drawn and the configuration. Where ``holds`` or
   ``complete`` is False among the findings, the exit code is 1; where ``interrupted`` is true, 130. Examples:
   ``studies/tuning``, and ``studies/verification``, which counts its loops and keeps nothing.

@@ -186,13 +186,14 @@ class Twin:
         if held_out.rmse_mg_dl > held_out.by_mean_rmse_mg_dl:
             yield (
                 f"On the days held out the twin errs by {held_out.rmse_mg_dl:.0f} mg/dl and the mean of the earlier "
-                f"readings by {held_out.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; do not rely on it."
+                f"readings by {held_out.by_mean_rmse_mg_dl:.0f} mg/dl: it does not predict this person; "
+                "do not rely on it."
             )
         least, most = _WELL_COVERED_PCT
         if not least <= held_out.covered_pct <= most:
             yield (
-                f"Of the readings held out {held_out.covered_pct:.0f} % lie within the intervals of 90 %, so the intervals "
-                f"are too {'narrow' if held_out.covered_pct < least else 'wide'} for this record."
+                f"Of the readings held out {held_out.covered_pct:.0f} % lie within the intervals of 90 %, so the "
+                f"intervals are too {'narrow' if held_out.covered_pct < least else 'wide'} for this record."
             )
 
     def plain(self) -> dict[str, Any]:

@@ -113,8 +113,8 @@ def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
         yield (
             f"On the days held out it errs by {held_out['rmse_mg_dl']:.1f} mg/dl, the median of the population by "
             f"{held_out['by_population_rmse_mg_dl']:.1f} mg/dl, and the mean of the earlier readings by "
-            f"{held_out['by_mean_rmse_mg_dl']:.1f} mg/dl; {held_out['covered_pct']:.0f} % of the readings lie within the "
-            "intervals of 90 %."
+            f"{held_out['by_mean_rmse_mg_dl']:.1f} mg/dl; {held_out['covered_pct']:.0f} % of the readings lie within "
+            "the intervals of 90 %."
         )
     yield "It is a model of the past days, for research; it says nothing on what this person should do."
 

@@ -81,11 +81,11 @@ def _at_will(
 
 @pytree
 class _Dose:
-    """What the pump gave in a sample, which is what it was asked for."""
+    """Dose that the pump gave in a sample, which is the requested one."""
 
     rate_mU_min: jax.Array
     bolus_mU: jax.Array | None
-    """None for a controller without boluses."""
+    """Bolus of the sample; None for a controller without boluses."""
 
     def reported(self, before: _Dose, inputs: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array | None]:
         """Report of the pump: the dose, a part of it or of the dose before, or anything."""
