@@ -14,7 +14,7 @@ from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
 from glucoloop.control.settings import StateTuning
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.sensors.settings import DeadTimeSettings
+from glucoloop.sensors import DeadTime
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
 
@@ -39,7 +39,7 @@ def trial_of(one):
         duration_min=600.0,
         controller=(one,),
         seed=1,
-        sensor=(DeadTimeSettings(minutes=10.0),),
+        sensor=(DeadTime(minutes=10.0),),
         design="individual",
     )
 

@@ -36,7 +36,7 @@ from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import dead_time, white_noise
-from glucoloop.sensors.settings import MonitorPart
+from glucoloop.sensors.cgm import Monitor
 from glucoloop.simulation.exponential import ExponentialPlant
 from glucoloop.simulation.loop import Loop, begin, sample
 from glucoloop.simulation.plant import Exogenous
@@ -401,7 +401,7 @@ def surroundings(run, faults):
     The faults that the run does not have never begin, and noise of no variance is none.
     """
     told = {fault.name: fault for fault in run.faults}
-    if any(isinstance(part, MonitorPart) for part in run.sensor):
+    if any(isinstance(part, Monitor) for part in run.sensor):
         sensor = sensor_of(run)
     else:
         sensor = white_noise(run.noise_variance, run.noise_bound_mg_dl)

@@ -12,7 +12,7 @@ from glucoloop.native.targets.products import FUSED
 from glucoloop.native.words import lower_drawing
 from glucoloop.pumps.protocol import deliver
 from glucoloop.pumps.settings import PUMPS
-from glucoloop.sensors.settings import SENSORS
+from glucoloop.sensors import SENSORS
 from glucoloop.simulation.draws import draws
 from glucoloop.situations.situation import Situation, configured
 

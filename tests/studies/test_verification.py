@@ -20,7 +20,7 @@ from glucoloop.patients import patient
 from glucoloop.patients.sorensen.equations import STATE_NAMES
 from glucoloop.patients.sorensen.model import sound
 from glucoloop.pumps import PARKER_1999_LIMITS, Delivery, LimitedPump
-from glucoloop.sensors import IdealSensor, Reading, WhiteNoise
+from glucoloop.sensors import Reading, WhiteNoise
 from glucoloop.simulation.cohort import SampledInside
 from glucoloop.simulation.loop import LoopState
 from glucoloop.studies.verification import Verification, campaign, study
@@ -219,9 +219,7 @@ def test_faults_as_text_are_the_same_faults_to_the_bit(faults):
         texts = faults.texts(int(person))
         seen |= {text.split(",")[0] for text in texts}
         told = [FAULTS.choose(text) for text in texts]
-        noise = WhiteNoise(
-            inner=IdealSensor(), variance=few.noise_variance[place], bound_mg_dl=few.noise_bound_mg_dl[place]
-        )
+        noise = WhiteNoise(few.noise_variance[place], few.noise_bound_mg_dl[place])
         alone = jax.jit(run)(
             faulty_sensor(noise, told, 5.0),
             faulty_pump(LimitedPump(), told, 5.0, PARKER_1999_LIMITS),

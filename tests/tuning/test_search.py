@@ -21,8 +21,7 @@ from glucoloop.meals import Scenario
 from glucoloop.metrics import summarise
 from glucoloop.patients import patient
 from glucoloop.patients.capabilities import process_noise
-from glucoloop.sensors import white_noise
-from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import linear_model, nonlinear_model, simulate
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
@@ -36,7 +35,7 @@ Q = process_noise(patient(), *PAPER.noise)
 SHORT = Scenario(horizon_min=150.0)
 
 
-LATE = (DeadTimeSettings(minutes=10.0),)
+LATE = (DeadTime(minutes=10.0),)
 
 
 def design_of(name, model=None, **situation):
@@ -134,7 +133,7 @@ def test_point_of_a_controller_with_estimation_is_the_run_of_its_tuning(patient_
 
 def test_noise_is_the_same_for_every_tuning_and_results_are_medians(patient_81, identified_81):
     seeds, sensor = (3, 4, 5), white_noise(1.45)
-    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoiseSettings(variance=1.45),))
+    situation = dataclasses.replace(usual_situation(), sensor=(WhiteNoise(variance=1.45),))
     grid = [MPCTuning(2, 10, 3.0, 1.0), MPCTuning(2, 12, 3.0, 1.0)]
     design = design_of("mpc", identified_81.model)
     surface = search(situation, design, grid, seeds=seeds, scenario=SHORT)

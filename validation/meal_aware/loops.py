@@ -23,7 +23,7 @@ from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.lehmann_deutsch import LehmannDeutsch
 from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
-from glucoloop.sensors import IdealSensor, Sensor, dead_time
+from glucoloop.sensors import Sensor, dead_time
 from glucoloop.sensors.noise import WhiteNoise
 from glucoloop.simulation import Trace
 from glucoloop.simulation.closed_loop import sample_grid
@@ -107,7 +107,7 @@ class _Models:
 
 def _surroundings(made: Situation, variance: jax.Array) -> Surroundings:
     """Sensor and pump without faults; a variance of 0 adds no noise, so that one program serves both cases."""
-    sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=made.noise_bound_mg_dl)
+    sensor: Sensor = WhiteNoise(bound_mg_dl=made.noise_bound_mg_dl).replaced(variance=variance)
     if made.dead_time_samples:
         sensor = dead_time(made.dead_time_samples, sensor)
     return Surroundings(sensor=sensor, pump=pump_of(made))

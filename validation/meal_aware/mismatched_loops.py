@@ -28,7 +28,7 @@ from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Draw, VirtualPeople, population, virtual_people
 from glucoloop.pumps import LimitedPump
-from glucoloop.sensors import CorrelatedNoise, IdealSensor
+from glucoloop.sensors import CorrelatedNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.cohort import Cohort, People
 from glucoloop.simulation.engines import one_at_a_time
@@ -139,9 +139,7 @@ def _once(begin: Floats | float, samples: float) -> Any:
 
 def _surroundings(variance: Floats | float, correlation: Floats | float, begin: Mapping[str, Any]) -> tuple[Any, Any]:
     """Sensor and pump with every fault, each of which begins at an individual sample or never."""
-    sensor: Any = CorrelatedNoise(
-        inner=IdealSensor(), variance=jnp.asarray(variance), correlation=jnp.asarray(correlation)
-    )
+    sensor: Any = CorrelatedNoise().replaced(variance=jnp.asarray(variance), correlation=jnp.asarray(correlation))
     sensor = Late(10.0, schedule=_once(begin["late"], _NEVER), inner=sensor)
     sensor = Missing(schedule=_once(begin["gap"], 12.0), inner=sensor)
     pump: Any = Battery(schedule=_once(begin["battery"], 12.0), inner=LimitedPump(limits=_trial().limits))

@@ -20,9 +20,8 @@ from glucoloop.build.faulty import faulty_pump, faulty_sensor
 from glucoloop.faults import FaultPart
 from glucoloop.pumps import LimitedPump, Pump, with_resolution
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor
+from glucoloop.sensors import IdealSensor, Sensor, SensorPart
 from glucoloop.sensors.protocol import site_of
-from glucoloop.sensors.settings import IdealSettings, SensorPart
 from glucoloop.situations.case import Case
 from glucoloop.situations.situation import Situation
 
@@ -52,7 +51,7 @@ def sensor_of(situation: Situation) -> Sensor:
 def _chain(situation: Situation, parts: Iterable[SensorPart]) -> Sensor:
     site = situation.site
     sensor: Sensor = IdealSensor(site=site)
-    for place, part in enumerate(part for part in parts if not isinstance(part, IdealSettings)):
+    for place, part in enumerate(part for part in parts if not isinstance(part, IdealSensor)):
         if place and not part.takes("inner"):
             raise Refusal(f"the sensor {part.called} has no other one inside; give it first, as the innermost")
         sensor = part.made(site=site, inner=sensor, sample_time_min=situation.sample_time_min)

@@ -19,7 +19,7 @@ HOMES: Final = {
     "rescue": "glucoloop.meals.settings:RESCUES",
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
-    "sensor": "glucoloop.sensors.settings:SENSORS",
+    "sensor": "glucoloop.sensors:SENSORS",
     "pump": "glucoloop.pumps.settings:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",

@@ -15,7 +15,7 @@ from glucoloop.component.setting import About, usual
 from glucoloop.control.part import ControllerPart
 from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart, NoisePace
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import LONGEST_LAG_MIN
+from glucoloop.sensors.delay import LONGEST_LAG_MIN
 from glucoloop.unit_guess import (
     FITTED_STEP,
     GLUCOSE_BOUND,

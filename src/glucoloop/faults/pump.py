@@ -160,7 +160,7 @@ class MissedPulses(PumpFault, Untimed, name="missed-pulses"):
         return recurring(self.share, key=self.key or 0)
 
     def altered(self, delivery: Delivery, present: jax.Array) -> Delivery:
-        """No insulin."""
+        """Delivery without insulin."""
         return _passing(delivery, present, 0.0, noticed=self.noticed)
 
 

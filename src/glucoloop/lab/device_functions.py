@@ -23,10 +23,10 @@ from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.pumps.protocol import deliver
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import Reading, Sensor, lag, white_noise
-from glucoloop.sensors.cgm import Monitor, display
+from glucoloop.sensors import SENSORS, Lag, Reading, Sensor, WhiteNoise
+from glucoloop.sensors.cgm import Display
 from glucoloop.sensors.cgm.model import Ticks
-from glucoloop.sensors.settings import SENSORS
+from glucoloop.sensors.cgm.monitor import MonitorErrors
 
 _OF_ANOTHER: Final = ("out-of-order",)
 """Faults that have no function of their own."""
@@ -78,20 +78,20 @@ def sensors() -> dict[str, Sensor]:
     """
     passed = _Passed(valid=jnp.asarray(True))
     return {
-        "white_noise": white_noise(inner=passed),
-        "lag": lag(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
+        "white_noise": WhiteNoise(inner=passed),
+        "lag": Lag(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
         "monitor": errors_of(MONITORS[0]),
-        "display": display(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
+        "display": Display(inner=passed, sample_time_min=SAMPLE_TIME_MIN),
     }
 
 
-def errors_of(name: str) -> Monitor:
+def errors_of(name: str) -> MonitorErrors:
     """Errors of a monitor of the page alone, without its lag and its display.
 
     A model of one process has a second one that is always zero, so that all monitors have one program.
     """
     alone = SENSORS[name].partial({"lag_min": 0.0, "display": False}).completed()
-    made: Monitor = alone.made(inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN)
+    made: MonitorErrors = alone.made(inner=_Passed(valid=jnp.asarray(True)), site=None, sample_time_min=SAMPLE_TIME_MIN)
     if made.constants is None or made.shape is not None or made.steps != _EACH_SAMPLE:
         raise Refusal(f"the page has no program for the errors of {name}, which differ or are not of each sample")
     wide = {

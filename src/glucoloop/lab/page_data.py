@@ -11,7 +11,6 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from glucoloop.component.code import loaded
 from glucoloop.component.part import Part
 from glucoloop.component.routes import SUBCUTANEOUS
 from glucoloop.component.setting import Value
@@ -55,7 +54,8 @@ from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps.settings import PumpPart
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SENSORS, DisplaySettings, MonitorPart
+from glucoloop.sensors import SENSORS
+from glucoloop.sensors.cgm import Display, Monitor
 from glucoloop.simulation import fit_step
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured
@@ -90,7 +90,7 @@ def numbers(families: Sequence[str] = FAMILIES) -> dict[str, Any]:
         "sensors": {name: SENSORS[name]().values() for name in CHAIN},
         "faults": {name: _fault(entry) for name, entry in FAULTS.items()},
         "monitors": {name: _monitor(name) for name in MONITORS},
-        "display": DisplaySettings().values(),
+        "display": Display().values(),
         "seeds": SEEDS,
         "statuses": {status.value: status.text for status in Status},
         "status_names": {status.value: status.name.lower().replace("_", " ") for status in Status},
@@ -173,8 +173,8 @@ def _slider(entry: type[FaultPart], name: str) -> tuple[float, float, float]:
 
 def _monitor(name: str) -> dict[str, Any]:
     """A monitor: the numbers of its errors, the processes of its noise, and its settings."""
-    entry = cast(type[MonitorPart], SENSORS[name])
-    model, values = loaded(entry.model), entry().values()
+    entry = cast(type[Monitor], SENSORS[name])
+    model, values = entry.model, entry().values()
     usual = {**{setting: values[setting] for setting in SLIDERS["monitor"]}, "lag_min": model.lag_min, "worn_min": None}
     worn_min = (0.0, values["wear_min"] - SAMPLE_TIME_MIN, SAMPLE_TIME_MIN)
     drawn_or_unused = ("worn", "inner.valid")

@@ -16,7 +16,7 @@ from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
 from glucoloop.pumps.settings import PUMPS, PumpPart
 from glucoloop.report.moments import moment_text
-from glucoloop.sensors.settings import DeadTimeSettings, IdealSettings, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
 from glucoloop.situations.case import Case
 from glucoloop.situations.run import FedSituation, Run
@@ -109,7 +109,7 @@ def _exercise(situation: FedSituation) -> str:
 
 def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
     limits, pump, subcutaneous = situation.limits, situation.pump, situation.patient.subcutaneous
-    usual = (IdealSettings, WhiteNoiseSettings, DeadTimeSettings)
+    usual = (IdealSensor, WhiteNoise, DeadTime)
     least, most = float(limits.min_mU_min), float(limits.max_mU_min)
     noise = f"noise of variance {situation.noise_variance:g} (mg/dl)², at most {situation.noise_bound_mg_dl:g} mg/dl"
     per_hour = f" ({u_h_from_mu_min(least):.3g} to {u_h_from_mu_min(most):.3g} U/h)"

@@ -23,8 +23,7 @@ from glucoloop.metrics import Metrics, summarise
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.patients import SemilinearPatient
 from glucoloop.pumps import PARKER_1999_LIMITS
-from glucoloop.sensors import white_noise
-from glucoloop.sensors.settings import DeadTimeSettings, WhiteNoiseSettings
+from glucoloop.sensors import DeadTime, WhiteNoise, white_noise
 from glucoloop.simulation import Trace, fit_step, identify, validate_on
 from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import Situation, usual_situation
@@ -102,8 +101,8 @@ class PointResults:
 
 def _noisy(situation: Situation, dead_time_min: int) -> Situation:
     """The situation with the paper's noise, and a dead time."""
-    late = (DeadTimeSettings(minutes=dead_time_min),) if dead_time_min else ()
-    return dataclasses.replace(situation, sensor=(WhiteNoiseSettings(variance=NOISE_VARIANCE), *late))
+    late = (DeadTime(minutes=dead_time_min),) if dead_time_min else ()
+    return dataclasses.replace(situation, sensor=(WhiteNoise(variance=NOISE_VARIANCE), *late))
 
 
 def _noisy_loops(situation: Situation, controllers: Controller | Sequence[Controller], keys: jax.Array) -> SeededRuns:

@@ -18,7 +18,7 @@ from glucoloop.report._style import FONT_PT, GREY, OKABE_ITO
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table, whole
 from glucoloop.report.descriptions import engine_facts
 from glucoloop.report.print_figure import figure_files
-from glucoloop.sensors.settings import whole_samples
+from glucoloop.sensors import whole_samples
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.run import intravenous_boluses
 from glucoloop.storage.results import Results

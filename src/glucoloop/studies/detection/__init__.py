@@ -14,7 +14,7 @@ from glucoloop.control.part import ControllerPart
 from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
 from glucoloop.limits import MAX_DAYS
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import PATIENT_PANEL, Option
 from glucoloop.studies.study import PlainStudy
@@ -59,7 +59,7 @@ class Detection(Trial):
     meals: tuple[str, ...] = ("55g@5h", "55g@14.5h")
     meal_size_spread_pct: float = 80.0
     meal_time_spread_min: float = 90.0
-    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(ESTIMATING.name)
     days: Annotated[
         int | None,

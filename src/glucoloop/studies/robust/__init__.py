@@ -16,7 +16,7 @@ from glucoloop.component.setting import About
 from glucoloop.control.catalogue import CONTROLLERS, SEARCHED
 from glucoloop.limits import LARGEST_COUNTER, LARGEST_SEED
 from glucoloop.refusal import Refusal
-from glucoloop.sensors.settings import SensorPart, WhiteNoiseSettings
+from glucoloop.sensors import SensorPart, WhiteNoise
 from glucoloop.situations.case import Case, cases_of
 from glucoloop.situations.option import Option
 from glucoloop.situations.ranges import RANGES as RANGES_KEY
@@ -61,7 +61,7 @@ class Search(Trial):
 
     duration_min: float | None = 600.0
     meals: tuple[str, ...] = PAPER_MEAL
-    sensor: tuple[SensorPart, ...] = (WhiteNoiseSettings.partial({"variance": 1.45}),)
+    sensor: tuple[SensorPart, ...] = (WhiteNoise.partial({"variance": 1.45}),)
     controller: tuple[Case, ...] = cases_of(SEARCHED.name)
     ranges: Annotated[Any, About("Ranges of the tuned settings, which stand among the settings of the controller.")] = (
         None

@@ -46,7 +46,7 @@ from glucoloop.patients.settings import DEFAULT_PATIENT, PATIENTS
 from glucoloop.patients.table import REPLACED
 from glucoloop.pumps import DoseLimits, LimitedPump, Pump
 from glucoloop.refusal import Refusal
-from glucoloop.sensors import IdealSensor, Sensor, WhiteNoise
+from glucoloop.sensors import Sensor, WhiteNoise
 from glucoloop.simulation.closed_loop import sample_grid
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.situations.case import usual_case
@@ -178,7 +178,7 @@ class RandomFaults:
     def sensor(self, *, person: int | None = None) -> Sensor:
         """Sensors of all people, or of one."""
         variance, bound_mg_dl = _at((self.noise_variance, self.noise_bound_mg_dl), person)
-        sensor: Sensor = WhiteNoise(inner=IdealSensor(), variance=variance, bound_mg_dl=bound_mg_dl)
+        sensor: Sensor = WhiteNoise().replaced(variance=variance, bound_mg_dl=bound_mg_dl)
         for kind in self.order.sensor:
             sensor = self._around(kind, sensor, person)
         return sensor
