@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop import __version__
-from glucoloop.firmware.checks import BOUNDS, CHANGE, MISRA, OUTCOMES
+from glucoloop.firmware.checks import BOUNDS, CHANGE, MISRA
 from glucoloop.firmware.chips import template
 from glucoloop.firmware.exported import Exported
+from glucoloop.firmware.folder import OUTCOMES
 
 EVERY, GUARD, C = "every controller", "the guard", "the exported C"
 WHERE: Final = {
