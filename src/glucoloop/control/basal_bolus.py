@@ -18,9 +18,7 @@ import math
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from glucoloop.identification import FirstOrderModel
+from glucoloop._lazy_jax import np, npt
 from glucoloop.models.nonlinear import FedModel
 from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import StepResponseModel
 from glucoloop.pumps.limits import BolusLimits, DoseLimits
 from glucoloop.therapy import Profile
+
+if TYPE_CHECKING:
+    from glucoloop.identification import FirstOrderModel
 
 
 class DesignCase(Protocol):

@@ -7,9 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need

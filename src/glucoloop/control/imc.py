@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import ArgumentTypeError, checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS, Need

@@ -10,11 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, is_traced
 from glucoloop.component.effects import ONLY_READINGS, Need

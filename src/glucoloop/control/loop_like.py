@@ -13,11 +13,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need

@@ -11,10 +11,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come
@@ -141,7 +138,9 @@ class MealMPC:
         scale = jnp.sqrt(self.model.nominal.insulin_mU_min / insulin_mU_min)
         return self.for_person(insulin_mU_min, scale)
 
-    def for_person(self, insulin_mU_min: ArrayLike, gain: ArrayLike = 1.0, lag: ArrayLike = 1.0) -> MealMPC:
+    def for_person(
+        self, insulin_mU_min: jax.typing.ArrayLike, gain: jax.typing.ArrayLike = 1.0, lag: jax.typing.ArrayLike = 1.0
+    ) -> MealMPC:
         """The same controller for another person: a basal rate, and gain and lag of insulin relative to the model's."""
         numbers = (jnp.asarray(number, float) for number in (insulin_mU_min, gain, lag))
         insulin, gain, lag = jnp.broadcast_arrays(*numbers)

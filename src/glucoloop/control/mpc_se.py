@@ -7,14 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
@@ -30,7 +25,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.refusal import Refusal
 
-Matrix = npt.NDArray[np.float64]
+Matrix: TypeAlias = "npt.NDArray[np.float64]"
 
 OFFSET_FREE: Final = ("held-innovation", "output-disturbance", "input-disturbance", "none")
 
@@ -194,7 +189,7 @@ def _with_disturbance(
 @on_host("its Kalman gain comes from a Riccati equation that SciPy solves")
 def design_mpc_se(
     model: LinearModel,
-    process_noise: ArrayLike,
+    process_noise: jax.typing.ArrayLike,
     tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,

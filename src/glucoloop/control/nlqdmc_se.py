@@ -10,11 +10,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked, on_host
 from glucoloop.component.effects import ONLY_READINGS, Need
@@ -212,7 +208,7 @@ def _linearised(model: NonlinearModel, x: jax.Array, insulin_mU_min: jax.Array) 
 @on_host("it checks the covariance of the noise, number by number")
 def design_nlqdmc_se(
     model: NonlinearModel,
-    process_noise: ArrayLike,
+    process_noise: jax.typing.ArrayLike,
     tuning: StateTuning | None = None,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,

@@ -13,10 +13,7 @@ import itertools
 import math
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
 from glucoloop.control.announcements import MealsToCome, hear, no_meals_to_come

@@ -11,9 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-from jax.typing import ArrayLike
-
+from glucoloop._lazy_jax import jax, np
 from glucoloop.arguments import ArgumentTypeError, is_traced
 from glucoloop.control.settings import MPCTuning, StateTuning
 from glucoloop.pumps.limits import DoseLimits
@@ -54,7 +52,7 @@ def check_rate(called: str, insulin_mU_min: float, limits: DoseLimits) -> None:
         )
 
 
-def check_gain(gain: ArrayLike) -> None:
+def check_gain(gain: jax.typing.ArrayLike) -> None:
     """Refuse a model in which insulin raises glucose, since its controller would give more insulin at low glucose.
 
     A gain that JAX traces has no value yet, and passes.

@@ -9,9 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need

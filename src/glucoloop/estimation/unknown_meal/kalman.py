@@ -18,10 +18,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
+from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.estimation.unknown_meal.disturbed import (

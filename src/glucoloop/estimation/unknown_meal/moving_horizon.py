@@ -37,13 +37,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
 from glucoloop.estimation.noise_sizes import Innovations, drifting, innovations_of, mean_size
@@ -74,7 +70,7 @@ from glucoloop.meals.stomach import (
 from glucoloop.models.nonlinear import FedModel, reading_of
 from glucoloop.refusal import Refusal
 
-Numbers = npt.NDArray[np.float64]
+Numbers: TypeAlias = "npt.NDArray[np.float64]"
 
 LONGEST_HORIZON: Final = 100
 _MIN_GUT_MG: Final = 60.0

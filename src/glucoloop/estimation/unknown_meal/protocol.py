@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import jax
-
+from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
 from glucoloop.estimation.unknown_meal.habits import DailyRates
 from glucoloop.meals.stomach import Announced, Stomach

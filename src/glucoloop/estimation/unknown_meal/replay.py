@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jit, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.estimation.unknown_meal.protocol import MealEstimate, MealEstimator, Sensed
@@ -93,7 +88,7 @@ def replay(
     )
 
 
-_replay = functools.partial(jax.jit, static_argnames="dead_time_samples")(replay)
+_replay = jit(static_argnames="dead_time_samples")(replay)
 
 
 @checked
