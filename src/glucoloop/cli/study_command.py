@@ -149,8 +149,8 @@ class _StudyRun:
         name = self.study.name
         with stage("Drawing"):
             tables = latex_tables(self.module.tables(self.config, results), name, f"glucoloop {name}")
-            drawn: Mapping[str, bytes] = self.module.drawn(self.config, results)
-            return {**results.files(self.study.summary), TABLES: tables.encode(), **drawn}
+            files: Mapping[str, bytes] = self.module.files_of(self.config, results)
+            return {**results.files(self.study.summary), TABLES: tables.encode(), **files}
 
     def print_results(self, results: Results, files: Mapping[str, str], written: str | None = None) -> None:
         """Print what was found: as JSON, or as tables and sentences, the place of the files, and how to go on."""
@@ -159,7 +159,7 @@ class _StudyRun:
             notes = tuple(map(in_shown_units, untold))
             tables = tuple(self.module.tables(self.config, results))
             conclusions = tuple(map(in_shown_units, self.sentences("sentences", self.config, results)))
-            how_to_go_on = tuple(self.sentences("how_to_go_on", results, files))
+            next_steps = tuple(self.sentences("next_steps", results, files))
         if self.output.json:
             print_json(results.plain, files, untold)
             return
@@ -167,7 +167,7 @@ class _StudyRun:
             for table in tables:
                 show(table)
         place = where_written(self.output.out, files) if written is None else written
-        for line in (*conclusions, *notes, *([place] if place else []), *how_to_go_on):
+        for line in (*conclusions, *notes, *([place] if place else []), *next_steps):
             print_text(line)
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
