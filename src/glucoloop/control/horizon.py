@@ -11,8 +11,8 @@ from typing import Any, Final, TypeAlias, TypeVar
 
 from glucoloop._lazy_jax import jnp, np, npt
 from glucoloop.arguments import is_traced
-from glucoloop.control.settings import LONGEST_PREDICTION_HORIZON, MPCTuning
-from glucoloop.control.tuning import check_gain
+from glucoloop.control.design_case import check_gain
+from glucoloop.control.tuning import LONGEST_PREDICTION_HORIZON, MPCTuning
 from glucoloop.models.nonlinear import NonlinearModel
 from glucoloop.models.state_space import LinearModel, discretise, linearise, step_response
 from glucoloop.models.step_response import StepResponseModel, extended

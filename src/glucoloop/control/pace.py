@@ -11,6 +11,7 @@ from glucoloop.arguments import checked
 from glucoloop.component.effects import Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.control.protocol import (
     Controller,
     Decision,
@@ -21,7 +22,6 @@ from glucoloop.control.protocol import (
     gives_boluses,
     uses_of,
 )
-from glucoloop.control.tuning import check_sample_time
 from glucoloop.refusal import Refusal
 
 

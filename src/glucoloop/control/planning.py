@@ -12,7 +12,7 @@ from typing import Any, Final
 from glucoloop._lazy_jax import jax, jnp, np
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import is_traced
-from glucoloop.control.settings import MPCTuning
+from glucoloop.control.tuning import MPCTuning
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.qp.moves_qp import minimise_moves
 from glucoloop.qp.soft_floor import minimise_moves_above_floor
