@@ -25,9 +25,8 @@ from glucoloop.report.labelled_traces import (
     limits_passed,
     values_in_words,
 )
-from glucoloop.report.moments import moment_text, periods_text
+from glucoloop.report.periods import moment_text, periods_below, periods_text
 from glucoloop.report.template import Repeat, render
-from glucoloop.report.validity import periods_below
 from glucoloop.simulation import Trace
 from glucoloop.text import glucose_text
 from glucoloop.units import MIN_PER_DAY

@@ -19,10 +19,9 @@ from glucoloop.report._style import (
     new_figure,
     write,
 )
-from glucoloop.report.profile_plot import highest_shown
 from glucoloop.report.record_goals import Goals
 from glucoloop.report.record_groups import Reported
-from glucoloop.report.record_page import MAX_IN_FULL
+from glucoloop.report.record_page import MAX_IN_FULL, highest_shown
 from glucoloop.units import MIN_PER_H
 
 if TYPE_CHECKING:

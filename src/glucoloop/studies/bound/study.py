@@ -18,8 +18,8 @@ from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.report import _style
 from glucoloop.report.charts import extent
 from glucoloop.report.columns import Column, FittingTable, decimals, terminal_table
+from glucoloop.report.periods import validity_sentence
 from glucoloop.report.print_figure import figure_files
-from glucoloop.report.validity import validity_sentence
 from glucoloop.situations.run import Run
 from glucoloop.storage.results import Results
 from glucoloop.studies.bound import BoundRequest

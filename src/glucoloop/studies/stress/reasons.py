@@ -10,7 +10,7 @@ import numpy as np
 
 from glucoloop.cohorts.engine import PreparedTrial, alone
 from glucoloop.control import Status
-from glucoloop.report.moments import period_text
+from glucoloop.report.periods import period_text
 from glucoloop.text import glucose_text, how_many
 
 _LOW_MG_DL: Final = 60.0

@@ -26,9 +26,8 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.closed_loop import integrator_of, model_arguments, model_for, notes_on
 from glucoloop.studies.tuning import GridSearch
 from glucoloop.text import how_many
-from glucoloop.tuning.designers import designer, kind_of_tuning
 from glucoloop.tuning.grid import parse_integers, parse_numbers, tuning_grid
-from glucoloop.tuning.search import search, usual_tuning
+from glucoloop.tuning.search import designer, kind_of_tuning, search, usual_tuning
 from glucoloop.tuning.surface import TuningRank, TuningSurface, tuning_text
 
 MAX_ROWS: Final = 200
