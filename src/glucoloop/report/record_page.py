@@ -75,8 +75,8 @@ def record_page(
     """
     full = len(records) <= MAX_IN_FULL
     groups = groups_of(records)
-    drawn_groups = groups[:MAX_IN_FULL]
-    beside = drawn_groups if len(groups) > 1 else records if full and not groups else ()
+    full_groups = groups[:MAX_IN_FULL]
+    beside = full_groups if len(groups) > 1 else records if full and not groups else ()
     return render(
         Path(__file__).with_name("templates") / "record.html",
         title,
@@ -84,10 +84,10 @@ def record_page(
         goals=goals,
         labels=[record.label for record in records],
         records=[_record(record, goals, alone=len(records) == 1) for record in records] if full else [],
-        groups=[_group_parts(group, goals) for group in drawn_groups],
-        more_groups=len(groups) - len(drawn_groups),
-        group_heads=[f"{group.label}, {group.dates}" for group in drawn_groups],
-        group_rows=_groups_beside(drawn_groups, goals) if len(groups) > 1 else [],
+        groups=[_group_parts(group, goals) for group in full_groups],
+        more_groups=len(groups) - len(full_groups),
+        group_heads=[f"{group.label}, {group.dates}" for group in full_groups],
+        group_rows=_groups_beside(full_groups, goals) if len(groups) > 1 else [],
         medians=_medians_plot(beside, goals) if len(beside) > 1 else None,
         median_labels=[one.label for one in beside],
         warnings=[*notes, *warnings(records)],
@@ -167,7 +167,7 @@ def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, A
     readings = record.readings
     results = {kind: glucose_episodes(readings, kind) for kind in BOUNDS_MG_DL}
     days = np.unique(readings.day)
-    drawn = days[-_MAX_DAYS[alone] :]
+    latest = days[-_MAX_DAYS[alone] :]
     return {
         "of": record,
         "statistics": list(_statistics(record, goals)),
@@ -175,9 +175,9 @@ def _record(record: ReportedRecord, goals: Goals, *, alone: bool) -> dict[str, A
         "times": list(_times(record, goals)),
         "plot": _profile_plot(record.label, record.profile, goals),
         "percentiles": list(_percentile_rows(record.profile)),
-        "days": [_day(readings, int(day), goals, _MAX_POINTS[alone]) for day in drawn],
+        "days": [_day(readings, int(day), goals, _MAX_POINTS[alone]) for day in latest],
         "all_days": days.size,
-        "weekday": _weekday(readings, int(drawn[0])),
+        "weekday": _weekday(readings, int(latest[0])),
         "parts_of_day": list(_parts_of_day(readings, goals)),
         "counts": [_count(kind, of, record.numbers["days"]) for kind, of in results.items()],
         "listed": _listed(readings, [*results["low"], *results["very_high"]]),

@@ -117,12 +117,12 @@ def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings
         columns=config.columns,
         scans=config.scans,
     )
-    given = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
+    finite = record.frame.filter(pl.col("glucose_mg_dl").is_finite())
     try:
-        readings = Readings.of_times(given["time"].to_numpy(), given["glucose_mg_dl"].to_numpy())
+        readings = Readings.of_times(finite["time"].to_numpy(), finite["glucose_mg_dl"].to_numpy())
     except Refusal as error:
         raise FileRefusal(source.paths, error) from None
-    averaged = given.height - readings.t_min.size
+    averaged = finite.height - readings.t_min.size
     more = (f"{how_many(averaged, 'reading')} at the time of another one: their mean was taken.",) if averaged else ()
     yield NamedReadings(source.label, source.group, readings, (*record.notes, *more))
 
