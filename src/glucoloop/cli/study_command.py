@@ -121,7 +121,7 @@ class Outcome:
         run, results = self.run, self.results
         tables, sentences = self.tables(), self.sentences()
         with results.refusing_damage():
-            how_to_go_on = tuple(run.sentences("how_to_go_on", results, self.files))
+            next_steps = tuple(run.sentences("next_steps", results, self.files))
         if run.output.json:
             notes = (text for text in results.plain.get("notes", ()) if text not in run.without_effect)
             print_json(results.plain, self.files, notes)
@@ -130,7 +130,7 @@ class Outcome:
             for table in tables:
                 show(table)
         place = where_written(run.output.out, self.files) if self.written is None else self.written
-        for line in (*sentences, *([place] if place else []), *how_to_go_on):
+        for line in (*sentences, *([place] if place else []), *next_steps):
             print_text(line)
 
 
@@ -202,8 +202,8 @@ class _StudyRun:
         name = self.study.name
         with stage("Drawing"):
             tables = latex_tables(self.module.tables(self.config, results), name, f"glucoloop {name}")
-            drawn: Mapping[str, bytes] = self.module.drawn(self.config, results)
-            return {**results.files(self.study.summary), TABLES: tables.encode(), **drawn}
+            files: Mapping[str, bytes] = self.module.files_of(self.config, results)
+            return {**results.files(self.study.summary), TABLES: tables.encode(), **files}
 
     def sentences(self, function: str, *arguments: Any) -> Iterable[str]:
         """Sentences by a function that the module may lack."""
