@@ -19,7 +19,10 @@ def printed(*arguments):
 
 def test_a_run_has_the_numbers_of_the_command():
     result = gl.run(controller="pid, gain=0.4", noise=1.45, seed=3, meal=["45g@1h"], duration="3h", model=None)
-    same = printed(*["run", "--noise", "1.45", "--seed", "3", "--meal", "45g@1h", "--duration", "3h", "--controller"], "pid, gain=0.4")
+    same = printed(
+        *["run", "--noise", "1.45", "--seed", "3", "--meal", "45g@1h", "--duration", "3h", "--controller"],
+        "pid, gain=0.4",
+    )
     assert dict(result.results)["metrics"] == same["metrics"]
     [trace] = result.traces.values()
     assert float(np.min(trace.fine_glucose_mg_dl)) == pytest.approx(same["metrics"]["minimum_mg_dl"], rel=1e-12)
