@@ -58,7 +58,7 @@ def test_tables_hold_every_hazard_and_requirement(script, file):
     hazards, requirements = script.hazards(file), script.requirements(file)
     for hazard in file.hazards.values():
         assert hazard.what in hazards
-        assert hazard.left in hazards
+        assert hazard.residual_risk in hazards
     assert re.findall(r"^### (.*)$", requirements, re.M) == list(file.requirements)
     for requirement in file.requirements.values():
         assert all(f"- Test: `{test}`" in requirements for test in requirement.tests)
