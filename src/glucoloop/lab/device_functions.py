@@ -13,20 +13,20 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 
-from glucoloop.pumps import LimitedPump, Pump
-from glucoloop.pumps.limits import PARKER_1999_LIMITS
-from glucoloop.pumps.protocol import deliver
 from glucoloop._pytree import pytree
-from glucoloop.sensors import SENSORS, Lag, Reading, Sensor, WhiteNoise
-from glucoloop.sensors.cgm import Display
-from glucoloop.sensors.cgm.model import Ticks
-from glucoloop.sensors.cgm.monitor import MonitorErrors
 from glucoloop.build.faulty import put_around
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.lowered_function import PageFunction, start_and_step
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
+from glucoloop.pumps import LimitedPump, Pump
+from glucoloop.pumps.limits import PARKER_1999_LIMITS
+from glucoloop.pumps.protocol import deliver
 from glucoloop.refusal import Refusal
+from glucoloop.sensors import SENSORS, Lag, Reading, Sensor, WhiteNoise
+from glucoloop.sensors.cgm import Display
+from glucoloop.sensors.cgm.model import Ticks
+from glucoloop.sensors.cgm.monitor import MonitorErrors
 
 _OF_ANOTHER: Final = ("out-of-order",)
 """Faults that have no function of their own."""
