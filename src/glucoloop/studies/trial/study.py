@@ -112,7 +112,7 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
     )
 
 
-def drawn(config: Trial, results: Results) -> dict[str, bytes]:
+def files_of(config: Trial, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     report: TrialReport = results.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}
@@ -287,5 +287,5 @@ def _notes(trial: Trial, summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _persons(trial: Trial, named: Mapping[str, Any]) -> str:
-    shown = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
-    return f"person {shown}" if named["count"] <= _NAMED else f"person {shown} and others, see summary.json"
+    names = ", ".join(trial.population.called(trial.seed, named["person"][:_NAMED]))
+    return f"person {names}" if named["count"] <= _NAMED else f"person {names} and others, see summary.json"
