@@ -11,7 +11,7 @@ from glucoloop.build.designs import controller_of
 from glucoloop.build.individual import individual_design
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control.mpc_se import FilteredModels, mpc_se_of_people
-from glucoloop.control.settings import StateTuning
+from glucoloop.control.tuning import StateTuning
 from glucoloop.patients import population, virtual_people
 from glucoloop.pumps import PARKER_1999_LIMITS
 from glucoloop.sensors import DeadTime

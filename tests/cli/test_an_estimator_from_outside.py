@@ -3,7 +3,7 @@
 import pytest
 
 from glucoloop.build.designs import controller_of
-from glucoloop.estimation.unknown_meal.settings import ESTIMATORS
+from glucoloop.estimation.unknown_meal import ESTIMATORS
 from glucoloop.report.descriptions import case_in_words
 from glucoloop.situations.run import Run
 from glucoloop.situations.situation import configured

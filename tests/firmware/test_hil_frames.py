@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from glucoloop.firmware.analysis import firmware_proved, misra_of
+from glucoloop.firmware.checks import firmware_proved, misra_of
 from glucoloop.firmware.hil.build import HOST, WARNINGS, files, portable_files
 from glucoloop.firmware.hil.protocol import LONGEST_FRAME, LONGEST_PAYLOAD, Decoder, Frame, Type
 from glucoloop.native.targets.c.host import compiler
@@ -125,16 +125,16 @@ def test_every_damaged_byte_of_a_frame_is_refused(frame):
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck (Debian: apt install cppcheck)")
 def test_no_required_rule_of_misra_is_broken_by_the_files_for_every_board(on_chip):
-    rung = misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")
-    assert rung.holds, rung.found
-    assert rung.measured["advisory"]  # the add-on did run
+    check = misra_of(portable_files(on_chip.exported), "hil.c", "frame.c", "store.c")
+    assert check.holds, check.finding
+    assert check.measured["advisory"]  # the add-on did run
 
 
 @pytest.mark.skipif(shutil.which("frama-c") is None, reason="needs Frama-C (Debian: apt install frama-c-base)")
 def test_no_bytes_on_the_line_or_in_memory_make_a_run_time_error(on_chip):
     files = portable_files(on_chip.exported)
-    rung = firmware_proved(files)
-    assert rung.holds, rung.found
+    check = firmware_proved(files)
+    assert check.holds, check.finding
     unguarded = files["frame.c"].replace("if (decoder->size < HIL_FRAME_MAX)", "if (true)")
     assert firmware_proved({**files, "frame.c": unguarded}).holds is False
 
@@ -142,5 +142,5 @@ def test_no_bytes_on_the_line_or_in_memory_make_a_run_time_error(on_chip):
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("frama-c") is None, reason="needs Frama-C (Debian: apt install frama-c-base)")
 def test_no_bytes_make_a_run_time_error_where_boluses_are_decided(told_of_a_meal):
-    rung = firmware_proved(portable_files(told_of_a_meal("basal-bolus").exported))
-    assert rung.holds, rung.found
+    check = firmware_proved(portable_files(told_of_a_meal("basal-bolus").exported))
+    assert check.holds, check.finding

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from glucoloop.firmware.analysis import BOUNDS, CHANGE, MISRA
+from glucoloop.firmware.checks import BOUNDS, CHANGE, MISRA
 from glucoloop.firmware.safety import SafetyFile, safety_report
 
 RUNGS = [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from glucoloop.cohorts.trial import Trial
 from glucoloop.component.grammar import given as given_values
-from glucoloop.control.settings import LinearMPCSettings
+from glucoloop.control.linear_mpc import LinearMPCSettings
 from glucoloop.patients.sorensen.varying import NOMINAL
 from glucoloop.situations.population import read_population
 from glucoloop.situations.request import request_from

@@ -11,7 +11,7 @@ from glucoloop.build.assemble import close_loop
 from glucoloop.build.designs import controller_of
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.lab import build
-from glucoloop.lab.lowered_functions import parts
+from glucoloop.lab.build import parts
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter

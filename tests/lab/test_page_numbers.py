@@ -20,9 +20,9 @@ from glucoloop.build.surroundings import Surroundings, sensor_of
 from glucoloop.control.guard import Guard
 from glucoloop.identification import FirstOrderModel
 from glucoloop.lab import build
+from glucoloop.lab.build import parts
 from glucoloop.lab.controllers import adjustable, example_controller
 from glucoloop.lab.lowered_function import starting
-from glucoloop.lab.lowered_functions import parts
 from glucoloop.lab.pack import MODULE
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, STEPS, adjusted, example_person
@@ -31,8 +31,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.wasm.looped import c_compiler
-from glucoloop.native.targets.wasm.module import linker
+from glucoloop.native.targets.wasm.module import c_compiler, linker
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from glucoloop.build.designs import controller_of
 from glucoloop.cohorts.trial import Trial
 from glucoloop.control import Observation, StateTuning, design_mpc_se
-from glucoloop.control.settings import MPCSESettings
+from glucoloop.control.mpc_se import MPCSESettings
 from glucoloop.models.nonlinear import individual_model
 from glucoloop.models.sensor_lag import behind_lag, linear_behind_lag
 from glucoloop.models.state_space import ContinuousModel, discretise, linearise, step_response

@@ -10,8 +10,8 @@ import numpy as np
 
 from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Observation
+from glucoloop.lab.build import GUARDED
 from glucoloop.lab.device_functions import _Passed, fault_parts, part_name
-from glucoloop.lab.lowered_functions import GUARDED
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.situations.run import Run

@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 from glucoloop.bounds.optimal_doses import DosePlan, OptimalDoses, check_samples, collected, first_free_sample
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.patients.protocol import Patient
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits

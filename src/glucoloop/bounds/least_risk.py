@@ -45,7 +45,7 @@ from glucoloop._pytree import pytree
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.optimal_doses import check_known_after, stages
 from glucoloop.bounds.trajectory import trajectory_of
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.formulas import glycemia_risk_index
 from glucoloop.patients.protocol import Patient

@@ -25,7 +25,7 @@ from jax.typing import ArrayLike
 from glucoloop.arguments import checked, on_host
 from glucoloop.bounds.prox_linear import Limits, Measure, Minimum, minimise
 from glucoloop.bounds.trajectory import RunModel, trajectory_of
-from glucoloop.control.tuning import check_sample_time
+from glucoloop.control.design_case import check_sample_time
 from glucoloop.meals import Meal, Scenario
 from glucoloop.metrics.protocol import of_glucose
 from glucoloop.metrics.regulation import Settling

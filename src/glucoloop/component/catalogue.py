@@ -23,7 +23,7 @@ HOMES: Final = {
     "pump": "glucoloop.pumps:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
-    "estimator": "glucoloop.estimation.unknown_meal.settings:ESTIMATORS",
+    "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.settings:RHYTHMS",
     "metric": "glucoloop.metrics.settings:METRICS",

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.protocol import Observation
 from glucoloop.limits import LONGEST_AHEAD_MIN

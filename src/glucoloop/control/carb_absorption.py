@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
+from glucoloop._lazy_jax import jax, jnp
 
 _RISES_TO: Final = 0.15
 _FALLS_FROM: Final = 0.5

@@ -7,14 +7,13 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import PROFILE, READINGS, Need
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.decision import is_known
+from glucoloop.control.design_case import check_rate
 from glucoloop.control.guard_doses import (
     MAX_BOLUS_MU,
     Given,
@@ -39,7 +38,6 @@ from glucoloop.control.protocol import (
     gives_boluses,
     uses_of,
 )
-from glucoloop.control.tuning import check_rate
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
 from glucoloop.therapy import Profile, given_profile
 from glucoloop.units import MIN_PER_DAY

@@ -53,11 +53,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from numpy.typing import NDArray
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.control.guard_settings import GuardSettings
 from glucoloop.units import MIN_PER_H
@@ -347,8 +343,8 @@ class _Hours:
     Of a rate ``z`` that is lowered by ``D`` at each sample a window holds ``rate_min z - steps_min D``.
     """
 
-    rate_min: NDArray[Any]
-    steps_min: NDArray[Any]
+    rate_min: npt.NDArray[Any]
+    steps_min: npt.NDArray[Any]
     rest_mU: jax.Array
     """(windows, ...) cap less past insulin."""
     before_mU: jax.Array
@@ -392,13 +388,15 @@ def _most_of_hour(
     return jnp.min(hours.rest_mU * _column(1.0 / hours.rate_min, given.basal_mU_min) + lowered, axis=0)
 
 
-def _after(n: NDArray[Any], left_share: float, given: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+def _after(
+    n: npt.NDArray[Any], left_share: float, given: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+) -> npt.NDArray[Any]:
     """Sum of ``given(i) left_share^(n - i)`` over i from 0 to each n."""
     i = np.arange(n.size, dtype=float)
     return np.asarray(np.where(i <= n[:, None], left_share ** (n[:, None] - i), 0.0) @ given(i))
 
 
-def _column(numbers: NDArray[Any], like: jax.Array) -> jax.Array:
+def _column(numbers: npt.NDArray[Any], like: jax.Array) -> jax.Array:
     """Numbers along a first axis before the axes of an array, in its precision."""
     return jnp.asarray(numbers.reshape(-1, *(1,) * like.ndim), like.dtype)
 

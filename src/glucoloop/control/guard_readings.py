@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.guard_settings import GuardSettings
 

@@ -11,26 +11,23 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop.component.setting import About
 from glucoloop.control.announcements import eaten_in_min
 from glucoloop.control.carb_absorption import part_absorbed, rate_of_absorption, time_of_part
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase
-from glucoloop.control.profile_settings import LoopLikeSettings
+from glucoloop.control.design_case import DesignCase, check_number, check_rate, check_sample_time
+from glucoloop.control.part import ByProfile, CarbRatio, CorrectionFactor, MealShare
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.refusal import Refusal
 from glucoloop.therapy import INSULINS, Profile, insulin_left
+from glucoloop.unit_guess import ACTION_TIME, GLUCOSE_BOUND
 from glucoloop.units import MU_PER_U
 
 MEALS: Final = 4
@@ -59,6 +56,54 @@ _MAX_MG_DL: Final = 1000.0
 """Largest glucose; no sensor reads more."""
 _SLACK: Final = 1.01
 """LoopKit's factor on the grouping time, by which both ends of it count."""
+
+
+class LoopLikeSettings(ByProfile, name="loop-like"):
+    """Forecast and doses after LoopKit's: insulin, meals, unexplained changes, and the slope of readings."""
+
+    sources = ("loopalgorithm",)
+
+    dosing: Annotated[
+        Literal["automatic-bolus", "temporary-basal"],
+        About("Way of correcting: 40 % of the dose as a bolus at each sample, or a rate that gives it in 30 min."),
+    ] = "automatic-bolus"
+    insulin: Annotated[
+        Literal["rapid-adult", "rapid-child", "fiasp", "lyumjev"], About("Insulin whose course of action is assumed.")
+    ] = "rapid-adult"
+    carb_ratio_g_U: CarbRatio = 0.0
+    correction_mg_dl_U: CorrectionFactor = 0.0
+    range_mg_dl: Annotated[
+        float, About("Width of the correction range around the setpoint, in mg/dl.", at_least=0.0, at_most=200.0)
+    ] = 10.0
+    suspend_mg_dl: Annotated[
+        float,
+        About("Forecast glucose below which no insulin is given, in mg/dl.", above=0.0, quantity=GLUCOSE_BOUND),
+    ] = 75.0
+    absorption_min: Annotated[
+        float, About("Absorption time of meals, in minutes.", above=0.0, quantity=ACTION_TIME)
+    ] = 180.0
+    max_basal: Annotated[float, About("Largest temporary rate, in basal rates.", at_least=1.0, at_most=20.0)] = 4.0
+    max_bolus_U: Annotated[float, About("Largest bolus, in U; twice it is the most on board.", above=0.0)] = 10.0
+    meal_bolus: MealShare = 1.0
+
+    def designed(self, case: DesignCase) -> LoopLike:
+        """Controller after LoopKit's of the catalogue, for a person's profile."""
+        return design_loop_like(
+            case.profile,
+            case.limits,
+            dosing=self.dosing,
+            insulin=self.insulin,
+            carb_ratio_g_U=self.carb_ratio_g_U or None,
+            correction_mg_dl_U=self.correction_mg_dl_U or None,
+            range_mg_dl=self.range_mg_dl,
+            suspend_mg_dl=self.suspend_mg_dl,
+            absorption_min=self.absorption_min,
+            max_basal=self.max_basal,
+            max_bolus_U=self.max_bolus_U,
+            meal_bolus=self.meal_bolus,
+            bolus=case.bolus,
+            sample_time_min=case.sample_time_min,
+        )
 
 
 @pytree
@@ -352,16 +397,16 @@ def design_loop_like(
     profile: Profile,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    dosing: str = "automatic-bolus",
-    insulin: str = "rapid-adult",
+    dosing: str = LoopLikeSettings.dosing,
+    insulin: str = LoopLikeSettings.insulin,
     carb_ratio_g_U: float | None = None,
     correction_mg_dl_U: float | None = None,
-    range_mg_dl: float = 10.0,
-    suspend_mg_dl: float = 75.0,
-    absorption_min: float = 180.0,
-    max_basal: float = 4.0,
-    max_bolus_U: float = 10.0,
-    meal_bolus: float = 1.0,
+    range_mg_dl: float = LoopLikeSettings.range_mg_dl,
+    suspend_mg_dl: float = LoopLikeSettings.suspend_mg_dl,
+    absorption_min: float = LoopLikeSettings.absorption_min,
+    max_basal: float = LoopLikeSettings.max_basal,
+    max_bolus_U: float = LoopLikeSettings.max_bolus_U,
+    meal_bolus: float = LoopLikeSettings.meal_bolus,
     bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> LoopLike:
@@ -460,24 +505,4 @@ def design_loop_like(
         own_ratio=carb_ratio_g_U is None,
         own_correction=correction_mg_dl_U is None,
         sample_time_min=sample_time_min,
-    )
-
-
-def design(case: DesignCase, settings: LoopLikeSettings) -> LoopLike:
-    """Controller after LoopKit's of the catalogue, for a person's profile."""
-    return design_loop_like(
-        case.profile,
-        case.limits,
-        dosing=settings.dosing,
-        insulin=settings.insulin,
-        carb_ratio_g_U=settings.carb_ratio_g_U or None,
-        correction_mg_dl_U=settings.correction_mg_dl_U or None,
-        range_mg_dl=settings.range_mg_dl,
-        suspend_mg_dl=settings.suspend_mg_dl,
-        absorption_min=settings.absorption_min,
-        max_basal=settings.max_basal,
-        max_bolus_U=settings.max_bolus_U,
-        meal_bolus=settings.meal_bolus,
-        bolus=case.bolus,
-        sample_time_min=case.sample_time_min,
     )

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
 from glucoloop.component.effects import Need
 from glucoloop.control.decision import decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase
+from glucoloop.control.design_case import DesignCase, check_rate, check_sample_time
+from glucoloop.control.part import ControllerPart
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_rate, check_sample_time
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
+
+
+class BasalSettings(ControllerPart, name="basal"):
+    """The rate at which the loop starts, without a controller."""
+
+    uses_model: ClassVar = False
+    individual: ClassVar = None
+    used: ClassVar = frozenset()
+
+    def designed(self, case: DesignCase) -> OpenLoop:
+        """The rate at which the loop starts."""
+        return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)
 
 
 @pytree
@@ -65,8 +75,3 @@ def design_open_loop(
         return OpenLoop(insulin_mU_min=None, limits=limits, sample_time_min=sample_time_min)
     check_rate("constant", insulin_mU_min, limits)
     return OpenLoop(insulin_mU_min=jnp.asarray(insulin_mU_min), limits=limits, sample_time_min=sample_time_min)
-
-
-def design(case: DesignCase) -> OpenLoop:
-    """The rate at which the loop starts."""
-    return design_open_loop(limits=case.limits, sample_time_min=case.sample_time_min)

@@ -1,16 +1,20 @@
-"""The declaration of a controller: what studies, designs and reports have to know of it without designing it."""
+"""The declaration of a controller: what studies, designs and reports have to know of it without designing it.
+
+A controller is one file with its declaration, a class of settings whose method `designed` makes the controller. Here is
+what declarations share.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from glucoloop.component.code import loaded
 from glucoloop.component.effects import (
     AHEAD,
     ANNOUNCEMENTS,
     BOLUSES,
     CHANCE,
+    DOSES_BY_PROFILE,
     INDIVIDUAL,
     PROFILE,
     READINGS,
@@ -20,9 +24,50 @@ from glucoloop.component.effects import (
 from glucoloop.component.part import Part
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.routes import ROUTES
-from glucoloop.unit_guess import ANY_SETTING
+from glucoloop.component.setting import About
+from glucoloop.sensors.delay import LONGEST_LAG_MIN
+from glucoloop.unit_guess import ANY_SETTING, CARB_RATIO, CORRECTION, FITTED_STEP, LAG
 
 _TUNED = ("move_horizon", "prediction_horizon", "output_weight", "move_weight")
+
+
+SensorLag = Annotated[
+    float,
+    About(
+        "First-order lag of the sensor behind glucose that the estimator knows of, in minutes; 0: none.",
+        at_least=0.0,
+        at_most=LONGEST_LAG_MIN,
+        quantity=LAG,
+    ),
+]
+FittedStep = Annotated[
+    float,
+    About(
+        "Lasting step of insulin to which the first-order model is fitted, in mU/min; "
+        "0: 11.165, or half the basal rate where that is less.",
+        at_least=0.0,
+        quantity=FITTED_STEP,
+    ),
+]
+CarbRatio = Annotated[
+    float,
+    About(
+        "Carbohydrate that 1 U covers, in g; 0: of the person's profile, or 500 over the total daily dose.",
+        at_least=0.0,
+        quantity=CARB_RATIO,
+    ),
+]
+MealShare = Annotated[
+    float, About("Share of the bolus for an announced meal that is given; 0: none.", at_least=0.0, at_most=2.0)
+]
+CorrectionFactor = Annotated[
+    float,
+    About(
+        "Fall of glucose by 1 U, in mg/dl; 0: of the person's profile, or 1800 over the total daily dose.",
+        at_least=0.0,
+        quantity=CORRECTION,
+    ),
+]
 
 
 class ControllerPart(Part):
@@ -39,9 +84,6 @@ class ControllerPart(Part):
 
     kind: ClassVar = "controller"
     any_number: ClassVar = ANY_SETTING
-    design: ClassVar[str] = ""
-    """Place ``module:function`` of the design. The function is called with a `control.design_case.DesignCase`, and with
-    the part if it has settings, and returns a controller. A class that overrides `designed` needs none."""
     uses_model: ClassVar[bool] = True
     """Whether it is designed on an identified model; if not, none is identified for it."""
     individual: ClassVar[str | None] = "glucoloop.build.individual:one_by_one"
@@ -65,7 +107,7 @@ class ControllerPart(Part):
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        for place in filter(None, (cls.design, cls.individual)):
+        for place in filter(None, (cls.individual,)):
             if not all(place.partition(":")):
                 raise TypeError(f"{place!r} of the controller {cls.name} is no place; write it like module:function")
         if cls.tunable and not hasattr(cls, "move_horizon"):
@@ -88,5 +130,13 @@ class ControllerPart(Part):
 
     def designed(self, case: Any) -> Any:
         """The controller for a `control.design_case.DesignCase`, or a Refusal; designing imports JAX."""
-        designer = loaded(self.design)
-        return designer(case, self) if self.settings() else designer(case)
+        raise NotImplementedError
+
+
+class ByProfile(ControllerPart):
+    """Declaration of a controller that doses by the profile of a person and gives boluses."""
+
+    uses_model: ClassVar = False
+    individual: ClassVar = "glucoloop.build.individual:by_profile"
+    gives_boluses: ClassVar = True
+    used: ClassVar = DOSES_BY_PROFILE

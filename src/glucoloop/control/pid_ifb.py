@@ -12,22 +12,18 @@ The bolus of a meal is that of the person's carbohydrate ratio, as the wearer of
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.arguments import checked
-from glucoloop.component.effects import DOSES_BY_PROFILE, Need
+from glucoloop.component.effects import AHEAD, ANNOUNCEMENTS, DOSES_BY_PROFILE, Need
+from glucoloop.component.setting import About
 from glucoloop.control.decision import announced_carbs, bolus_since, decide, delivered_since, is_known, rate_at_start
-from glucoloop.control.design_case import DesignCase
+from glucoloop.control.design_case import DesignCase, check_number, check_rate, check_sample_time
+from glucoloop.control.part import ByProfile, CarbRatio, MealShare
 from glucoloop.control.pid import ROUNDING
-from glucoloop.control.profile_settings import PIDIFBSettings
 from glucoloop.control.protocol import Decision, Observation
-from glucoloop.control.tuning import check_number, check_rate, check_sample_time
 from glucoloop.pumps.limits import DEFAULT_BOLUS_LIMITS, PARKER_1999_LIMITS, BolusLimits, DoseLimits
 from glucoloop.therapy import Profile
 from glucoloop.units import MU_PER_U
@@ -52,6 +48,40 @@ def insulin_lags(sample_time_min: float) -> tuple[npt.NDArray[np.float64], npt.N
     A = np.diag(-rates) + np.diag(rates[1:], -1)
     Phi = expm(A * sample_time_min)
     return Phi, 1.0 - Phi.sum(axis=1)  # a lasting rate is met by states that equal it
+
+
+class PIDIFBSettings(ByProfile, name="pid-ifb"):
+    """PID with insulin feedback and meal boluses, by the total daily dose, as in hybrid closed loops."""
+
+    sources = ("steil2011", "ruiz2012")
+
+    gain: Annotated[float, About("Factor on the gain that follows from the total daily dose.", above=0.0)] = 1.0
+    integral_time_min: Annotated[float, About("Integral time T_I, in minutes.", above=0.0)] = 450.0
+    derivative_time_min: Annotated[float, About("Derivative time T_D, in minutes.", above=0.0)] = 90.0
+    feedback: Annotated[
+        float, About("Factor on the gains of the insulin feedback; 0: a PID controller.", at_least=0.0, at_most=5.0)
+    ] = 1.0
+    carb_ratio_g_U: CarbRatio = 0.0
+    meal_bolus: MealShare = 1.0
+
+    def uses(self) -> frozenset[Need]:
+        """Needs that the controller meets; announcements where meals have a bolus."""
+        return super().uses() - frozenset(() if self.meal_bolus else {ANNOUNCEMENTS, AHEAD})
+
+    def designed(self, case: DesignCase) -> PIDIFB:
+        """PID controller with insulin feedback of the catalogue, for a person's profile."""
+        return design_pid_ifb(
+            case.profile,
+            case.limits,
+            gain=self.gain,
+            integral_time_min=self.integral_time_min,
+            derivative_time_min=self.derivative_time_min,
+            feedback=self.feedback,
+            carb_ratio_g_U=self.carb_ratio_g_U or None,
+            meal_bolus=self.meal_bolus,
+            bolus=case.bolus,
+            sample_time_min=case.sample_time_min,
+        )
 
 
 @pytree
@@ -178,12 +208,12 @@ def design_pid_ifb(
     profile: Profile,
     limits: DoseLimits = PARKER_1999_LIMITS,
     *,
-    gain: float = 1.0,
-    integral_time_min: float = 450.0,
-    derivative_time_min: float = 90.0,
-    feedback: float = 1.0,
+    gain: float = PIDIFBSettings.gain,
+    integral_time_min: float = PIDIFBSettings.integral_time_min,
+    derivative_time_min: float = PIDIFBSettings.derivative_time_min,
+    feedback: float = PIDIFBSettings.feedback,
     carb_ratio_g_U: float | None = None,
-    meal_bolus: float = 1.0,
+    meal_bolus: float = PIDIFBSettings.meal_bolus,
     bolus: BolusLimits = DEFAULT_BOLUS_LIMITS,
     sample_time_min: float = 5.0,
 ) -> PIDIFB:
@@ -263,20 +293,4 @@ def design_pid_ifb(
         limits=limits,
         bolus=bolus,
         sample_time_min=sample_time_min,
-    )
-
-
-def design(case: DesignCase, settings: PIDIFBSettings) -> PIDIFB:
-    """PID controller with insulin feedback of the catalogue, for a person's profile."""
-    return design_pid_ifb(
-        case.profile,
-        case.limits,
-        gain=settings.gain,
-        integral_time_min=settings.integral_time_min,
-        derivative_time_min=settings.derivative_time_min,
-        feedback=settings.feedback,
-        carb_ratio_g_U=settings.carb_ratio_g_U or None,
-        meal_bolus=settings.meal_bolus,
-        bolus=case.bolus,
-        sample_time_min=case.sample_time_min,
     )

@@ -8,8 +8,7 @@ from __future__ import annotations
 import enum
 from typing import Any, Protocol
 
-import jax
-
+from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree
 from glucoloop.component.effects import OF_CONTROLLERS, Need
 

@@ -24,19 +24,14 @@ noise from innovations.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-import scipy.linalg
-
+from glucoloop._lazy_jax import jax, jnp, np, npt, scipy
 from glucoloop._pytree import pytree
 from glucoloop.estimation.kalman import steady_state_gain
 from glucoloop.refusal import Refusal
 
-Numbers = npt.NDArray[np.float64]
+Numbers: TypeAlias = "npt.NDArray[np.float64]"
 
 LEVELS_MG_DL: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Standard deviations s for which filters are designed, 1 mg/dl apart."""

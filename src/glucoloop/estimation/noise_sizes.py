@@ -22,12 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-import scipy.linalg
-
+from glucoloop._lazy_jax import jax, jnp, np, npt, scipy
 from glucoloop._pytree import pytree
 from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, Numbers, shares, with_error
 

@@ -14,12 +14,13 @@ from glucoloop import __version__
 from glucoloop.control.protocol import Controller, Status
 from glucoloop.firmware.chips import CHIPS, LINK, MENDED_SUMS, SMALL, Chip, template
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.rung import OUTCOMES
 from glucoloop.firmware.samples import SampleRecord
-from glucoloop.native.targets.c.api import MEANINGS
 from glucoloop.native.targets.c.numbers import FORMATS, REAL
+from glucoloop.native.targets.c.source import MEANINGS
 from glucoloop.spreadsheet import write_rows
 
+OUTCOMES: Final = {True: "held", False: "did not hold", None: "not run"}
+"""Outcome of a check in words."""
 _GUARDED: Final = "The guard judges readings and insulin on board, and mends a damaged state by itself."
 _BARE: Final = "This controller has no guard: nobody judges its readings, nor the insulin on board."
 _SUPPORT: Final = {
@@ -28,7 +29,6 @@ _SUPPORT: Final = {
         f"link it with `{' '.join(MENDED_SUMS)}` |\n"
     )
 }
-Rungs = Sequence[Mapping[str, Any]]
 
 
 def code_files(exported: Exported, record: SampleRecord, chip: Chip | None) -> dict[str, str]:
@@ -136,7 +136,7 @@ def numbers_table(controller: Controller) -> str:
     return out.getvalue()
 
 
-def proof(exported: Exported, name: str, rungs: Rungs) -> str:
+def proof(exported: Exported, name: str, checks: Sequence[Mapping[str, Any]]) -> str:
     """Report of the checks that were made, and of those that were not, with the reason."""
     source = exported.source
     lines = [
@@ -150,13 +150,19 @@ def proof(exported: Exported, name: str, rungs: Rungs) -> str:
         "",
     ]
     for title, holds in (("Held", True), ("Did not hold", False), ("Not run", None)):
-        items = [f"- **{rung['check']}**: {rung['found']}" for rung in rungs if rung["holds"] is holds]
+        items = [f"- **{check['check']}**: {check['found']}" for check in checks if check["holds"] is holds]
         lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
 def readme(
-    exported: Exported, name: str, sample_time_min: float, chip: Chip | None, rungs: Rungs, *, guarded: bool
+    exported: Exported,
+    name: str,
+    sample_time_min: float,
+    chip: Chip | None,
+    checks: Sequence[Mapping[str, Any]],
+    *,
+    guarded: bool,
 ) -> str:
     """Instructions for an engineer."""
     target, limits = chip or CHIPS["cortex-m4f"], exported.limits
@@ -174,7 +180,7 @@ def readme(
         sample_time=sample_time_min,
         summary=target.summary,
         packages=", ".join(target.packages),
-        checked="\n".join(f"- {OUTCOMES[rung['holds']]}: {rung['check']}" for rung in rungs),
+        checked="\n".join(f"- {OUTCOMES[check['holds']]}: {check['check']}" for check in checks),
         support="".join(_SUPPORT[name] for name in target.support(exported.precision)[0]),
         fields=fields,
         least=float(limits.min_mU_min),

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from glucoloop import __version__
-from glucoloop.firmware.analysis import BOUNDS, CHANGE, MISRA
+from glucoloop.firmware.checks import BOUNDS, CHANGE, MISRA
 from glucoloop.firmware.chips import template
 from glucoloop.firmware.exported import Exported
-from glucoloop.firmware.rung import OUTCOMES
+from glucoloop.firmware.folder import OUTCOMES
 
 EVERY, GUARD, C = "every controller", "the guard", "the exported C"
 WHERE: Final = {
@@ -122,7 +122,7 @@ def _by_name(entries: Sequence[Any]) -> dict[str, Any]:
     return named
 
 
-def safety_report(exported: Exported, name: str, rungs: Sequence[Mapping[str, Any]], *, guarded: bool) -> str:
+def safety_report(exported: Exported, name: str, checks: Sequence[Mapping[str, Any]], *, guarded: bool) -> str:
     """Part of the safety file that concerns an exported controller, with the outcome of the checks of its folder."""
     file, boluses = SafetyFile.read(), exported.gives_boluses
     here = {EVERY, C, *([GUARD] if guarded else [])}
@@ -145,7 +145,7 @@ def safety_report(exported: Exported, name: str, rungs: Sequence[Mapping[str, An
         boluses="It gives boluses." if boluses else "It gives no boluses, so hazards of boluses are left out.",
         hazards="\n\n".join(parts),
         unmet="\n".join(f"- {hazard.what}" for hazard in concern if not inside.keys() & {*hazard.measures}) or "- none",
-        requirements="\n".join(_requirement_text(requirement, rungs) for requirement in inside.values()),
+        requirements="\n".join(_requirement_text(requirement, checks) for requirement in inside.values()),
         outside="\n".join(f"- `{each.name}` ({WHERE[each.of]}): {each.text}" for each in outside) or "- nothing",
     )
 
@@ -165,11 +165,11 @@ def _kind_of(check: str) -> str:
     return named.get(check) or ("emulated" if check.startswith("C on an emulated") else "samples")
 
 
-def _requirement_text(requirement: Requirement, rungs: Sequence[Mapping[str, Any]]) -> str:
+def _requirement_text(requirement: Requirement, checks: Sequence[Mapping[str, Any]]) -> str:
     lines = [f"**{requirement.name}**. {requirement.text}", ""]
-    for check in requirement.checks:
-        those = [rung for rung in rungs if _kind_of(rung["check"]) == check]
-        lines += [f"- For this folder, {OUTCOMES[rung['holds']]}: {rung['check']}" for rung in those]
-        lines += [] if those else [f"- For this folder, {OUTCOMES[None]}: {CHECKS[check]}"]
+    for kind in requirement.checks:
+        those = [check for check in checks if _kind_of(check["check"]) == kind]
+        lines += [f"- For this folder, {OUTCOMES[check['holds']]}: {check['check']}" for check in those]
+        lines += [] if those else [f"- For this folder, {OUTCOMES[None]}: {CHECKS[kind]}"]
     lines += [f"- Test of glucoloop: `{test}`" for test in requirement.tests]
     return "\n".join([*lines, ""])

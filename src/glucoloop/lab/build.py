@@ -4,21 +4,77 @@
 
 writes both into the package. It needs clang and LLVM's linker, which users of the package do not; run it again
 when a definition that the page uses has changed. The tests compare what is there with what would be written.
+
+Functions are lowered one by one, so that all controllers share one plant: `simulation.loop.sample` taken apart. What a
+person can change on the page is an input of a function, and not part of it: the numbers of the patients, the limits of
+pump and guard, the noise, the faults, the meals, and the controllers with all that their designs compute.
 """
 
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import json
-from collections.abc import Mapping
-from typing import Any
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
+import jax
+import numpy as np
+
+from glucoloop.lab.controllers import (
+    LOOPED,
+    Adjustable,
+    adjustable,
+    controller_parts,
+    controllers_of,
+    guard_program_of,
+    program_of,
+)
+from glucoloop.lab.device_functions import pump_parts, sensor_parts
+from glucoloop.lab.loop_functions import guard_parts, looped_parts
 from glucoloop.lab.lowered_function import CompiledPart
-from glucoloop.lab.lowered_functions import parts
 from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
-from glucoloop.native.targets.wasm.looped import c_compiler_version
-from glucoloop.native.targets.wasm.module import held_numbers, linker_version, wasm_module
+from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_parts, plant_part
+from glucoloop.lab.people import draw_part, person_part
+from glucoloop.native.targets.wasm.module import c_compiler_version, held_numbers, linker_version, wasm_module
+from glucoloop.refusal import Refusal
+
+GUARDED: Final = "_guarded"
+
+
+def parts(families: Sequence[str] = FAMILIES) -> dict[str, CompiledPart]:
+    """All functions of the page, by the name under which the module exports them."""
+    result = {**sensor_parts(), **pump_parts(), "draw": draw_part()}
+    for family in families:
+        name = re.sub(r"\W", "_", family)
+        result[f"{name}_plant"] = plant_part(family)
+        result |= {f"{name}_{what}": compiled for what, compiled in meal_parts(family).items()}
+        if not by_equations(family):
+            result[f"{name}_person"] = person_part(family)
+    shapes: dict[str, tuple[object, ...]] = {}
+    of_families = ((family, name) for family in families for name in controllers_of(family))
+    for (family, name), guard in itertools.product(of_families, (False, True)):
+        if name in LOOPED:
+            program = guard_program_of(family) if guard else program_of(name, family)
+            if f"{program}_step" not in result:
+                made = guard_parts(family) if guard else looped_parts(family)
+                result |= {f"{program}_{what}": compiled for what, compiled in made.items()}
+            continue
+        program, adjusted = program_of(name, family) + (GUARDED if guard else ""), adjustable(name, family, guard=guard)
+        shape = _shape(adjusted)
+        if program not in shapes:
+            result |= {f"{program}_{what}": compiled for what, compiled in controller_parts(adjusted).items()}
+        if shapes.setdefault(program, shape) != shape:
+            raise Refusal(f"{name} of {family} is not of the form of the program {program}")
+    return result
+
+
+def _shape(controller: Adjustable) -> tuple[object, ...]:
+    """Structure and shapes of a controller, which its program depends on."""
+    leaves, structure = jax.tree.flatten(controller.example)
+    return structure, *map(np.shape, leaves)
 
 
 def tools() -> dict[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm.looped import Looped
+from glucoloop.native.targets.wasm.module import Looped
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 from typing import Any, Final, cast
+from urllib.parse import urlencode
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import ndtri
 
+import glucoloop
+from glucoloop.component.setting import choices_text
 from glucoloop.lab.lowered_function import CompiledPart, part
 from glucoloop.lab.patient_functions import (
     SEED,
@@ -24,10 +29,13 @@ from glucoloop.lab.patient_functions import (
 from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import rest_at
 from glucoloop.patients.model import patient_model
+from glucoloop.patients.population import draw
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.patients.variation import DISTRIBUTIONS, Distribution
+from glucoloop.refusal import Refusal
 from glucoloop.simulation import driven_block
 from glucoloop.simulation.per_person_leaves import chosen
+from glucoloop.situations.population import named_population
 from glucoloop.threefry import name_word
 
 PEOPLE: Final = 10_000
@@ -125,3 +133,29 @@ def people_numbers(family: str) -> dict[str, Any]:
         "step_min": STEP_MIN,
         "path": driven_block.PATH.tolist(),
     }
+
+
+MAX_OWN: Final = 200
+"""Largest number of people whom a page carries."""
+
+
+def with_people(data: dict[str, Any], family: str, population: str) -> dict[str, Any]:
+    """Data of the page with a population in the place of the usual one of a family; it opens with that family.
+
+    Person by person they are those of ``glucoloop trial`` with the seed of the page. Of a file only the name is told.
+    """
+    known = data["people"]
+    if family not in known:
+        raise Refusal(f"the page has no people around {family}; give --patient {choices_text(tuple(known))}")
+    people, names = named_population(population, family), list(people_of(family).distributions())
+    if set(people.parameters) != set(names):
+        raise Refusal(
+            f"the people of {population} differ in {', '.join(people.parameters) or 'nothing'}; people of the page "
+            f"differ in {', '.join(names)}: give a population that has each of these, as a twin of {family} has"
+        )
+    count = min(people.most_people or MAX_OWN, MAX_OWN)
+    values = draw(people, SEED, np.arange(count)).values
+    given = np.stack([values[name] for name in names], axis=1).tolist()
+    own = {**known[family], "population": Path(population).name, "count": count, "given": given}
+    opens = {"glucoloop": glucoloop.__version__, "patient": family} | ({"follow": "0"} if count == 1 else {})
+    return {**data, "people": {**known, family: own}, "open": f"#{urlencode(opens)}"}

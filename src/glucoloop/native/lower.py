@@ -13,8 +13,7 @@ from typing import Any
 import jax
 
 from glucoloop.native.divisions import share_divisions
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.flatten import Flattener
+from glucoloop.native.flatten import Drawing, Flattener
 from glucoloop.native.functions import DOUBLE
 from glucoloop.native.loops import Values
 from glucoloop.native.program import PERSON, SAMPLE, Program, Value

@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glucoloop.native import primitives
-from glucoloop.native.drawing import Drawing
-from glucoloop.native.flatten import MOVES, Flattener
+from glucoloop.native.flatten import MOVES, Drawing, Flattener
 from glucoloop.native.loops import Values
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.primitives import UnsupportedError

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.control.tuning import MPCTuning, StateTuning
 from glucoloop.refusal import Refusal
 from glucoloop.report import _style
 from glucoloop.report._style import FONT_PT, Width

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy.typing as npt
-
-from glucoloop._lazy_jax import jax, jnp, np
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree
 from glucoloop.refusal import Refusal
 from glucoloop.sensors.protocol import IdealSensor, Reading, Sensor

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.drawing import Drawing
+from glucoloop.native.flatten import Drawing
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.llvm.kernel import Kernel, compile_kernel, vectors_at_once
 from glucoloop.native.targets.products import STRICT

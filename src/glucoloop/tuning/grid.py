@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from decimal import Decimal
 from typing import Final, TypeVar
 
-from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.control.tuning import MPCTuning, StateTuning
 from glucoloop.refusal import Refusal
 
 MAX_VALUES: Final = 1000

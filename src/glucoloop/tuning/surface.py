@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.control.settings import MPCTuning, StateTuning
+from glucoloop.control.tuning import MPCTuning, StateTuning
 from glucoloop.refusal import Refusal
 
 Floats = npt.NDArray[np.float64]

@@ -10,11 +10,9 @@ forgets insulin that is newer than the oldest reading of the meal before; here n
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.oref0.records import DosingProfile, MealData
 from glucoloop.control.oref0.rounding import fixed, numbered, rounded, whole
@@ -29,7 +27,7 @@ _AVERAGED: Final = 3
 """Samples of a mean change."""
 _SAMPLES_PER_H: Final = 12
 _MIN_CARBS_G: Final = 1.0
-_Fold = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+_Fold: TypeAlias = "tuple[jax.Array, jax.Array, jax.Array, jax.Array]"
 """Carbohydrate so far, the largest that is on board, what is older and not, and what was absorbed [g]."""
 
 

@@ -9,9 +9,7 @@ the history of the pump with the rate in force, the bolus wizard, and temporary 
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.oref0.forecast import Effects, Forecast, effects_now, forecast
 from glucoloop.control.oref0.records import (

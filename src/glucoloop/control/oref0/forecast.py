@@ -15,9 +15,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop._pytree import pytree
 from glucoloop.control.oref0.records import DosingProfile, GlucoseStatus, InsulinOnBoard, MealData
 from glucoloop.control.oref0.rounding import numbered, rounded, whole

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.control.oref0.records import GlucoseStatus
 from glucoloop.control.oref0.rounding import rounded
 

@@ -13,13 +13,9 @@ the pump reports for a sample, less the basal rate, is one treatment at the star
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpy.typing as npt
-
+from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop.control.oref0.records import InsulinOnBoard
 from glucoloop.control.oref0.rounding import rounded
 
@@ -28,7 +24,7 @@ TICKS: Final = 48
 """Number of points of 5 min for which activity is predicted, four hours."""
 PEAKS_MIN: Final = {"rapid-acting": 75.0, "ultra-rapid": 55.0}
 """Time of the peak by kind of insulin."""
-Floats = npt.NDArray[np.float64]
+Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 
 def treatments(dia_h: float) -> int:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import jax
-
+from glucoloop._lazy_jax import jax
 from glucoloop._pytree import pytree, static
 
 

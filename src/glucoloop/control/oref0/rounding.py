@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
+from glucoloop._lazy_jax import jax, jnp
 
 
 def whole(value: jax.Array) -> jax.Array:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
-
+from glucoloop._lazy_jax import jax, jnp
 from glucoloop.control.oref0.records import DosingProfile, Suggestion, TempBasal
 from glucoloop.control.oref0.rounding import whole
 

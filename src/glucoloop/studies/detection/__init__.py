@@ -11,7 +11,7 @@ from glucoloop.component.effects import READINGS, TIME_OF_DAY, Need
 from glucoloop.component.grammar import part_text
 from glucoloop.control.catalogue import ESTIMATING
 from glucoloop.control.part import ControllerPart
-from glucoloop.estimation.unknown_meal.settings import ESTIMATORS, EstimatorPart
+from glucoloop.estimation.unknown_meal import ESTIMATORS, EstimatorPart
 from glucoloop.limits import MAX_DAYS
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SensorPart, WhiteNoise

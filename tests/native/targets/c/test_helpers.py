@@ -7,10 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.firmware.analysis import misra_of
-from glucoloop.native.targets.c.helpers import helpers
+from glucoloop.firmware.checks import misra_of
 from glucoloop.native.targets.c.host import FLAGS, compiler
-from glucoloop.native.targets.c.numbers import FORMATS, identifier
+from glucoloop.native.targets.c.numbers import FORMATS, helpers, identifier
 
 WANTED = {
     "gl_sqrt": np.sqrt,
@@ -53,8 +52,8 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
 def test_no_required_rule_of_misra_is_broken_by_functions(precision):
     calls = [f"{name}()" for name in WANTED]
     includes = [f"#include <{name}.h>" for name in ("float", "math", "stdbool", "stdint", "string")]
-    rung = misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
-    assert rung.holds, rung.found
+    check = misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
+    assert check.holds, check.finding
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

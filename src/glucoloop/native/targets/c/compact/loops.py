@@ -9,9 +9,8 @@ from dataclasses import replace
 
 from glucoloop.native import primitives
 from glucoloop.native.targets.c.compact.flat import Flat, Operation, Variable
-from glucoloop.native.targets.c.compact.stored import Environment, ValueStore
 from glucoloop.native.targets.c.compact.values import Scalar, Tree, Value, View
-from glucoloop.native.targets.c.compact.writer import Writer
+from glucoloop.native.targets.c.compact.writer import Environment, ValueStore, Writer
 from glucoloop.native.targets.c.numbers import REAL
 
 

@@ -12,7 +12,6 @@ from glucoloop.native import primitives
 from glucoloop.native.primitives import UnsupportedError
 from glucoloop.native.targets.c.compact.arithmetic import gather_places, places_of
 from glucoloop.native.targets.c.compact.flat import Flat, Operand, Operation, Variable
-from glucoloop.native.targets.c.compact.stored import Environment, ValueStore, shape_of
 from glucoloop.native.targets.c.compact.values import (
     Maker,
     Places,
@@ -24,6 +23,7 @@ from glucoloop.native.targets.c.compact.values import (
     places_at,
     regular_places,
 )
+from glucoloop.native.targets.c.compact.writer import Environment, ValueStore, shape_of
 from glucoloop.native.targets.c.numbers import WHOLE
 
 
