@@ -1,7 +1,4 @@
-"""A pump of your own: its soft tube passes a change of the rate on slowly, and it has limits of its own.
-
-Try it with ``glucoloop run --pump 'your_own_pump:TubePump, lag_min=15'``.
-"""
+"""A pump of your own, with a soft tube: ``glucoloop run --pump 'your_own_pump:TubePump, lag_min=15'``."""
 
 import dataclasses
 from typing import Annotated, Any, ClassVar
