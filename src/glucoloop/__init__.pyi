@@ -46,6 +46,10 @@ from . import units as units
 from . import user_file as user_file
 from .bounds import optimal_doses as optimal_doses
 from .cohorts.people_run import simulate_people as simulate_people
+from .commands import CommandResult as CommandResult
+from .commands import compare as compare
+from .commands import run as run
+from .commands import trial as trial
 from .component.effects import NoEffectWarning as NoEffectWarning
 from .control import GuardSettings as GuardSettings
 from .control import MealTuning as MealTuning

@@ -103,7 +103,7 @@ class Squares(types.ModuleType):
     def sentences(self, asked, found):
         yield f"The sum is {found.plain['sum']} and the mean {found.plain['mean']}."
 
-    def drawn(self, asked, found):
+    def files_of(self, asked, found):
         return {"page.html": b"<!doctype html>"}
 
 

@@ -15,7 +15,7 @@ from glucoloop.lab.build import parts
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import GRID
 from glucoloop.native.interpreter import Interpreter
-from glucoloop.native.targets.wasm.module import linker
+from glucoloop.native.targets.wasm.module import _linker_path
 from glucoloop.simulation.plant import Exogenous
 from page_loops import run_of
 
@@ -40,7 +40,7 @@ CLOSE_MG_DL = 1e-4
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """Functions and numbers of the page for the example, and the folder with them."""
-    if linker() is None:
+    if _linker_path() is None:
         pytest.skip("needs wasm-ld (Debian: apt install lld)")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(EXAMPLES))

@@ -31,7 +31,7 @@ from glucoloop.models.state_space import LinearModel
 from glucoloop.models.step_response import Realisation, StepResponseModel
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.native.lower import lower
-from glucoloop.native.targets.wasm.module import c_compiler, linker
+from glucoloop.native.targets.wasm.module import _clang_path, _linker_path
 from glucoloop.pumps import LimitedPump
 from glucoloop.pumps.limits import DoseLimits
 from glucoloop.refusal import Refusal
@@ -232,7 +232,7 @@ def test_the_bits_do_not_depend_on_how_a_sample_is_divided(which, groups, answer
 @pytest.mark.long
 def test_the_package_data_are_those_that_would_be_built_now(data, of_page):
     assert data["functions"] == build.functions(of_page), SENTENCE
-    if None in (linker(), c_compiler()) or build.tools() != data["tools"]:
+    if None in (_linker_path(), _clang_path()) or build.tools() != data["tools"]:
         pytest.skip(f"the module was built with {data['tools']}, which are not here")
     found, expected = build.module(of_page), MODULE.read_bytes()
     assert len(found) == len(expected), SENTENCE

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glucoloop.native.divisions import TOGETHER, share_divisions
+from glucoloop.native.divisions import _QUOTIENTS_A_DIVISION, share_divisions
 from glucoloop.native.interpreter import interpret
 from glucoloop.native.lower import Layout, lower
 from glucoloop.native.program import BOOL, CONSTANT, FLOAT, PERSON, SAMPLE, Program
@@ -224,7 +224,10 @@ def test_divisions_that_are_shared_come_to_the_same(pairs, numbers):
     assert set(map(place.get, inputs_of(p).values())) == set(range(5))
 
 
-@pytest.mark.parametrize(("quotients", "divisions"), [(1, 1), (TOGETHER, 1), (TOGETHER + 1, 2), (2 * TOGETHER, 2)])
+@pytest.mark.parametrize(
+    ("quotients", "divisions"),
+    [(1, 1), (_QUOTIENTS_A_DIVISION, 1), (_QUOTIENTS_A_DIVISION + 1, 2), (2 * _QUOTIENTS_A_DIVISION, 2)],
+)
 def test_a_division_serves_several(quotients, divisions):
     p = Program()
     above = [p.input(f"a{i}", SAMPLE) for i in range(quotients)]

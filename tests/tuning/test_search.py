@@ -27,7 +27,7 @@ from glucoloop.situations.case import usual_case
 from glucoloop.situations.situation import usual_situation
 from glucoloop.tuning.designers import designer, usual_filters
 from glucoloop.tuning.grid import tuning_grid
-from glucoloop.tuning.search import _block, move_slots, padded, paper_tuning_surface, printed_tuning, search, stack
+from glucoloop.tuning.search import _block, _padded, move_slots, paper_tuning_surface, printed_tuning, search, stack
 from glucoloop.tuning.surface import TuningSurface, tuning_text
 
 PAPER = PARKER_1999["setpoint-81", False]
@@ -54,13 +54,13 @@ def traces_agree(one, other):
 @pytest.mark.parametrize("constraints", ["clip", "qp"])
 def test_padded_linear_mpc_decides_as_before(patient_81, identified_81, constraints):
     controller = design_linear_mpc(identified_81.model, MPCTuning(1, 5), constraints=constraints)
-    traces_agree(simulate(patient_81, controller), simulate(patient_81, padded(controller, 2, 50)))
+    traces_agree(simulate(patient_81, controller), simulate(patient_81, _padded(controller, 2, 50)))
 
 
 @pytest.mark.parametrize("constraints", ["clip", "qp"])
 def test_padded_mpc_se_decides_as_before(patient_81, constraints):
     controller = design_mpc_se(linear_model(patient_81), Q, StateTuning(1, 3), constraints=constraints)
-    traces_agree(simulate(patient_81, controller), simulate(patient_81, padded(controller, 2, 14)))
+    traces_agree(simulate(patient_81, controller), simulate(patient_81, _padded(controller, 2, 14)))
 
 
 @pytest.mark.long
@@ -68,20 +68,20 @@ def test_padded_nlqdmc_decides_as_before(patient_81):
     tuning = StateTuning(3, 5, 2.0, 0.5, 0.57)
     controller = design_nlqdmc_se(nonlinear_model(patient_81), Q, tuning)
     plain = simulate(patient_81, controller, scenario=SHORT)
-    traces_agree(plain, simulate(patient_81, padded(controller, 4, 7), scenario=SHORT))
+    traces_agree(plain, simulate(patient_81, _padded(controller, 4, 7), scenario=SHORT))
 
 
 def test_what_cannot_be_padded_is_refused(identified_81):
     controller = design_linear_mpc(identified_81.model, MPCTuning(2, 5))
     with pytest.raises(ValueError, match="does not fit"):
-        padded(controller, 1, 5)
+        _padded(controller, 1, 5)
     with pytest.raises(TypeError, match="OpenLoop"):
-        padded(design_open_loop(), 2, 5)
+        _padded(design_open_loop(), 2, 5)
 
 
 def test_stacked_controllers_stay_apart(identified_81):
     several = [design_linear_mpc(identified_81.model, MPCTuning(2, p)) for p in (5, 8)]
-    stacked = stack([padded(one, 2, 8) for one in several])
+    stacked = stack([_padded(one, 2, 8) for one in several])
     np.testing.assert_array_equal(stacked.plan.gain[0, :5], several[0].gain)
     np.testing.assert_array_equal(stacked.plan.gain[0, 5:], 0.0)
     np.testing.assert_array_equal(stacked.plan.gain[1], several[1].gain)

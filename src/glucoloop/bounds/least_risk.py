@@ -55,9 +55,9 @@ from glucoloop.simulation.user_objects import compiled_by_class
 
 Values = npt.NDArray[np.float64]
 
-PLANNED_MIN: Final = 720.0
+_PLANNED_MIN: Final = 720.0
 """Time for which doses are planned at once."""
-PLAN_MIN: Final = 360.0
+_PLAN_MIN: Final = 360.0
 """Longest time for which a plan is carried out."""
 _LOW_MG_DL, _HIGH_MG_DL = 72.0, 178.0
 _DEARER_BELOW: Final = 10.0
@@ -150,7 +150,7 @@ def least_risk_doses(
     samples, rest_mU_min = fasting.samples, fasting.resting_mU_min or 1.0
     known = _known(stages(scenario, fasting, known_after_min), fasting.grid)
     run = trajectory_of(patient, scenario, sample_time_min, [*known.values(), scenario.meals])
-    planned = min(samples, math.ceil(PLANNED_MIN / sample_time_min))
+    planned = min(samples, math.ceil(_PLANNED_MIN / sample_time_min))
     start = None if start_mU_min is None else _start(start_mU_min, samples)
     doses = np.concatenate([np.ones(samples) if start is None else start / rest_mU_min, np.ones(planned)])
     state, steps = jnp.asarray(run.state), 0
@@ -198,7 +198,7 @@ def _start(start_mU_min: ArrayLike, samples: int) -> Values:
 def _known(announcements: list[tuple[tuple[Meal, ...], int]], grid: SampleGrid) -> dict[int, tuple[Meal, ...]]:
     """Meals that are known to each plan, by the first of its samples."""
     news = {0: (), **{first: meals for meals, first in announcements if first < grid.samples}}
-    longest = math.ceil(PLAN_MIN / grid.sample_time_min)
+    longest = math.ceil(_PLAN_MIN / grid.sample_time_min)
     known: dict[int, tuple[Meal, ...]] = {}
     for first, then in zip(news, [*news, grid.samples][1:], strict=True):
         known |= dict.fromkeys(range(first, then, longest), news[first])

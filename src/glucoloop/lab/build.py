@@ -38,7 +38,7 @@ from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_parts, plant_part
 from glucoloop.lab.people import draw_part, person_part
-from glucoloop.native.targets.wasm.module import c_compiler_version, held_numbers, linker_version, wasm_module
+from glucoloop.native.targets.wasm.module import c_compiler_version, linker_version, numbers_per_person, wasm_module
 from glucoloop.refusal import Refusal
 
 GUARDED: Final = "_guarded"
@@ -94,7 +94,10 @@ def module(of_page: Mapping[str, CompiledPart]) -> bytes:
 def functions(of_page: Mapping[str, CompiledPart]) -> dict[str, Any]:
     """Names and counts of the numbers that each function takes and gives, and how many it keeps of a person."""
     return {
-        name: {**{group: dict(names) for group, names in part.names.items()}, "held": held_numbers(part.lowered)}
+        name: {
+            **{group: dict(names) for group, names in part.names.items()},
+            "per_person": numbers_per_person(part.lowered),
+        }
         for name, part in of_page.items()
     }
 

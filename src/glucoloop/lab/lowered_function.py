@@ -11,7 +11,7 @@ import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
 from glucoloop.native.targets.c.source import trace, write_source
-from glucoloop.native.targets.wasm.module import Looped
+from glucoloop.native.targets.wasm.module import CFunction
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class CompiledPart:
 
     step: Callable[..., Any]
     """The function, in JAX."""
-    lowered: Lowered | Looped
+    lowered: Lowered | CFunction
     """The scalar program, or the C of a function whose loops would make that too long."""
     names: Mapping[str, Mapping[str, int]]
     """Name -> number of numbers, in their order, of each group; see `glucoloop.native.lower.Layout`."""
@@ -28,7 +28,7 @@ class CompiledPart:
     @property
     def scalar(self) -> Lowered:
         """The scalar program of a function that has one."""
-        if isinstance(self.lowered, Looped):
+        if isinstance(self.lowered, CFunction):
             raise TypeError("a function that keeps its loops has no scalar program")
         return self.lowered
 
@@ -94,10 +94,12 @@ def looped(
     state = traced.state
     outer = {"person": _names(person), "own": _names(own), "shared": {}}
     return {
-        "start": CompiledPart(waking, Looped(source, wakes=True), {**outer, "carry": {}, "outputs": _names(state)}),
+        "start": CompiledPart(
+            waking, CFunction(source, is_init=True), {**outer, "carry": {}, "outputs": _names(state)}
+        ),
         "step": CompiledPart(
             stepping,
-            Looped(source, wakes=False),
+            CFunction(source, is_init=False),
             {**outer, "carry": _names(state), "outputs": _names(traced.decision)},
         ),
     }

@@ -37,9 +37,9 @@ FURTHEST_WHOLE: Final = 2.0**30
 """Bound on whole numbers that are made from real ones."""
 
 
-def _polynomial(wanted: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
+def _polynomial(function: Callable[[np.ndarray], np.ndarray], degree: int, low: float, high: float) -> list[float]:
     """Coefficients of a polynomial near a function between two bounds, the highest power first."""
-    result = np.polynomial.Chebyshev.interpolate(wanted, degree, [low, high])
+    result = np.polynomial.Chebyshev.interpolate(function, degree, [low, high])
     return [float(c) for c in result.convert(kind=np.polynomial.Polynomial).coef[::-1]]
 
 
@@ -160,17 +160,17 @@ class Functions:
 
     def __call__(self, name: str, *arguments: Value) -> Value:
         """The value of a function by name; of constants it is computed here."""
-        known = self._p.constants
-        if name in _OF_CONSTANTS and all(a in known for a in arguments):
+        constants = self._p.constants
+        if name in _OF_CONSTANTS and all(a in constants for a in arguments):
             with np.errstate(all="ignore"):
-                return self._p.constant(float(_OF_CONSTANTS[name](*(np.float64(known[a]) for a in arguments))))
+                return self._p.constant(float(_OF_CONSTANTS[name](*(np.float64(constants[a]) for a in arguments))))
         value: Value = getattr(self, name)(*arguments)
         return value
 
     def _do(self, operation: str, *arguments: Value | float) -> Value:
         """An operation on values and constants; a whole number among them is a value."""
-        given = (self._p.constant(a) if isinstance(a, float) else a for a in arguments)
-        return self._p.apply(operation, *given)
+        operands = (self._p.constant(a) if isinstance(a, float) else a for a in arguments)
+        return self._p.apply(operation, *operands)
 
     def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Horner's rule, the highest power first."""
@@ -298,9 +298,9 @@ class Functions:
         """Two numbers of half as many bits, whose sum is x (Dekker)."""
         factor = 2.0 ** ((self._constants.bits + 2) // 2) + 1.0
         if x in self._p.constants:  # in the precision of the target
-            known = self._number(self._p.constants[x])
-            high = self._number(factor) * known - (self._number(factor) * known - known)
-            return self._p.constant(float(high)), self._p.constant(float(known - high))
+            number = self._number(self._p.constants[x])
+            high = self._number(factor) * number - (self._number(factor) * number - number)
+            return self._p.constant(float(high)), self._p.constant(float(number - high))
         scaled = self._do("mul", x, factor)
         first = self._do("exact_sub", scaled, self._do("exact_sub", scaled, x))
         return first, self._do("exact_sub", x, first)
@@ -321,8 +321,8 @@ class Functions:
         rest = self._less(a, n, b)
         rest = do("select", do("lt", rest, 0.0), do("add", rest, b), rest)
         rest = do("select", do("lt", a, b), a, rest)
-        known = do("lt", n, 2.0 ** (self._constants.bits - 2))
-        return do("copy_sign", do("select", known, rest, math.nan), x)
+        exact = do("lt", n, 2.0 ** (self._constants.bits - 2))
+        return do("copy_sign", do("select", exact, rest, math.nan), x)
 
     def whole_rem(self, x: Value, y: Value) -> Value:
         """Remainder of whole numbers; x where y is zero."""
@@ -377,8 +377,8 @@ class Functions:
         angle = do("add", s, do("mul", do("mul", s, u), self._polynomial(u, self._constants.polynomials["atan"])))
         angle = do("select", far, do("add", angle, math.pi / 4.0), angle)
         angle = do("select", do("lt", a, b), do("sub", math.pi / 2.0, angle), angle)
-        left = do("lt", do("copy_sign", 1.0, x), 0.0)
-        return do("copy_sign", do("select", left, do("sub", math.pi, angle), angle), y)
+        negative = do("lt", do("copy_sign", 1.0, x), 0.0)
+        return do("copy_sign", do("select", negative, do("sub", math.pi, angle), angle), y)
 
     def cbrt(self, x: Value) -> Value:
         """The cube root."""

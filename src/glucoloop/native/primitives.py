@@ -126,7 +126,7 @@ def of_keys(equation: Any) -> Any:
     return jax.make_jaxpr(lambda key: prng.random_bits(key, _parameter(equation, "bit_width"), shape))(key)
 
 
-def called(equation: Any) -> Any:
+def callee(equation: Any) -> Any:
     """Function that an equation calls, with its constants; None if the equation is not a call."""
     holder = CALLS.get(equation.primitive.name)
     return None if holder is None else _closed(_parameter(equation, holder))
@@ -175,7 +175,7 @@ class Scan:
     reverse: bool
     constants: int
     """Number of inputs that are constants."""
-    carried: int
+    carry: int
     """Number of inputs that are carried."""
 
 
@@ -183,20 +183,20 @@ def scan(equation: Any) -> Scan:
     """The parts of a ``scan``."""
     params = equation.params
     if "num_consts" in params and "num_carry" in params:  # up to JAX 0.10
-        constants, carried = params["num_consts"], params["num_carry"]
+        constants, carry = params["num_consts"], params["num_carry"]
     else:  # from JAX 0.11: a tree of three groups
         try:
-            constants, carried, rows = map(len, _parameter(equation, "ft_in").unpack())
+            constants, carry, rows = map(len, _parameter(equation, "ft_in").unpack())
         except (AttributeError, TypeError, ValueError):
             raise _unknown(equation) from None
-        if constants + carried + rows != len(equation.invars):
+        if constants + carry + rows != len(equation.invars):
             raise _unknown(equation)
     return Scan(
         round=_closed(_parameter(equation, "jaxpr")),
         length=_parameter(equation, "length"),
         reverse=_parameter(equation, "reverse"),
         constants=constants,
-        carried=carried,
+        carry=carry,
     )
 
 
@@ -205,11 +205,11 @@ def rounds(
 ) -> list[npt.NDArray[Any]]:
     """Results of a loop on arrays, from the results of one round after another."""
     constants, rest = inputs[: loop.constants], inputs[loop.constants :]
-    carry, each = list(rest[: loop.carried]), rest[loop.carried :]
+    carry, each = list(rest[: loop.carry]), rest[loop.carry :]
     stacked: dict[int, list[npt.NDArray[Any]]] = {}
     for k in reversed(range(loop.length)) if loop.reverse else range(loop.length):
         results = results_of([*constants, *carry, *(array[k] for array in each)])
-        carry, stacked[k] = results[: loop.carried], results[loop.carried :]
+        carry, stacked[k] = results[: loop.carry], results[loop.carry :]
     return [*carry, *(np.stack(rows) for rows in zip(*(stacked[k] for k in range(loop.length)), strict=True))]
 
 
@@ -223,7 +223,7 @@ def work(closed: Any) -> int:
     """Number of operations on numbers in a function, about; a loop of unknown length counts as one round."""
     total = 0
     for equation in closed.jaxpr.eqns:
-        inner, times = called(equation), 1
+        inner, times = callee(equation), 1
         match equation.primitive.name:
             case "scan":
                 loop = scan(equation)
@@ -288,8 +288,8 @@ def dot_general(equation: Any) -> Product:
     summed, batched = _parameter(equation, "dimension_numbers")
     axes = (range(len(factor.aval.shape)) for factor in equation.invars)
     left, right = (
-        tuple(axis for axis in of_each if axis not in (*taken, *common))
-        for of_each, taken, common in zip(axes, summed, batched, strict=True)
+        tuple(axis for axis in of_each if axis not in (*contracted, *common))
+        for of_each, contracted, common in zip(axes, summed, batched, strict=True)
     )
     return Product(summed=summed, batched=batched, free=(left, right))
 

@@ -44,7 +44,7 @@ _OF_A_BOUND: Final = {
 }
 
 
-def percent(value: float) -> str:
+def _percent(value: float) -> str:
     """Text of a percentage without its unit, where the heading has it."""
     return percent_text(value).removesuffix(" %")
 
@@ -86,7 +86,7 @@ class Column:
     group: str = ""
     head: str = ""
     """Heading on the page, below that of the group; without both the column is not shown there."""
-    text: Callable[[Any], str] = percent
+    text: Callable[[Any], str] = _percent
     short: str | None = None
     """Heading in the terminal, with line breaks; without one the column is not shown there."""
     short_text: Callable[[Any], str] | None = None

@@ -45,7 +45,7 @@ def comparison_facts(config: Run, designed: Mapping[str, Mapping[str, float]]) -
 
 def _case_facts(name: str, as_designed: str, case: Case, designed: Mapping[str, float] | None) -> dict[str, str]:
     numbers = {key: float(f"{value:.4g}") for key, value in (designed or {}).items()}
-    return {name: case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
+    return {name: _case_in_words(case, numbers), **({as_designed: _settings(numbers)} if numbers else {})}
 
 
 def trial_facts(trial: Trial) -> dict[str, str]:
@@ -75,7 +75,7 @@ def controllers_facts(cases: Iterable[Case], designed: Mapping[str, Mapping[str,
     return facts
 
 
-def case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
+def _case_in_words(case: Case, distinguished: Iterable[str] = ()) -> str:
     """A controller with its guard, its faults, and its settings but those that are told apart."""
     parts = [
         f"{case.controller.called}, {case.controller.summary}",
@@ -154,7 +154,7 @@ def _situation_facts(situation: FedSituation, meals: str) -> dict[str, str]:
 
 
 def _settings(tuning: Mapping[str, Value]) -> str:
-    return ", ".join(setting_in_words(key, value) for key, value in tuning.items())
+    return ", ".join(_setting_in_words(key, value) for key, value in tuning.items())
 
 
 def _length(horizon_min: float) -> str:
@@ -235,7 +235,7 @@ def _short_name(fault: FaultPart, among: Iterable[FaultPart]) -> str:
     return f"{fault.name} {_settings(matter or values)}".rstrip()
 
 
-def setting_in_words(key: str, value: Value) -> str:
+def _setting_in_words(key: str, value: Value) -> str:
     """A setting with its unit: ``size 60 mg/dl``, ``not noticed``."""
     end = ending_of(key)
     name, unit = f"_{key}".removesuffix(end).strip("_").replace("_", " "), UNIT_BY_ENDING.get(end, "")
@@ -269,7 +269,7 @@ def when_in_words(fault: FaultPart) -> str:
     return f"{begins}, for {times[DURATION]} min" if DURATION in times else f"{begins} to the end"
 
 
-def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
+def _window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
     """Time within which a fault is present, by its settings; None if it comes at random at any time."""
     times = fault.values()
     if not fault.timed or PER_DAY in times:
@@ -283,7 +283,7 @@ def window_of(fault: FaultPart, end_min: float) -> tuple[float, float] | None:
 def windows(faults: Iterable[FaultPart], end_min: float) -> Iterator[tuple[FaultPart, tuple[float, float]]]:
     """Faults that have a time before the end, with these times."""
     for fault in faults:
-        window = window_of(fault, end_min)
+        window = _window_of(fault, end_min)
         if window is not None:
             yield fault, window
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
+_PERCENTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
 _MAX_NAMED: Final = 12
 """Boluses whose size is written; more would hide one another."""
 
@@ -113,12 +113,12 @@ def plot(
     return figure
 
 
-def bands(values: Floats) -> Floats:
+def _bands(values: Floats) -> Floats:
     """Percentiles ``(5, samples)`` of values ``(samples, people)``; people without a finite course are left out."""
     finite = values[:, np.isfinite(values).all(axis=0)]
     if finite.shape[1] == 0:
         raise Refusal("no person has a finite course to show; draw people who have a basal rate")
-    percentiles: Floats = np.percentile(finite, PERCENTILES, axis=1)
+    percentiles: Floats = np.percentile(finite, _PERCENTILES, axis=1)
     return percentiles
 
 
@@ -129,7 +129,7 @@ def _draw_people(
     for index, (label, run) in enumerate(runs.items()):
         insulin = np.concatenate([run.insulin_mU_min, run.insulin_mU_min[-1:]])
         for axes, values, stepwise in ((above, run.glucose_mg_dl, False), (below, insulin, True)):
-            low, quarter, median, three_quarters, high = bands(np.asarray(values, float))
+            low, quarter, median, three_quarters, high = _bands(np.asarray(values, float))
             drawn = _style.draw_bands(
                 axes,
                 np.asarray(run.t_min, float) / divisor,

@@ -32,7 +32,7 @@ from glucoloop.simulation import Trace
 from glucoloop.text import glucose_text
 from glucoloop.units import MIN_PER_DAY
 
-TARGET_MG_DL: Final = (70.0, 180.0)
+_TARGET_MG_DL: Final = (70.0, 180.0)
 """Range of glucose that plots mark."""
 _LOW_MG_DL: Final = (54.0, 70.0)
 _HIGH_MG_DL: Final = (250.0, 180.0)
@@ -137,7 +137,7 @@ def glucose_panel(setpoints: Sequence[float], lowest_mg_dl: float, shown: Sequen
     """Panel with room for the curves shown, on which the range of the target, setpoints and the bound are drawn."""
     low, high = extent([*setpoints, lowest_mg_dl], *shown)
     margin = 0.05 * (high - low)
-    panel = Panel(GLUCOSE, (low - margin, high + margin), band=TARGET_MG_DL, **about)
+    panel = Panel(GLUCOSE, (low - margin, high + margin), band=_TARGET_MG_DL, **about)
     panel.rule(setpoints, 0, f"setpoint {values_in_words(setpoints, 'mg/dl')}")
     panel.rule([lowest_mg_dl], 1, f"lowest allowed {lowest_mg_dl:g} mg/dl")
     return panel

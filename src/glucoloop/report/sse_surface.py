@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_PANELS: Final = 12
+_MAX_PANELS: Final = 12
 # The first of these that vary become the axes; the others, panels.
-PARAMETERS: Final = ("prediction_horizon", "reference_filter", "move_horizon", "move_weight", "output_weight")
+_PARAMETERS: Final = ("prediction_horizon", "reference_filter", "move_horizon", "move_weight", "output_weight")
 _SYMBOLS: Final = {
     "prediction_horizon": "p",
     "reference_filter": "$\\varphi_r$",
@@ -89,16 +89,16 @@ def layout(surface: TuningSurface) -> SurfaceLayout:
     cells = {tuning: Cell("refused", reason=reason) for tuning, reason in surface.refused}
     cells |= {tuning: Cell(_kind(surface, point), point) for point, tuning in enumerate(surface.tunings)}
     filtered = all(isinstance(tuning, StateTuning) for tuning in cells)
-    names = [name for name in PARAMETERS if filtered or name != "reference_filter"]
+    names = [name for name in _PARAMETERS if filtered or name != "reference_filter"]
     known = {tuple(float(getattr(tuning, name)) for name in names): cell for tuning, cell in cells.items()}
     levels = {name: sorted(set(values)) for name, values in zip(names, zip(*known, strict=True), strict=True)}
     varying = [name for name in names if len(levels[name]) > 1]
     x, y, *_ = [*varying, *(name for name in names if name not in varying)]
     panels = tuple(varying[2:])
     combinations = sorted({tuple(values[names.index(name)] for name in panels) for values in known})
-    if len(combinations) > MAX_PANELS:
+    if len(combinations) > _MAX_PANELS:
         raise Refusal(
-            f"the surface would need {len(combinations)} panels, at most {MAX_PANELS} can be seen; "
+            f"the surface would need {len(combinations)} panels, at most {_MAX_PANELS} can be seen; "
             f"give fewer values of {' and '.join(panels)}"
         )
 

@@ -79,8 +79,8 @@ def outcome_of(run: Run, case: Case, model: ModelFile | None, controller: Contro
         computed_settings=computed_settings(controller),
         notes=(
             *notes_on(run, case, model),
-            *notes_on_patient(run, controller),
-            *notes_on_trace(trace, metrics),
+            *_notes_on_patient(run, controller),
+            *_notes_on_trace(trace, metrics),
         ),
     )
 
@@ -186,7 +186,7 @@ def notes_on(situation: Situation, case: Case, model: ModelFile | None) -> Itera
         )
 
 
-def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
+def _notes_on_patient(situation: Situation, controller: Controller) -> Iterator[str]:
     """Note on rhythms, and the basal rate in the unit of pumps, where insulin is given under the skin."""
     yield from steady_without_rhythm(situation)
     if situation.patient.subcutaneous:
@@ -198,7 +198,7 @@ def notes_on_patient(situation: Situation, controller: Controller) -> Iterator[s
         yield INTRAVENOUS_BOLUS
 
 
-def notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:
+def _notes_on_trace(trace: Trace, metrics: Metrics) -> Iterator[str]:
     """Notes on the course of a run that a reader needs for its numbers, one sentence each."""
     without_dose = int(metrics.samples_non_finite)
     if without_dose:

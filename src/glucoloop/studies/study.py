@@ -11,12 +11,12 @@ To add a study
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has ``tables(config, results)``, which makes tables for the terminal, as by
-`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``drawn(config,
+`report.columns.terminal_table`, of which ``tables.tex`` is made; where the study keeps files, also ``files_of(config,
 results)``: pages and figures by the names of their files. It may have
 
 - ``notes(config)``: sentences on what is possible and hardly meant, before the work begins.
 - ``sentences(config, results)``: conclusions, for the terminal and the page.
-- ``how_to_go_on(results, files)``: sentences on the use of the files, whose paths it gets by their names.
+- ``next_steps(results, files)``: sentences on the use of the files, whose paths it gets by their names.
 
 By its kind it has
 

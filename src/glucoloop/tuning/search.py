@@ -40,7 +40,7 @@ def move_slots(moves: int, most: int) -> int:
     return min(_SOLVED_EXACTLY, most) if moves <= _SOLVED_EXACTLY else most
 
 
-def horizons(controller: Controller) -> tuple[int, int]:
+def _horizons(controller: Controller) -> tuple[int, int]:
     """Number of planned moves and of predicted samples, as the arrays of a controller have them."""
     result: tuple[int, int] | None = getattr(controller, "horizons", None)
     if result is None or not hasattr(controller, "padded"):
@@ -51,12 +51,12 @@ def horizons(controller: Controller) -> tuple[int, int]:
     return result
 
 
-def padded(controller: C, moves: int, horizon: int) -> C:
+def _padded(controller: C, moves: int, horizon: int) -> C:
     """The same controller with room for more moves and more samples, none of which has any weight.
 
-    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC have them.
+    Its decisions are the same up to rounding. It has `horizons` and `padded`, as LinearMPC, MPCSE and NLQDMC do.
     """
-    own_moves, own_horizon = horizons(controller)
+    own_moves, own_horizon = _horizons(controller)
     if moves < own_moves or horizon < own_horizon:
         raise Refusal(
             f"a controller of {own_moves} moves and {own_horizon} samples does not fit into {moves} and {horizon}"
@@ -77,8 +77,8 @@ def stack(controllers: Sequence[C]) -> C:
 Progress = Callable[[int, int], None]
 """Callback with the number of finished runs and the number of all runs."""
 
-MAX_POINTS: Final = 20_000
-MAX_RUNS: Final = 200_000
+_MAX_POINTS: Final = 20_000
+_MAX_RUNS: Final = 200_000
 _BLOCK: Final = 128
 """Number of runs at once: more are not faster, and their traces take memory."""
 _ROUND: Final = 8
@@ -120,18 +120,18 @@ def search(
         raise Refusal("the grid has no tuning; give at least one")
     if not seeds:
         raise Refusal("there are no seeds; give at least one")
-    if len(grid) > MAX_POINTS or len(grid) * len(seeds) > MAX_RUNS:
+    if len(grid) > _MAX_POINTS or len(grid) * len(seeds) > _MAX_RUNS:
         raise Refusal(
             f"a grid of {len(grid)} tunings under {len(seeds)} seeds is too large; "
-            f"give up to {MAX_POINTS} tunings and {MAX_RUNS} runs"
+            f"give up to {_MAX_POINTS} tunings and {_MAX_RUNS} runs"
         )
     designed, refused = _designed(design, grid)
     grid = list(designed)
     controllers = list(designed.values())
     meals = Scenario() if scenario is None else scenario
     limits = situation.limits
-    most_moves = max(horizons(one)[0] for one in controllers)
-    horizon = max(horizons(one)[1] for one in controllers)
+    most_moves = max(_horizons(one)[0] for one in controllers)
+    horizon = max(_horizons(one)[1] for one in controllers)
 
     def runs(situation: Situation, seeds: Sequence[int], done: int, total: int) -> _Scores:
         surroundings = surroundings_of(situation)
@@ -198,7 +198,7 @@ def _in_blocks(
 ) -> _Scores:
     """Scores `(points, seeds)`, computed in blocks of one shape, so that one program serves them."""
     jobs = list(itertools.product(range(len(designed)), range(len(seeds))))
-    slots = [move_slots(horizons(one)[0], most_moves) for one in designed]
+    slots = [move_slots(_horizons(one)[0], most_moves) for one in designed]
     keys = [jax.random.key(seed) for seed in seeds]
     scores_of: dict[tuple[int, int], _Scores] = {}
     for moves in sorted(set(slots)):
@@ -207,7 +207,9 @@ def _in_blocks(
         for start in range(0, len(group), block):
             jobs_of_block = group[start : start + block]
             full = jobs_of_block + [jobs_of_block[-1]] * (block - len(jobs_of_block))
-            fitted = {point: padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)}
+            fitted = {
+                point: _padded(designed[point], moves, horizon) for point in dict.fromkeys(job[0] for job in full)
+            }
             batch = stack([fitted[point] for point, _ in full])
             scores = jax.vmap(score)(batch, jnp.stack([keys[seed] for _, seed in full]))
             host = jax.tree.map(np.asarray, scores)

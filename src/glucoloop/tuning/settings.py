@@ -25,24 +25,24 @@ class SamplerPart(MadePart):
     seed: Annotated[int, About("Seed of what it draws.", at_least=0, at_most=LARGEST_SEED)] = 0
 
 
-class TPESettings(SamplerPart, name="tpe"):
+class _TPESettings(SamplerPart, name="tpe"):
     """Parzen estimators of good and of other tunings, by Optuna."""
 
     make: ClassVar = "glucoloop.tuning.samplers:tpe"
 
 
-class NSGA2Settings(SamplerPart, name="nsga2"):
+class _NSGA2Settings(SamplerPart, name="nsga2"):
     """The evolutionary algorithm NSGA-II, by Optuna."""
 
     make: ClassVar = "glucoloop.tuning.samplers:nsga2"
 
 
-class RandomSettings(SamplerPart, name="random"):
+class _RandomSettings(SamplerPart, name="random"):
     """Random draws, uniform between the bounds or in the logarithm."""
 
     make: ClassVar = "glucoloop.tuning.samplers:RandomDraws"
 
 
 SAMPLERS: Final = Catalogue(
-    SamplerPart, (TPESettings, NSGA2Settings, RandomSettings), example="tpe, seed=3", unnamed=True
+    SamplerPart, (_TPESettings, _NSGA2Settings, _RandomSettings), example="tpe, seed=3", unnamed=True
 )

@@ -386,7 +386,7 @@ export class LoopOfVector {
         people.forEach((person, lane) => {
           for (const [name, value] of Object.entries(lab.ofPerson(situation, person))) stage.set([value], lane, stage.place(name));
         });
-        stage.prepared.hold();
+        stage.prepared.computePerPerson();
       }
     }
     for (let lane = 0; lane < lanes; lane++) {

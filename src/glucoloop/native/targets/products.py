@@ -31,7 +31,7 @@ def fused_products(program: Program, order: Sequence[Value], results: Sequence[V
             uses[argument] = uses.get(argument, 0) + 1
     for value in results:
         uses[value] = uses.get(value, 0) + 1
-    taken: dict[Value, Value] = {}
+    fused: dict[Value, Value] = {}
     for value in order:
         operation, arguments = program.operations[value]
         if operation not in ("add", "sub"):
@@ -41,6 +41,6 @@ def fused_products(program: Program, order: Sequence[Value], results: Sequence[V
                 program.levels[argument] == program.levels[value] and program.homes[argument] == program.homes[value]
             )
             if program.operations[argument][0] == "mul" and uses[argument] == 1 and together:
-                taken[argument] = value
+                fused[argument] = value
                 break
-    return taken
+    return fused

@@ -23,7 +23,7 @@ _COURSE: Final = {
 _BOUNDS: Final = TableBounds(least_rows=1, most_rows=20_000_000, columns=6)
 
 
-class SimulatedCourse(NamedTuple):
+class _SimulatedCourse(NamedTuple):
     """Course of glucose of one person under one controller."""
 
     name: str
@@ -65,7 +65,7 @@ def _table_of(place: Path) -> pl.DataFrame:
     return table
 
 
-def simulated_trajectories(folder: Path) -> list[SimulatedCourse]:
+def simulated_trajectories(folder: Path) -> list[_SimulatedCourse]:
     """Courses of a folder: of a run, of each case of a comparison, or of each person of a trial with traces."""
     tables = [_table_of(place) for place in _tables_of(folder)]
     with refusing_damage(folder):
@@ -78,5 +78,5 @@ def simulated_trajectories(folder: Path) -> list[SimulatedCourse]:
         words = [f"person {value}" if isinstance(value, int) else str(value) for value in key]
         readings = Readings.of(part["t_min"].to_numpy(), part["glucose_mg_dl"].to_numpy())
         group = " ".join(words[:-1] if "person" in names else words) or "People"
-        results.append(SimulatedCourse(" ".join(words), group, of_people, readings))
+        results.append(_SimulatedCourse(" ".join(words), group, of_people, readings))
     return results

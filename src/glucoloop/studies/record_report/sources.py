@@ -16,7 +16,7 @@ from glucoloop.studies.record_report.simulated import is_simulated, simulated_tr
 from glucoloop.text import how_many, printable
 
 
-class RecordSource(NamedTuple):
+class _RecordSource(NamedTuple):
     """Files of one record, or the folder of a simulation."""
 
     label: str
@@ -36,23 +36,23 @@ class NamedReadings(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sources_of(config: RecordRequest) -> list[RecordSource]:
+def sources_of(config: RecordRequest) -> list[_RecordSource]:
     """Sources in the order of the files, and within a folder in that of the names."""
-    results: list[RecordSource] = []
+    results: list[_RecordSource] = []
     for place, name in enumerate(config.files):
         path, people = Path(name), list[tuple[Path, ...]]()
         if path.is_dir() and not is_simulated(path):
             people = _people_of(path)
         label = config.labels[place] if config.labels else printable(path.name) if config.file_names else ""
         if not people:
-            results.append(RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
+            results.append(_RecordSource(label or f"Record {place + 1}", "", (path,), len(config.files) == 1))
             continue
         group = label or ("People" if len(config.files) == 1 else f"Group {place + 1}")
         begin = "" if len(config.files) == 1 and not config.labels else f"{group}: "
         for number, paths in enumerate(people, 1):
             own = printable(_name_of(path, paths[0])) if config.file_names else f"person {number}"
             results.append(
-                RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
+                _RecordSource(f"{begin}{own}" if begin or config.file_names else f"Person {number}", group, paths)
             )
     twice = {source.label for source in results if sum(other.label == source.label for other in results) > 1}
     if twice:
@@ -84,7 +84,7 @@ def _name_of(folder: Path, path: Path) -> str:
     return path.relative_to(folder).parts[0]
 
 
-def read(source: RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:
+def read(source: _RecordSource, config: RecordRequest) -> Iterator[NamedReadings]:
     """Records of a source: one of a monitor, or one for each course of a simulation; FileRefusal or Refusal."""
     [first, *_] = source.paths
     if first.is_dir() and is_simulated(first):

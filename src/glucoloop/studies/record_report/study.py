@@ -30,7 +30,7 @@ _MAX_REASONS: Final = 20
 """Largest number of records of which the page tells why they could not be read; report.json has all."""
 
 
-class Extra(NamedTuple):
+class _Extra(NamedTuple):
     """Results from which pages and tables are made."""
 
     records: list[ReportedRecord]
@@ -73,11 +73,11 @@ def results_of(config: RecordRequest, progress: Callable[[int], None]) -> Result
         "goals": config.goals,
         "notes": [*_on_unread(unread), *warnings(records)],
     }
-    return Results(plain, file_tables(records, groups, GOALS[config.goals]), Extra(records, unread))
+    return Results(plain, file_tables(records, groups, GOALS[config.goals]), _Extra(records, unread))
 
 
 def _reported(one: NamedReadings, period: Period, *, several: bool) -> ReportedRecord:
-    chosen = within(one.readings, period, one.label)
+    chosen = _within(one.readings, period, one.label)
     text = period.text.replace("/", " to ") if several else ""
     label = f"{one.label}: {text}" if text else one.label
     return ReportedRecord(label, chosen, numbers_of(chosen), one.notes, one.group, text)
@@ -91,7 +91,7 @@ def _on_unread(unread: Sequence[tuple[str, str]]) -> Iterator[str]:
         yield f"{how_many(len(unread), one, many)} in no number: {labels}."
 
 
-def within(readings: Readings, period: Period, label: str) -> Readings:
+def _within(readings: Readings, period: Period, label: str) -> Readings:
     """The readings of a period; Refusal where it holds fewer than two."""
     if period.days:
         chosen = readings.t_min > readings.t_min[-1] - MIN_PER_DAY * period.days
@@ -157,7 +157,7 @@ def _rows_table(head: str, rows: Iterable[tuple[str, Mapping[str, float]]]) -> A
     return table
 
 
-def drawn(config: RecordRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: RecordRequest, results: Results) -> dict[str, bytes]:
     """The page, and the figure."""
     from glucoloop.report.print_figure import figure_files
     from glucoloop.report.record_figure import plot_records
@@ -169,7 +169,7 @@ def drawn(config: RecordRequest, results: Results) -> dict[str, bytes]:
     return {"report.html": page.encode(), **figure_files("figure", figure)}
 
 
-def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
+def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentence on the page."""
     if "report.html" in files:
         yield f"Open {files['report.html']} in a browser; it needs no network, and prints on paper."

@@ -147,7 +147,7 @@ def sentences(config: Run, results: Results) -> Iterator[str]:
         yield from (f"{label}: {text}" for text in case["summary"]["sentences"])
 
 
-def drawn(config: Run, results: Results) -> dict[str, bytes]:
+def files_of(config: Run, results: Results) -> dict[str, bytes]:
     """Page and figure, the models, and the configuration, which names them."""
     loops: ClosedLoops = results.extra
     outcomes, models = loops.outcomes, _models(config, loops)

@@ -13,7 +13,7 @@ from glucoloop.control import Status
 from glucoloop.report.moments import period_text
 from glucoloop.text import glucose_text, how_many
 
-LOW_MG_DL: Final = 60.0
+_LOW_MG_DL: Final = 60.0
 _BEFORE_MIN: Final = 90.0
 """Time before a low for which the insulin is examined."""
 _BIAS_MG_DL: Final = 4.0
@@ -35,14 +35,15 @@ def reason_of(prepared: PreparedTrial, label: str, person: int) -> str:
 
 def _sentences(trace: Any, sample_time_min: float, start_min: float = 0.0) -> Iterator[str]:
     glucose = trace.fine_glucose_mg_dl
-    low = np.flatnonzero(glucose < LOW_MG_DL)
+    low = np.flatnonzero(glucose < _LOW_MG_DL)
     if not low.size:
-        yield f"Simulated alone, the person stayed above {LOW_MG_DL:g} mg/dl, by {glucose.min() - LOW_MG_DL:.1f} mg/dl."
+        margin = f"{glucose.min() - _LOW_MG_DL:.1f} mg/dl"
+        yield f"Simulated alone, the person stayed above {_LOW_MG_DL:g} mg/dl, by {margin}."
         return
     first_min, last_min = trace.fine_t_min[low[0]], trace.fine_t_min[low[-1]]
     least = glucose_text(glucose.min())
     when = period_text(round(first_min), round(last_min), float(trace.fine_t_min[-1]), start_min)
-    yield f"Below {LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
+    yield f"Below {_LOW_MG_DL:g} mg/dl {when}, least {least} mg/dl."
     before = (trace.t_min >= first_min - _BEFORE_MIN) & (trace.t_min <= first_min)
     yield from _on_readings(trace, before)
     yield from _on_pump(trace, trace.t_min <= first_min, sample_time_min)

@@ -112,7 +112,7 @@ def results_of(config: Trial, folder: TrialFolder) -> Results:
     )
 
 
-def drawn(config: Trial, results: Results) -> dict[str, bytes]:
+def files_of(config: Trial, results: Results) -> dict[str, bytes]:
     """Page and figure, by the names of their files."""
     report: TrialReport = results.extra
     return {REPORT: trial_page(report).encode(), **figure_files("figure", plot_trial(report))}

@@ -36,7 +36,7 @@ MAX_ROWS: Final = 200
 _ENGINE: Final = "JAX (xla), which runs many tunings at once"
 
 
-def grid_of(config: GridSearch) -> list[MPCTuning]:
+def _grid_of(config: GridSearch) -> list[MPCTuning]:
     """Every tuning of the grid."""
     ranges = config.all_ranges
     whole = {key: parse_integers(ranges[key], key) for key in ("move_horizon", "prediction_horizon")}
@@ -58,7 +58,7 @@ def grid_of(config: GridSearch) -> list[MPCTuning]:
 
 
 @dataclass(frozen=True)
-class Searched:
+class _Searched:
     """Surface of a search, from which its table, picture and page are made."""
 
     surface: TuningSurface
@@ -72,7 +72,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
     case = config.case
     name = case.controller.called
     kind_of_tuning(name)  # refuses one that cannot be tuned
-    usual, grid = usual_tuning(config, name), grid_of(config)
+    usual, grid = usual_tuning(config, name), _grid_of(config)
     grid = grid if usual in grid else [*grid, usual]
     model = model_for(config, case)
     design = designer(config, case, **model_arguments(model))
@@ -98,7 +98,7 @@ def results_of(config: GridSearch, progress: Callable[[str], None]) -> Results:
         "notes": [*notes_on(config, case, model), *_counts(config, surface), *_no_picture(config, surface)],
     }
     table = pl.DataFrame(surface.columns())
-    return Results(plain, {"surface.csv": table, "surface.parquet": table}, Searched(surface, printed, model))
+    return Results(plain, {"surface.csv": table, "surface.parquet": table}, _Searched(surface, printed, model))
 
 
 def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
@@ -124,7 +124,7 @@ def _counts(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
 
 def _no_picture(config: GridSearch, surface: TuningSurface) -> Iterator[str]:
     """Sentence on why there is no picture, if there is none."""
-    shown = surface.only(grid_of(config))
+    shown = surface.only(_grid_of(config))
     try:
         layout(shown)
         if not np.isfinite(shown.sse).any():
@@ -156,7 +156,7 @@ _COLUMNS: Final = (
 )
 
 
-def lines_of(searched: Searched, top: int) -> tuple[list[Line], list[Line]]:
+def _lines_of(searched: _Searched, top: int) -> tuple[list[Line], list[Line]]:
     """The best tunings in order with their ranks, and the printed one if it is not among them."""
     surface, printed = searched.surface, searched.printed
     order, rows = surface.order().tolist(), pl.DataFrame(surface.columns()).to_dicts()
@@ -182,7 +182,7 @@ def _faults(surface: TuningSurface, point: int) -> Iterator[str]:
 
 def tables(config: GridSearch, results: Results) -> Iterator[FittingTable]:
     """The first tunings of the order, and the printed one at its place."""
-    best, beyond = lines_of(results.extra, config.top)
+    best, beyond = _lines_of(results.extra, config.top)
     yield terminal_table("Rank", [("", best), *([("", beyond)] if beyond else [])], _COLUMNS)
 
 
@@ -201,9 +201,9 @@ def sentences(config: GridSearch, results: Results) -> Iterator[str]:
         yield f"{subject} ranks {printed.rank} of {printed.points} by the sum of squared errors,{best}."
 
 
-def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
+def files_of(config: GridSearch, results: Results) -> dict[str, bytes]:
     """Page and picture, the model, and the configuration that names it."""
-    searched: Searched = results.extra
+    searched: _Searched = results.extra
     files, used, given = {}, config.tree(whole=True), config.tree()
     if searched.model is not None:
         files["model.json"] = searched.model.text().encode()
@@ -215,10 +215,10 @@ def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
     files["tune.toml"] = again.text.encode()
     title = f"{config.case.controller.called} at {config.place}"
     ranges = {f"Range of the {key.replace('_', ' ')}": text for key, text in config.all_ranges.items()}
-    files["surface.html"] = surface_page(
+    files["surface.html"] = _surface_page(
         searched,
         f"Tunings of {title}",
-        grid_of(config),
+        _grid_of(config),
         sentences=[*sentences(config, results), *results.plain["notes"]],
         facts={**ranges, **run_facts(config, config.case), "Engine": _ENGINE},
         repeat=again,
@@ -226,7 +226,7 @@ def drawn(config: GridSearch, results: Results) -> dict[str, bytes]:
     if not any(_no_picture(config, searched.surface)):
         # the printed tuning is drawn where the grid that was asked for has it, and told beside the picture elsewhere
         printed = searched.printed
-        shown = searched.surface.only(grid_of(config))
+        shown = searched.surface.only(_grid_of(config))
         files |= figure_files(
             "surface", plot_surface(shown, printed=printed.tuning, called=printed.called, title=title)
         )
@@ -246,10 +246,10 @@ _EMPTY: Final = dict.fromkeys(("text", "marks", "ground", "ink"), "")
 """A cell of the surface without a number."""
 
 
-def surface_page(searched: Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
+def _surface_page(searched: _Searched, title: str, grid: Sequence[MPCTuning], **common: Any) -> str:
     """The page of a search: every place of the grid, and the first tunings in order; `common` as for `render`."""
     shown, printed = searched.surface.only(grid), searched.printed
-    best, beyond = lines_of(searched, MAX_ROWS)
+    best, beyond = _lines_of(searched, MAX_ROWS)
     values: dict[str, Any] = {
         "panels": [],
         "printed": printed,

@@ -26,8 +26,8 @@ from glucoloop.units import MIN_PER_DAY
 if TYPE_CHECKING:
     from glucoloop.patients.population import Population
 
-PERSON: Final = "person.toml"
-POSTERIOR: Final = "posterior.toml"
+_PERSON: Final = "person.toml"
+_POSTERIOR: Final = "posterior.toml"
 _WEIGHT: Final = "weight_kg"
 
 
@@ -119,7 +119,7 @@ def sentences(config: TwinRequest, results: Results) -> Iterator[str]:
     yield "It is a model of the past days, for research; it says nothing on what this person should do."
 
 
-def drawn(config: TwinRequest, results: Results) -> dict[str, bytes]:
+def files_of(config: TwinRequest, results: Results) -> dict[str, bytes]:
     """The person and the posterior as files of people, the figure, and the page."""
     twin: Twin = results.extra
     shown = _shown(twin)
@@ -132,13 +132,13 @@ def drawn(config: TwinRequest, results: Results) -> dict[str, bytes]:
         plot=days_plot(shown, "90 % interval"),
         rows=[(row["parameter"], [("", row)]) for row in results.plain["parameters"]],
         columns=_COLUMNS,
-        person=f"{twin.patient}, person={PERSON}:twin",
-        posterior=POSTERIOR,
+        person=f"{twin.patient}, person={_PERSON}:twin",
+        posterior=_POSTERIOR,
         patient=twin.patient,
     )
     return {
-        PERSON: _text(twin.person()),
-        POSTERIOR: _text(twin.posterior()),
+        _PERSON: _text(twin.person()),
+        _POSTERIOR: _text(twin.posterior()),
         "page.html": page.encode(),
         **figure_files("figure", plot_days(shown)),
     }
@@ -184,9 +184,9 @@ def _facts(twin: Twin) -> Mapping[str, str]:
     }
 
 
-def how_to_go_on(results: Results, files: Mapping[str, str]) -> Iterator[str]:
+def next_steps(results: Results, files: Mapping[str, str]) -> Iterator[str]:
     """Sentences on the files."""
-    if PERSON in files:
+    if _PERSON in files:
         patient = results.plain["patient"]
-        yield f"The person, in run: --patient '{patient}, person={files[PERSON]}:twin'"
-        yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[POSTERIOR]}"
+        yield f"The person, in run: --patient '{patient}, person={files[_PERSON]}:twin'"
+        yield f"People drawn from the posterior, in trial: --patient {patient} --population {files[_POSTERIOR]}"

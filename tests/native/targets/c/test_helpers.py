@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glucoloop.firmware.checks import misra_of
-from glucoloop.native.targets.c.host import FLAGS, compiler
+from glucoloop.native.targets.c.host import _FLAGS, compiler
 from glucoloop.native.targets.c.numbers import FORMATS, helpers, identifier
 
 WANTED = {
@@ -30,7 +30,7 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
     code = ["#include <float.h>", "#include <math.h>", "#include <stdbool.h>", "#include <stdint.h>"]
     code += ["#include <string.h>", *helpers(calls, form), *calls]
     (tmp_path / "all.c").write_text("\n".join(code))
-    command = [compiler(), *FLAGS, "-O1", "-shared", "-fPIC", "-o", "all.so", "all.c"]
+    command = [compiler(), *_FLAGS, "-O1", "-shared", "-fPIC", "-o", "all.so", "all.c"]
     subprocess.run(command, cwd=tmp_path, check=True)
     library = ctypes.CDLL(str(tmp_path / "all.so"))
     rng = np.random.default_rng(3)

@@ -44,7 +44,7 @@ class Structure:
     fields: Sequence[Field]
 
     @property
-    def held(self) -> list[Field]:
+    def layout(self) -> list[Field]:
         """Fields that are not empty, as they lie in memory: real numbers first, then whole ones of 32 bits."""
         return sorted((field for field in self.fields if field.size), key=lambda field: field.kind != REAL)
 
@@ -60,7 +60,7 @@ class Structure:
     def memory(self, precision: str) -> np.dtype[Any]:
         """Places in memory, the lowest byte of a number first; see `declaration`."""
         real = np.dtype(precision).newbyteorder("<")
-        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in self.held]
+        parts = [(field.name, real if field.kind == REAL else np.dtype("<i4"), (field.size,)) for field in self.layout]
         filling = [("reserved", np.dtype("<i4"), (1,))]
         whole = np.dtype(parts or filling)
         return np.dtype([*parts, *filling]) if whole.itemsize % real.itemsize else whole
@@ -100,7 +100,7 @@ def declaration(
     A field without a meaning has its path in the tree as its comment.
     """
     lines = [f"/* {comment} */", "typedef struct", "{"]
-    for field in structure.held:
+    for field in structure.layout:
         type_name = format.type if field.kind == REAL else "int32_t"
         size = f"[{field.size}]" if field.is_array else ""
         shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
@@ -109,10 +109,10 @@ def declaration(
         remark = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
         remark = remark if meanings is None else meanings.get(field.name, remark)
         lines.append(f"  {type_name} {field.name}{size};" + (f" /* {remark} */" if remark else ""))
-    words = sum(field.size for field in structure.held if field.kind != REAL)
+    words = sum(field.size for field in structure.layout if field.kind != REAL)
     if format.type == "double" and words % 2:
         lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")
-    if not structure.held:
+    if not structure.layout:
         lines.append("  int32_t reserved; /* this controller keeps nothing; 0 */")
     return [*lines, f"}} {name};"]
 

@@ -62,7 +62,7 @@ def saving(state_bytes: int, design: str) -> str:
 UNROLLED: Final = "unrolled"
 COMPACT: Final = "compact"
 AUTO: Final = "auto"
-LONGEST_UNROLLED: Final = 1000
+_LONGEST_UNROLLED: Final = 1000
 """Largest number of operations of a step for which `auto` takes the unrolled form, which is faster but larger."""
 HEADER: Final = "controller.h"
 
@@ -190,8 +190,13 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
             ]
         else:
             form = UNROLLED
-            held, seen, decided = (structure.elements() for structure in (state, observation, decision))
-            lines = [unrolled(lowered[0], seen, held), unrolled(lowered[1], [*held, *seen], [*held, *decided])]
+            of_state, of_observation, of_decision = (
+                structure.elements() for structure in (state, observation, decision)
+            )
+            lines = [
+                unrolled(lowered[0], of_observation, of_state),
+                unrolled(lowered[1], [*of_state, *of_observation], [*of_state, *of_decision]),
+            ]
             bodies = [Body(of_function, {}) for of_function in lines]
         if last is not None:
             bodies[1] = Body([*bodies[1].lines, *last.lines(format)], bodies[1].workspace)
@@ -236,7 +241,7 @@ def _lowered(traced: Traced, form: str) -> tuple[Lowered, Lowered] | None:
         return None
     with jax.enable_x64(precision == DOUBLE):
         stepping = lower(each, (), traced.state, traced.observation, (), precision=precision)
-        if form == AUTO and len(stepping.program.needed(stepping.layout.results)) > LONGEST_UNROLLED:
+        if form == AUTO and len(stepping.program.needed(stepping.layout.results)) > _LONGEST_UNROLLED:
             return None
         return lower(first, (), (), traced.observation, (), precision=precision), stepping
 
@@ -273,18 +278,18 @@ def _code(bodies: Sequence[Body], tables: Tables, format: Format, last: Sequence
 
 
 def _function(name: str, body: Body, format: Format) -> list[str]:
-    given = ["gl_workspace *workspace", "gl_state *state", "const gl_observation *observation"]
+    parameters = ["gl_workspace *workspace", "gl_state *state", "const gl_observation *observation"]
     if name == "gl_step":
-        given.append("gl_decision *decision")
+        parameters.append("gl_decision *decision")
     lines = list(body.lines)
     text = "\n".join(lines)
     for pointer in ("state", "observation", "decision"):
-        if f"{pointer}->" not in text and any(pointer in parameter for parameter in given):
+        if f"{pointer}->" not in text and any(pointer in parameter for parameter in parameters):
             lines.insert(0, f"(void){pointer};")
     used = [(type_of(kind, format), letter) for kind, letter in WORKSPACE.items() if body.workspace.get(kind)]
     locals_ = [f"{type_name} *const {letter} = workspace->{letter};" for type_name, letter in used]
     locals_ = locals_ or ["(void)workspace;"]
-    return _indented([f"void {name}({', '.join(given)})", "{", *locals_, *lines, "}"])
+    return _indented([f"void {name}({', '.join(parameters)})", "{", *locals_, *lines, "}"])
 
 
 def _indented(lines: Sequence[str]) -> list[str]:

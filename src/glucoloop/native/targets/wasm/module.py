@@ -10,11 +10,12 @@ module. `kernels.mjs`, beside this file, runs one from JavaScript.
 What is computed once for a person is apart from what is computed at every sample, so that a caller can go through the
 samples of several functions in turn. A lowered function is therefore exported as two, which take 32-bit whole numbers:
 
-- ``NAME_hold``: the address of `held`, which begins with the numbers of `person` and has room for `held_numbers` more.
-- ``NAME``: the addresses of `held`, `carry`, `own`, `shared` and `outputs`, and the number of samples.
+- ``NAME_per_person``: the address of `per_person`, which begins with the numbers of `person` and has room for
+  `numbers_per_person` more, which it computes.
+- ``NAME``: the addresses of `per_person`, `carry`, `own`, `shared` and `outputs`, and the number of samples.
 
-Both take one vector of people, `lanes` of them: `held` and `carry` are (numbers, lanes) arrays, `own` and `outputs`
-(samples, numbers, lanes), and `shared` (samples, numbers).
+Both take one vector of people, `lanes` of them: `per_person` and `carry` are (numbers, lanes) arrays, `own` and
+`outputs` (samples, numbers, lanes), and `shared` (samples, numbers).
 
 A module exports its ``memory`` and ``__heap_base``, the address from which the caller may use it; addresses have to be
 multiples of 16.
@@ -41,10 +42,10 @@ from glucoloop.native.targets.products import STRICT
 from glucoloop.private_folder import private_temporary_folder
 from glucoloop.refusal import Refusal
 
-HOST: Final = Path(__file__).with_name("kernels.mjs")
+_HOST: Final = Path(__file__).with_name("kernels.mjs")
 """JavaScript that runs the functions of a module."""
-VECTOR_BYTES: Final = 16
-LINKER: Final = "wasm-ld"
+_VECTOR_BYTES: Final = 16
+_LINKER: Final = "wasm-ld"
 _TRIPLE: Final = "wasm32-unknown-unknown"
 # The oldest processor model: newer ones have features that older linkers do not know.
 _PROCESSOR, _FEATURES = "mvp", "+simd128"
@@ -53,12 +54,12 @@ _STACK_BYTES: Final = 1 << 20
 
 def lanes(precision: str) -> int:
     """Number of people side by side in one vector."""
-    return VECTOR_BYTES // (8 if precision == DOUBLE else 4)
+    return _VECTOR_BYTES // (8 if precision == DOUBLE else 4)
 
 
-def linker() -> str | None:
+def _linker_path() -> str | None:
     """Path of LLVM's linker for WebAssembly, or None where it is not installed."""
-    return shutil.which(LINKER)
+    return shutil.which(_LINKER)
 
 
 def linker_version() -> str:
@@ -67,13 +68,13 @@ def linker_version() -> str:
 
 
 def _linker() -> str:
-    program = linker()
+    program = _linker_path()
     if program is None:
-        raise Refusal(f"{LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
+        raise Refusal(f"{_LINKER} is not installed, and WebAssembly needs it; on Debian: apt install lld")
     return program
 
 
-def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
+def wasm_module(functions: Mapping[str, Lowered | CFunction]) -> bytes:
     """Compile and link functions as one module, by the names under which it exports them, identifiers of C.
 
     The module is the same for the same functions and versions of llvmlite, of clang and of the linker.
@@ -86,27 +87,27 @@ def wasm_module(functions: Mapping[str, Lowered | Looped]) -> bytes:
         objects = []
         for name, function in functions.items():
             objects.append(place / f"{name}.o")
-            if isinstance(function, Looped):
-                code = looped_object(name, function, lanes(function.precision), place)
+            if isinstance(function, CFunction):
+                code = _object_of_c(name, function, lanes(function.precision), place)
             else:
-                code = object_code(name, function)
+                code = _object_of_program(name, function)
             objects[-1].write_bytes(code)
         linked = place / "module.wasm"
         options = ["--no-entry", "--strip-all", "--export=__heap_base", "-z", f"stack-size={_STACK_BYTES}"]
-        exports = [f"--export={name}{ending}" for name in functions for ending in ("", "_hold")]
+        exports = [f"--export={name}{ending}" for name in functions for ending in ("", "_per_person")]
         command = [program, *options, *exports, "-o", str(linked), *map(str, objects)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise Refusal(f"{LINKER} failed: {done.stderr.strip()}")
+            raise Refusal(f"{_LINKER} failed: {done.stderr.strip()}")
         return linked.read_bytes()
 
 
-def held_numbers(function: Lowered | Looped) -> int:
-    """Number of values that a function holds for each person from sample to sample."""
-    return 0 if isinstance(function, Looped) else _emitter(function, "function").held
+def numbers_per_person(function: Lowered | CFunction) -> int:
+    """Number of values that a function computes once for each person."""
+    return 0 if isinstance(function, CFunction) else _emitter(function, "function").per_person
 
 
-def object_code(name: str, lowered: Lowered) -> bytes:
+def _object_of_program(name: str, lowered: Lowered) -> bytes:
     """Object file of one lowered function, for the linker."""
     from llvmlite import binding
 
@@ -123,7 +124,7 @@ def _emitter(lowered: Lowered, name: str) -> Emitter:
     return Emitter(lowered, STRICT, lanes(lowered.precision), apart=name)
 
 
-COMPILERS: Final = ("clang", "clang-14")
+_COMPILERS: Final = ("clang", "clang-14")
 _FLAGS: Final = (
     *("--target=wasm32", "-std=c99", "-Os", "-ffp-contract=off", "-fno-builtin", "-nostdlibinc"),
     *("-mbulk-memory", "-ffunction-sections", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror"),
@@ -135,18 +136,18 @@ _ENTRY: Final = files("glucoloop.native.targets.wasm").joinpath("entry.c")
 
 
 @dataclass(frozen=True)
-class Looped:
+class CFunction:
     """One of the two functions of a controller in C; its observation has the groups ``own`` and ``person``."""
 
     source: Source
-    wakes: bool
-    """Whether it is the one that gives the state at the start, as its outputs."""
+    is_init: bool
+    """Whether it is init, whose outputs are the state at the start; otherwise it is step."""
     precision: str = DOUBLE
 
 
-def c_compiler() -> str | None:
+def _clang_path() -> str | None:
     """Path of clang, or None where it is not installed."""
-    return next(filter(None, map(shutil.which, COMPILERS)), None)
+    return next(filter(None, map(shutil.which, _COMPILERS)), None)
 
 
 def c_compiler_version() -> str:
@@ -155,16 +156,16 @@ def c_compiler_version() -> str:
 
 
 def _compiler() -> str:
-    program = c_compiler()
+    program = _clang_path()
     if program is None:
         raise Refusal("clang is not installed, and functions with loops need it; on Debian: apt install clang")
     return program
 
 
-def looped_object(name: str, looped: Looped, lanes: int, folder: Path) -> bytes:
+def _object_of_c(name: str, function: CFunction, lanes: int, folder: Path) -> bytes:
     """Object file of a function, for the linker, made in a folder."""
-    (folder / HEADER).write_text(looped.source.header)
-    (folder / "function.c").write_text(f"{looped.source.code}\n{_entry(name, looped, lanes)}")
+    (folder / HEADER).write_text(function.source.header)
+    (folder / "function.c").write_text(f"{function.source.code}\n{_entry(name, function, lanes)}")
     renamed = [f"-D{own}={name}_{own}" for own in _OWN_NAMES]
     command = [_compiler(), *_FLAGS, f"-I{_LIBRARY}", *renamed, "-c", "-o", "function.o", "function.c"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -173,26 +174,32 @@ def looped_object(name: str, looped: Looped, lanes: int, folder: Path) -> bytes:
     return (folder / "function.o").read_bytes()
 
 
-def _entry(name: str, looped: Looped, lanes: int) -> str:
+def _entry(name: str, function: CFunction, lanes: int) -> str:
     """The two exported functions."""
-    records, format = looped.source.records, FORMATS[looped.precision]
+    records, format = function.source.records, FORMATS[function.precision]
     observed, state, decision = (records[group].fields for group in ("observation", "state", "decision"))
     own, person = ([f for f in observed if f.path.startswith(f"['{group}']")] for group in ("own", "person"))
     if len(own) + len(person) != len(observed):
         raise ValueError(f"the observation of {name} has fields beside those of own and person")
-    carry = [] if looped.wakes else state
-    results, result = (state, "state") if looped.wakes else (decision, "decision")
-    groups = {"held": person, "own": own, "carry": carry, "outputs": results}
-    taken = [*_moves("held", person, "seen"), *_moves("own", own, "seen"), *_moves("carry", carry, "state")]
-    called = ["gl_init(&workspace, &state, &seen);"]
-    if not looped.wakes:
-        called = ["gl_decision decision;", "gl_step(&workspace, &state, &seen, &decision);"]
-    given = [*_moves("carry", carry, "state", out=True), *_moves("outputs", results, result, out=True)]
+    carry = [] if function.is_init else state
+    results, result = (state, "state") if function.is_init else (decision, "decision")
+    groups = {"per_person": person, "own": own, "carry": carry, "outputs": results}
+    inputs = [
+        *_moves("per_person", person, "observation"),
+        *_moves("own", own, "observation"),
+        *_moves("carry", carry, "state"),
+    ]
+    calls = ["gl_init(&workspace, &state, &observation);"]
+    if not function.is_init:
+        calls = ["gl_decision decision;", "gl_step(&workspace, &state, &observation, &decision);"]
+    results_out = [*_moves("carry", carry, "state", out=True), *_moves("outputs", results, result, out=True)]
     texts = {
         **{group: str(sum(field.size for field in fields)) for group, fields in groups.items()},
-        **{"name": name, "lanes": str(lanes), "step": "\n      ".join([*taken, *called, *given])},
+        **{"name": name, "lanes": str(lanes), "step": "\n      ".join([*inputs, *calls, *results_out])},
     }
-    filled = re.sub(r"@(held|own|carry|outputs|name|lanes|step)@", lambda output: texts[output[1]], _ENTRY.read_text())
+    filled = re.sub(
+        r"@(per_person|own|carry|outputs|name|lanes|step)@", lambda output: texts[output[1]], _ENTRY.read_text()
+    )
     return filled.replace("@real@", format.type)
 
 

@@ -23,9 +23,9 @@ class Reductions(ValueStore):
     """Writes what leaves one number of many."""
 
     def _reduced(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
-        (output,), (given,) = operation.outputs, operation.inputs
+        (output,), (operand,) = operation.outputs, operation.inputs
         axes = primitives.axes(operation.equation)
-        value = self._readable(given, environment, flat)
+        value = self._readable(operand, environment, flat)
         if isinstance(value, Scalar) or not axes:
             return value
         remaining = [axis for axis in range(len(value.shape)) if axis not in axes]
@@ -45,9 +45,9 @@ class Reductions(ValueStore):
         return self._each(output, total, (value,))
 
     def _cumsum(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (output,), (given,) = operation.outputs, operation.inputs
+        (output,), (operand,) = operation.outputs, operation.inputs
         axis, reverse = primitives.running(operation.equation)
-        value = self._readable(given, environment, flat)
+        value = self._readable(operand, environment, flat)
         if isinstance(value, Scalar):
             return [value]
         order = [*(i for i in range(len(value.shape)) if i != axis), axis]
@@ -68,9 +68,9 @@ class Reductions(ValueStore):
 
     def _first(self, operation: Operation, environment: Environment, flat: Flat, *, sign: str) -> list[Value]:
         del flat
-        (output,), (given,) = operation.outputs, operation.inputs
+        (output,), (operand,) = operation.outputs, operation.inputs
         (axis,) = primitives.axes(operation.equation)
-        view = self._view(given, environment)
+        view = self._view(operand, environment)
         turned = view.permuted([*(i for i in range(len(view.shape)) if i != axis), axis])
 
         def number(text: str) -> str:
@@ -107,8 +107,8 @@ class LinearAlgebra(ValueStore):
         (summed_a, summed_b), batch, (free_a, free_b) = axes.summed, axes.batched, axes.free
         alone_a = math.prod(shape_of(left)[i] for i in free_a) == 1
         alone_b = math.prod(shape_of(right)[i] for i in free_b) == 1
-        known = not isinstance(left, Variable), not isinstance(right, Variable)
-        factor = banded_factor(operation.equation, shape_of(left), shape_of(right), known)
+        are_constant = not isinstance(left, Variable), not isinstance(right, Variable)
+        factor = banded_factor(operation.equation, shape_of(left), shape_of(right), are_constant)
         if factor is not None:
             constants: Any
             constants, vector, summed = ((left, right, summed_a), (right, left, summed_b))[factor]
@@ -155,13 +155,13 @@ class LinearAlgebra(ValueStore):
 
         def write(to: View) -> None:
             to = to.permuted((1, 0)) if swapped else to
-            given = (
+            arguments = (
                 f"{rows.shape[0]}, {columns.shape[1]}, {columns.shape[0]}",
                 f"&{rows.element()}, {rows.strides[0]}, {rows.strides[1]}",
                 f"&{columns.element()}, {columns.strides[0]}",
                 f"&{to.element()}, {to.strides[0]}, {to.strides[1]}",
             )
-            self._w.say(f"gl_product({', '.join(given)});")
+            self._w.say(f"gl_product({', '.join(arguments)});")
 
         return Maker(output.shape, REAL, write, (rows, columns))
 
@@ -192,12 +192,12 @@ class LinearAlgebra(ValueStore):
         return self._scalar(view) if math.prod(output.shape) == 1 else view
 
     def _lu(self, operation: Operation, environment: Environment, flat: Flat) -> list[Value]:
-        (given,) = operation.inputs
+        (operand,) = operation.inputs
         factors, pivots, order = operation.outputs
         if pivots in flat.uses:
             raise UnsupportedError("the pivots of a factorisation")
         to = self._w.array(factors.shape, REAL)
-        self._w.write(self._readable_or_maker(given, environment, flat), to)
+        self._w.write(self._readable_or_maker(operand, environment, flat), to)
         at = self._w.array(order.shape, WHOLE)
         n = factors.shape[0]
         self._w.say(f"gl_lu({n}, &{to.element()}, &{at.element()});")
@@ -237,10 +237,10 @@ class LinearAlgebra(ValueStore):
             right = self._copied(right)
         x = self._w.array(output.shape, REAL)
         b, to = (right, x) if lower else (right.reversed(0), x.reversed(0))
-        given = (
+        arguments = (
             f"{to.shape[0]}, {to.shape[1]}",
             f"&{a.element()}, {a.strides[0]}, {a.strides[1]}, {'true' if unit else 'false'}",
             f"&{b.element()}, &{to.element()}, {to.strides[0]}",
         )
-        self._w.say(f"gl_solve({', '.join(given)});")
+        self._w.say(f"gl_solve({', '.join(arguments)});")
         return x

@@ -34,15 +34,15 @@ _LOCAL: Final = re.compile(r"\bv\d+\b")
 _DEFINED: Final = re.compile(r"const \w+ (v\d+) = ")
 
 
-class Translator(LinearAlgebra, Moves, Reductions, Loops):
+class _Translator(LinearAlgebra, Moves, Reductions, Loops):
     """Writes the C of a flat function."""
 
-    def translate(self, flat: Flat, given: Sequence[View], returned: Sequence[View]) -> None:
+    def translate(self, flat: Flat, arguments: Sequence[View], results: Sequence[View]) -> None:
         """Write the whole function; its results are stored after everything was read."""
-        environment: Environment = dict(zip(flat.inputs, given, strict=True))
+        environment: Environment = dict(zip(flat.inputs, arguments, strict=True))
         values = self._body(flat, environment)
         waiting = []
-        for value, to in zip(values, returned, strict=True):
+        for value, to in zip(values, results, strict=True):
             if math.prod(to.shape) == 0 or value == to:
                 continue
             if isinstance(value, Scalar) or math.prod(to.shape) == 1:
@@ -73,7 +73,7 @@ class Translator(LinearAlgebra, Moves, Reductions, Loops):
     def _elementwise(self, operation: Operation, environment: Environment, flat: Flat) -> Value:
         (output,) = operation.outputs
         text = template(operation, self._w)
-        parts = [self._readable(given, environment, flat) for given in operation.inputs]
+        parts = [self._readable(operand, environment, flat) for operand in operation.inputs]
         if math.prod(output.shape) == 1:
             return self._number(text, [self._scalar(part).text for part in parts], output, flat)
         whole = tuple(
@@ -108,11 +108,11 @@ class Body:
 
 
 def compact(
-    closed: Any, given: Sequence[Structure], returned: Sequence[Structure], precision: str, tables: Tables
+    closed: Any, arguments: Sequence[Structure], results: Sequence[Structure], precision: str, tables: Tables
 ) -> Body:
     """Write a traced function in the compact form, with its arguments and results in records, leaf by leaf."""
     writer = Writer(FORMATS[precision], tables)
-    Translator(writer).translate(flatten(closed, precision), _views(given), _views(returned))
+    _Translator(writer).translate(flatten(closed, precision), _views(arguments), _views(results))
     lines, workspace = placed(_used(writer.lines), writer.arrays)
     return Body(lines=lines, workspace=workspace)
 
@@ -148,9 +148,9 @@ def template(operation: Operation, writer: Writer) -> str:
     real = np.issubdtype(first, np.floating)
     if name in _OF_WHOLE and not real:
         return f"gl_whole_{name}({_arguments(operation)})"
-    called = function_of(name, equation)
-    if called is not None:
-        return f"gl_{called}({_arguments(operation)})"
+    function_name = function_of(name, equation)
+    if function_name is not None:
+        return f"gl_{function_name}({_arguments(operation)})"
     if name in INFIX:
         if first == np.bool_ and name in ("lt", "le", "gt", "ge", "add", "mul"):
             raise UnsupportedError(f"the operation {name!r} of truths")

@@ -254,13 +254,13 @@ class ValueStore:
             return value
         return self._stored(operand, environment)
 
-    def _readable_or_maker(self, given: Operand, environment: Environment, flat: Flat) -> Value:
+    def _readable_or_maker(self, operand: Operand, environment: Environment, flat: Flat) -> Value:
         """Value as of `_readable`, or a maker for a value that may be written once its place is known."""
-        value = self._read(given, environment)
-        once = isinstance(given, Variable) and flat.uses[given] == 1
-        if once and math.prod(shape_of(given)) != 1 and isinstance(value, Maker):
+        value = self._read(operand, environment)
+        once = isinstance(operand, Variable) and flat.uses[operand] == 1
+        if once and math.prod(shape_of(operand)) != 1 and isinstance(value, Maker):
             return value
-        return self._readable(given, environment, flat)
+        return self._readable(operand, environment, flat)
 
     def _each(self, output: Variable, element: Callable[[list[str]], Scalar], reads: tuple[Any, ...]) -> Value:
         """An array each of whose elements is computed by lines of its own."""
