@@ -27,7 +27,7 @@ HOMES: Final = {
     "guard": "glucoloop.control.guard_settings:GUARDS",
     "rhythm": "glucoloop.physiology.settings:RHYTHMS",
     "metric": "glucoloop.metrics.settings:METRICS",
-    "sampler": "glucoloop.tuning.settings:SAMPLERS",
+    "sampler": "glucoloop.tuning.samplers:SAMPLERS",
     "model": "glucoloop.models.settings:MODELS",
     "reader": "glucoloop.records.readers:READERS",
 }

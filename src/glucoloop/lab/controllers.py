@@ -31,38 +31,38 @@ from glucoloop.control.mpc_se import MPCSE
 from glucoloop.control.pid import PIDTuning, design_pid
 from glucoloop.control.protocol import Controller, Decision, Observation, gives_boluses
 from glucoloop.lab.device_functions import MONITORS
-from glucoloop.lab.lowered_function import CompiledPart, part, starting
+from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN, patients, situation
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
 from glucoloop.simulation import linear_model
 from glucoloop.situations.case import usual_case
 
-CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
+_CONTROLLERS: Final = ("pid", "imc", "mpc", "mpc-se")
 """Controllers of all patients."""
-BY_PROFILE: Final = ("basal-bolus",)
+_BY_PROFILE: Final = ("basal-bolus",)
 """Controllers that dose by the person's profile and give boluses: of patients with insulin under the skin."""
 LOOPED: Final = {"profile-mpc": ("hovorka-2004", "uva-padova-2008", "kanderian-2009")}
 """Controllers whose programs keep their loops, of which each is 20 kB of the page, with the families that have one."""
-LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
+_LONGEST_HORIZON: Final = {INTRAVENOUS: 24, SUBCUTANEOUS: 48}
 """Samples that a predictive controller of the page can look ahead, by the route of insulin, or more where a patient
 needs it: see `longest_horizon`. Shorter horizons are padded without weight.
 """
-HORIZON_STEP: Final = 24
+_HORIZON_STEP: Final = 24
 """Longest horizons are multiples of it."""
-PREDICTIVE: Final = ("mpc", "mpc-se")
-FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min", "profile_span")
+_PREDICTIVE: Final = ("mpc", "mpc-se")
+_FIXED_LIMITS: Final = ("on_board_tau_min", "doubt_tau_min", "profile_span")
 """Limits of the guard from which it computes tables when it is made, so that they are part of its program."""
-FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in FIXED_LIMITS)
+_FREE_LIMITS: Final = tuple(name for name in GuardSettings.settings() if name not in _FIXED_LIMITS)
 
 
 def controllers_of(family: str) -> tuple[str, ...]:
     """Controllers that the page has for the patients of a family."""
-    by_profile = BY_PROFILE if PATIENTS.find(family).insulin_route == SUBCUTANEOUS else ()
-    return (*CONTROLLERS, *by_profile, *(name for name, families in LOOPED.items() if family in families))
+    by_profile = _BY_PROFILE if PATIENTS.find(family).insulin_route == SUBCUTANEOUS else ()
+    return (*_CONTROLLERS, *by_profile, *(name for name, families in LOOPED.items() if family in families))
 
 
-def usual_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
+def default_tuning(name: str, family: str, operating_point: str, *sensor: str) -> dict[str, Value]:
     """All settings of a controller that are usual for a patient of the page, and for a sensor where one is named.
 
     A horizon that suits the model is that of the model which the page has.
@@ -87,25 +87,25 @@ def horizon_suits_model(name: str, family: str) -> bool:
 def longest_horizon(family: str) -> int:
     """Samples that a predictive controller of the page can look ahead for a family, not less than is usual for it."""
     usual = [
-        int(usual_tuning(name, family, point, *sensor)["prediction_horizon"])
-        for name in PREDICTIVE
+        int(default_tuning(name, family, point, *sensor)["prediction_horizon"])
+        for name in _PREDICTIVE
         for point in patients(family)
         for sensor in ((), MONITORS[:1])
     ]
     return max(
-        LONGEST_HORIZON[PATIENTS.find(family).insulin_route], HORIZON_STEP * math.ceil(max(usual) / HORIZON_STEP)
+        _LONGEST_HORIZON[PATIENTS.find(family).insulin_route], _HORIZON_STEP * math.ceil(max(usual) / _HORIZON_STEP)
     )
 
 
 @functools.cache
-def usual_mpc(family: str, operating_point: str, *sensor: str) -> LinearMPC:
+def default_mpc(family: str, operating_point: str, *sensor: str) -> LinearMPC:
     """Linear MPC of a patient, on the model that is identified without noise, with room for the longest horizon."""
     result: LinearMPC = _with_room("mpc", family, operating_point, *sensor)
     return result
 
 
 @functools.cache
-def usual_mpc_se(family: str, operating_point: str) -> MPCSE:
+def default_mpc_se(family: str, operating_point: str) -> MPCSE:
     """MPC/SE of a patient, with room for the longest horizon."""
     result: MPCSE = _with_room("mpc-se", family, operating_point)
     return result
@@ -145,9 +145,9 @@ def example_controller(name: str, family: str) -> Controller:
     if name == "pid":
         return design_pid(PIDTuning(1.0, 60.0, 1.0), PARKER_1999_LIMITS)
     if name == "imc":
-        delay_min = float(usual_tuning("imc", family, point)["delay_min"])
+        delay_min = float(default_tuning("imc", family, point)["delay_min"])
         return design_imc(-3.0, 80.0, delay_min, PARKER_1999_LIMITS, sample_time_min=SAMPLE_TIME_MIN)
-    return usual_mpc(family, point) if name == "mpc" else usual_mpc_se(family, point)
+    return default_mpc(family, point) if name == "mpc" else default_mpc_se(family, point)
 
 
 def program_of(name: str, family: str) -> str:
@@ -173,7 +173,7 @@ class _FreeLimits:
     """Limits of a guard that are inputs of the program, beside those that are not; stands for `GuardSettings`."""
 
     def __init__(self, free: dict[str, Any], fixed: GuardSettings) -> None:
-        for name in FIXED_LIMITS:
+        for name in _FIXED_LIMITS:
             setattr(self, name, getattr(fixed, name))
         for name, value in free.items():
             setattr(self, name, value)
@@ -188,7 +188,7 @@ class Adjustable:
     @property
     def numbers(self) -> dict[str, Any]:
         """Example of the numbers."""
-        limits = dict.fromkeys(FREE_LIMITS, jnp.zeros(())) if isinstance(self.example, Guard) else {}
+        limits = dict.fromkeys(_FREE_LIMITS, jnp.zeros(())) if isinstance(self.example, Guard) else {}
         return {"controller": jax.tree.map(jnp.asarray, self.example), "guard": limits}
 
     def of(self, numbers: dict[str, Any]) -> Any:
@@ -228,7 +228,7 @@ def outputs_of(decision: Decision) -> dict[str, jax.Array]:
     return {"insulin_mU_min": decision.insulin_mU_min, "status": decision.status, **boluses}
 
 
-def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
+def controller_functions(adjusted: Adjustable) -> dict[str, PageFunction]:
     """The two functions of a controller: its state at the start, and its step."""
     observation = example_observation(boluses=gives_boluses(adjusted.example))
 
@@ -243,4 +243,4 @@ def controller_parts(adjusted: Adjustable) -> dict[str, CompiledPart]:
 
     person = adjusted.numbers
     state = jax.eval_shape(lambda: adjusted.of(person).init(observation))
-    return {"start": starting(init, person, observation), "step": part(step, person, state, observation)}
+    return {"start": start_function(init, person, observation), "step": page_function(step, person, state, observation)}

@@ -20,7 +20,7 @@ from glucoloop.control.guard_settings import guard_of
 from glucoloop.control.profile_mpc import ProfileMPC
 from glucoloop.control.protocol import Decision, Observation
 from glucoloop.lab.controllers import Adjustable, example_controller, example_observation, outputs_of
-from glucoloop.lab.lowered_function import CompiledPart, looped, part, starting
+from glucoloop.lab.lowered_function import PageFunction, c_functions, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.patients.settings import PATIENTS
 from glucoloop.pumps.limits import PARKER_1999_LIMITS, DoseLimits
@@ -31,7 +31,7 @@ _OF_FILTER: Final = ("measurement_variance", "sensor_error_mg_dl")
 _OWN: Final = ("doubt", "disturbance_doubt", "move_weight", "bolus_weight")
 
 
-def looped_parts(family: str) -> dict[str, CompiledPart]:
+def looped_functions(family: str) -> dict[str, PageFunction]:
     """The two functions of predictive control by a profile for the patients of a family."""
     designed = example_controller("profile-mpc", family)
     if not isinstance(designed, ProfileMPC):
@@ -54,7 +54,7 @@ def looped_parts(family: str) -> dict[str, CompiledPart]:
         after, decision = controller(person).step(state, own)
         return after, outputs_of(decision)
 
-    return looped(
+    return c_functions(
         f"profile-mpc of {family}",
         lambda person, own: controller(person).init(own),
         step,
@@ -64,7 +64,7 @@ def looped_parts(family: str) -> dict[str, CompiledPart]:
 
 
 @pytree
-class Elsewhere:
+class _Elsewhere:
     """A controller that decides elsewhere, and keeps what it is shown."""
 
     decision: Decision
@@ -83,11 +83,11 @@ class Elsewhere:
         return observation, self.decision
 
 
-def guard_parts(family: str) -> dict[str, CompiledPart]:
+def guard_functions(family: str) -> dict[str, PageFunction]:
     """The two functions of the guard around a controller that decides elsewhere, for the route of a family."""
     zero = jnp.zeros(())
     nothing = Decision(insulin_mU_min=zero, status=jnp.zeros((), int), bolus_mU=zero)
-    elsewhere = Elsewhere(decision=nothing, sample_time_min=SAMPLE_TIME_MIN)
+    elsewhere = _Elsewhere(decision=nothing, sample_time_min=SAMPLE_TIME_MIN)
     around = Adjustable(guarded(elsewhere, guard_of(PATIENTS.find(family)), PARKER_1999_LIMITS))
     person = around.numbers
     numbers = {**person, "controller": dataclasses.replace(person["controller"], inner=None)}
@@ -108,6 +108,6 @@ def guard_parts(family: str) -> dict[str, CompiledPart]:
 
     state = jax.eval_shape(lambda: init(numbers, own["observation"], jax.random.key(0)))
     return {
-        "start": starting(init, numbers, own["observation"]),
-        "step": part(step, numbers, state, own),
+        "start": start_function(init, numbers, own["observation"]),
+        "step": page_function(step, numbers, state, own),
     }

@@ -15,7 +15,7 @@ from glucoloop.native.targets.wasm.module import CFunction
 
 
 @dataclass(frozen=True)
-class CompiledPart:
+class PageFunction:
     """A compiled function with the names of its inputs and outputs."""
 
     step: Callable[..., Any]
@@ -33,7 +33,7 @@ class CompiledPart:
         return self.lowered
 
 
-def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> CompiledPart:
+def page_function(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: Any = ()) -> PageFunction:
     """Lower a function, and name what it takes and gives by the places in its trees; drawn numbers come last in own."""
     lowered = lower(step, person, carry, own, shared, jax.random.key(0), as_written=True)
     shapes = lowered.shapes
@@ -42,48 +42,48 @@ def part(step: Callable[..., Any], person: Any, carry: Any, own: Any, shared: An
     drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
     if drawn:
         names["own"]["drawn"] = drawn
-    return CompiledPart(step=step, lowered=lowered, names=names)
+    return PageFunction(step=step, lowered=lowered, names=names)
 
 
-def starting(init: Callable[..., Any], person: Any, own: Any) -> CompiledPart:
+def start_function(init: Callable[..., Any], person: Any, own: Any) -> PageFunction:
     """Lower a function that gives the state at the start: its outputs are the state."""
 
     def step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
         return carry, init(person, own, rng)
 
-    return part(step, person, (), own)
+    return page_function(step, person, (), own)
 
 
-def with_start(
+def start_and_step(
     name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
-) -> dict[str, CompiledPart]:
+) -> dict[str, PageFunction]:
     """Two functions of the page by their names: one that gives the state at the start, and the step."""
     state = jax.eval_shape(init, person, at_start, jax.random.key(0))
-    return {f"{name}_start": starting(init, person, at_start), name: part(step, person, state, own)}
+    return {f"{name}_start": start_function(init, person, at_start), name: page_function(step, person, state, own)}
 
 
-def looped(
+def c_functions(
     title: str,
     init: Callable[[Any, Any], Any],
     step: Callable[[Any, Any, Any], tuple[Any, Any]],
     person: Any,
     own: Any,
-) -> dict[str, CompiledPart]:
+) -> dict[str, PageFunction]:
     """Two functions of a controller that keep their loops: its state at the start, and its step.
 
     The functions are called with the numbers of the person, the state, and the person's own at a sample.
     """
     precision = "float64"
     traced = trace(
-        lambda seen: init(seen["person"], seen["own"]),
-        lambda state, seen: step(seen["person"], state, seen["own"]),
+        lambda observation: init(observation["person"], observation["own"]),
+        lambda state, observation: step(observation["person"], state, observation["own"]),
         {"own": own, "person": person},
         precision,
     )
     source = write_source(traced, [title], "compact")
 
-    def waking(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
+    def init_step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared, rng
         return carry, init(person, own)
 
@@ -94,10 +94,10 @@ def looped(
     state = traced.state
     outer = {"person": _names(person), "own": _names(own), "shared": {}}
     return {
-        "start": CompiledPart(
-            waking, CFunction(source, is_init=True), {**outer, "carry": {}, "outputs": _names(state)}
+        "start": PageFunction(
+            init_step, CFunction(source, is_init=True), {**outer, "carry": {}, "outputs": _names(state)}
         ),
-        "step": CompiledPart(
+        "step": PageFunction(
             stepping,
             CFunction(source, is_init=False),
             {**outer, "carry": _names(state), "outputs": _names(traced.decision)},

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from glucoloop.firmware.checks import misra_of
+from glucoloop.firmware.checks import _misra_of
 from glucoloop.native.targets.c.host import _FLAGS, compiler
 from glucoloop.native.targets.c.numbers import FORMATS, helpers, identifier
 
@@ -52,7 +52,7 @@ def test_functions_are_those_of_numpy(precision, tmp_path):
 def test_no_required_rule_of_misra_is_broken_by_functions(precision):
     calls = [f"{name}()" for name in WANTED]
     includes = [f"#include <{name}.h>" for name in ("float", "math", "stdbool", "stdint", "string")]
-    check = misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
+    check = _misra_of({"all.c": "\n".join([*includes, *helpers(calls, FORMATS[precision])])}, "all.c")
     assert check.holds, check.finding
 
 

@@ -20,7 +20,7 @@ class Field:
 
     name: str
     path: str
-    """Path of the field in the tree, for comments."""
+    """Path of the field in the tree."""
     kind: str
     shape: tuple[int, ...]
 
@@ -97,7 +97,7 @@ def declaration(
 ) -> list[str]:
     """The structure in C, with `Structure.held` in their order, so that there is no gap inside.
 
-    A field without a meaning has its path in the tree as its comment.
+    The comment of a field is its meaning, or else the form of its numbers where the type does not tell it.
     """
     lines = [f"/* {comment} */", "typedef struct", "{"]
     for field in structure.layout:
@@ -106,14 +106,14 @@ def declaration(
         shape = f"shape {field.shape}, row by row" if len(field.shape) > 1 else ""
         truth = "0: no, otherwise: yes" if field.kind == TRUTH else ""
         whole = "a whole number" if field.kind == WHOLE else ""
-        remark = "; ".join(text for text in (field.path if "_" in field.name else "", shape, truth, whole) if text)
+        remark = "; ".join(text for text in (shape, truth, whole) if text)
         remark = remark if meanings is None else meanings.get(field.name, remark)
         lines.append(f"  {type_name} {field.name}{size};" + (f" /* {remark} */" if remark else ""))
     words = sum(field.size for field in structure.layout if field.kind != REAL)
     if format.type == "double" and words % 2:
         lines.append("  int32_t reserved; /* fills the structure to a multiple of 8 bytes; 0 */")
     if not structure.layout:
-        lines.append("  int32_t reserved; /* this controller keeps nothing; 0 */")
+        lines.append("  int32_t reserved; /* this controller has no state; 0 */")
     return [*lines, f"}} {name};"]
 
 
