@@ -20,7 +20,7 @@ HOMES: Final = {
     "habit": "glucoloop.meals.habits:HABITS",
     "scenario": "glucoloop.situations.scenarios:SCENARIOS",
     "sensor": "glucoloop.sensors:SENSORS",
-    "pump": "glucoloop.pumps.settings:PUMPS",
+    "pump": "glucoloop.pumps:PUMPS",
     "fault": "glucoloop.faults:FAULTS",
     "controller": "glucoloop.control.catalogue:CONTROLLERS",
     "estimator": "glucoloop.estimation.unknown_meal:ESTIMATORS",

@@ -14,7 +14,7 @@ from glucoloop.meals import Meal
 from glucoloop.patients.model import patient_model
 from glucoloop.patients.population import Population
 from glucoloop.patients.settings import patient_entry
-from glucoloop.pumps.settings import PUMPS, PumpPart
+from glucoloop.pumps import PUMPS, PumpPart
 from glucoloop.report.periods import moment_text
 from glucoloop.sensors import DeadTime, IdealSensor, WhiteNoise
 from glucoloop.simulation.user_objects import goes_fast
