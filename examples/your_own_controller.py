@@ -1,6 +1,6 @@
 """A controller of your own, one class: settings, and methods from what is observed to a dose.
 
-    glucoloop run --controller 'your_own_controller:YourOwnPI, integral_min=200'
+glucoloop run --controller 'your_own_controller:YourOwnPI, integral_min=200'
 """
 
 from typing import Annotated
