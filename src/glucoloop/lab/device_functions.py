@@ -109,6 +109,11 @@ def _fault_functions(fault: FaultPart) -> dict[str, PageFunction]:
     return _reading_functions(_fault_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
 
 
+def _around(sensor: Any, inner: Any) -> Any:
+    """A sensor around another one than its own."""
+    return sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
+
+
 def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
     """The two functions of what is around a sensor: its state at the start, and its step, by what that sensor read."""
     zero = jnp.zeros(())
@@ -121,9 +126,7 @@ def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
         inner = _Passed(valid=own.valid)
-        around = (
-            sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
-        )
+        around = _around(sensor, inner)
         state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 

@@ -202,7 +202,8 @@ class Flattener:
 
     def _reduce(self, operation: str, array: Values, axes: Sequence[int], start: float | bool = 0.0) -> Values:
         remaining = [axis for axis in range(array.ndim) if axis not in axes]
-        rows = array.transpose(*remaining, *axes).reshape(*(array.shape[axis] for axis in remaining), -1)
+        shape, terms_a_row = [array.shape[axis] for axis in remaining], math.prod(array.shape[axis] for axis in axes)
+        rows = array.transpose(*remaining, *axes).reshape(math.prod(shape), terms_a_row)
         do = functools.partial(self.program.apply, operation)
 
         def total(row: Values) -> Value:
@@ -211,8 +212,7 @@ class Flattener:
                 terms = [functools.reduce(do, terms[i : i + 2]) for i in range(0, len(terms), 2)]
             return functools.reduce(do, terms)
 
-        flat = [total(row) for row in rows.reshape(-1, rows.shape[-1])]
-        return np.array(flat, np.int64).reshape(rows.shape[:-1])
+        return np.array([total(row) for row in rows], np.int64).reshape(shape)
 
     def _do_cumsum(self, equation: Any, a: Values) -> Values:
         axis, reverse = primitives.running(equation)
