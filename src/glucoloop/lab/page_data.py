@@ -52,7 +52,7 @@ from glucoloop.patients import SemilinearPatient
 from glucoloop.patients.capabilities import process_noise
 from glucoloop.patients.settings import PATIENTS, PatientPart
 from glucoloop.patients.table import REPLACED
-from glucoloop.pumps.settings import PumpPart
+from glucoloop.pumps import PumpPart
 from glucoloop.refusal import Refusal
 from glucoloop.sensors import SENSORS
 from glucoloop.sensors.cgm import Display, Monitor
