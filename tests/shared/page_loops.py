@@ -11,7 +11,7 @@ import numpy as np
 from glucoloop.arguments import random_key
 from glucoloop.control.protocol import Observation
 from glucoloop.lab.build import _GUARDED
-from glucoloop.lab.device_functions import _fault_functions, _fault_name, _Passed
+from glucoloop.lab.device_functions import _around, _fault_functions, _fault_name, _Passed
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.native.interpreter import Interpreter
 from glucoloop.situations.run import Run
@@ -174,7 +174,7 @@ class Loops:
         sensors = [of.sensor for of in around]
         self.faults = []
         for fault in reversed([fault for fault in faults if fault.part == "sensor"]):
-            alone = [dataclasses.replace(of, inner=_Passed(valid=jnp.asarray(True))) for of in sensors]
+            alone = [_around(of, _Passed(valid=jnp.asarray(True))) for of in sensors]
             self.faults.insert(0, (_fault_name(fault), side_by_side(map(numbers_of, alone))))
             sensors = [of.inner for of in sensors]
         of_pump = [fault for fault in faults if fault.part == "pump"]

@@ -28,17 +28,18 @@ from glucoloop.lab.controllers import (
     adjustable,
     controller_functions,
     controllers_of,
+    guard_functions,
     guard_program_of,
+    looped_functions,
     program_of,
 )
 from glucoloop.lab.device_functions import pump_functions, sensor_functions
-from glucoloop.lab.loop_functions import guard_functions, looped_functions
 from glucoloop.lab.lowered_function import PageFunction
 from glucoloop.lab.pack import DATA, MODULE
 from glucoloop.lab.page_data import numbers
 from glucoloop.lab.patient_functions import FAMILIES, by_equations, meal_functions, plant_function
 from glucoloop.lab.people import draw_function, person_function
-from glucoloop.native.targets.wasm.module import c_compiler_version, linker_version, numbers_per_person, wasm_module
+from glucoloop.native.targets.wasm.module import numbers_per_person, tool_versions, wasm_module
 from glucoloop.refusal import Refusal
 
 _GUARDED: Final = "_guarded"
@@ -82,11 +83,7 @@ def _shape(controller: Adjustable) -> tuple[object, ...]:
 
 def _tools() -> dict[str, str]:
     """Versions on which the bytes of the module depend."""
-    return {
-        "llvmlite": importlib.metadata.version("llvmlite"),
-        "clang": c_compiler_version(),
-        "linker": linker_version(),
-    }
+    return {"llvmlite": importlib.metadata.version("llvmlite"), **tool_versions()}
 
 
 def _module(functions: Mapping[str, PageFunction]) -> bytes:

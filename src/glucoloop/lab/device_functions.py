@@ -8,6 +8,7 @@ are none: the onset is given, and the draw that would move it moves nothing.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Final
 
 import jax
@@ -17,7 +18,7 @@ from glucoloop._pytree import pytree
 from glucoloop.build.faulty import put_around
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultPart
-from glucoloop.lab.lowered_function import PageFunction, start_and_step
+from glucoloop.lab.lowered_function import PageFunction, page_function, start_function
 from glucoloop.lab.patient_functions import SAMPLE_TIME_MIN
 from glucoloop.pumps import LimitedPump, Pump
 from glucoloop.pumps.limits import PARKER_1999_LIMITS
@@ -109,6 +110,11 @@ def _fault_functions(fault: FaultPart) -> dict[str, PageFunction]:
     return _reading_functions(_fault_name(fault), put_around(_Passed(valid=jnp.asarray(True)), fault, SAMPLE_TIME_MIN))
 
 
+def _around(sensor: Any, inner: Any) -> Any:
+    """A sensor around another one than its own."""
+    return sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
+
+
 def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
     """The two functions of what is around a sensor: its state at the start, and its step, by what that sensor read."""
     zero = jnp.zeros(())
@@ -121,13 +127,11 @@ def _reading_functions(name: str, sensor: Any) -> dict[str, PageFunction]:
     def step(sensor: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
         del shared
         inner = _Passed(valid=own.valid)
-        around = (
-            sensor.replaced(inner=inner) if hasattr(sensor, "replaced") else dataclasses.replace(sensor, inner=inner)
-        )
+        around = _around(sensor, inner)
         state, reading = around.read(carry, own.glucose_mg_dl, rng)
         return state, reading
 
-    return start_and_step(name, init, step, numbers, zero, reading)
+    return _start_and_step(name, init, step, numbers, zero, reading)
 
 
 def _pumps() -> dict[str, Pump]:
@@ -175,5 +179,13 @@ def pump_functions() -> dict[str, PageFunction]:
         }
 
     for name, pump in _pumps().items():
-        result |= start_and_step(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
+        result |= _start_and_step(name, init, step, jax.tree.map(jnp.asarray, pump), zero, decided)
     return result
+
+
+def _start_and_step(
+    name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
+) -> dict[str, PageFunction]:
+    """Two functions of the page by their names: one that gives the state at the start, and the step."""
+    state = jax.eval_shape(init, person, at_start, jax.random.key(0))
+    return {f"{name}_start": start_function(init, person, at_start), name: page_function(step, person, state, own)}

@@ -10,7 +10,6 @@ import jax
 import numpy as np
 
 from glucoloop.native.lower import Lowered, lower
-from glucoloop.native.targets.c.source import trace, write_source
 from glucoloop.native.targets.wasm.module import CFunction
 
 
@@ -38,7 +37,7 @@ def page_function(step: Callable[..., Any], person: Any, carry: Any, own: Any, s
     lowered = lower(step, person, carry, own, shared, jax.random.key(0), as_written=True)
     shapes = lowered.shapes
     groups = {"person": shapes.person, "carry": shapes.carry, "own": shapes.own, "shared": shapes.shared}
-    names = {name: _names(tree) for name, tree in {**groups, "outputs": shapes.outputs}.items()}
+    names = {name: names_of(tree) for name, tree in {**groups, "outputs": shapes.outputs}.items()}
     drawn = lowered.layout.sizes["own"] - sum(names["own"].values())
     if drawn:
         names["own"]["drawn"] = drawn
@@ -55,57 +54,8 @@ def start_function(init: Callable[..., Any], person: Any, own: Any) -> PageFunct
     return page_function(step, person, (), own)
 
 
-def start_and_step(
-    name: str, init: Callable[..., Any], step: Callable[..., Any], person: Any, at_start: Any, own: Any
-) -> dict[str, PageFunction]:
-    """Two functions of the page by their names: one that gives the state at the start, and the step."""
-    state = jax.eval_shape(init, person, at_start, jax.random.key(0))
-    return {f"{name}_start": start_function(init, person, at_start), name: page_function(step, person, state, own)}
-
-
-def c_functions(
-    title: str,
-    init: Callable[[Any, Any], Any],
-    step: Callable[[Any, Any, Any], tuple[Any, Any]],
-    person: Any,
-    own: Any,
-) -> dict[str, PageFunction]:
-    """Two functions of a controller that keep their loops: its state at the start, and its step.
-
-    The functions are called with the numbers of the person, the state, and the person's own at a sample.
-    """
-    precision = "float64"
-    traced = trace(
-        lambda observation: init(observation["person"], observation["own"]),
-        lambda state, observation: step(observation["person"], state, observation["own"]),
-        {"own": own, "person": person},
-        precision,
-    )
-    source = write_source(traced, [title], "compact")
-
-    def init_step(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del shared, rng
-        return carry, init(person, own)
-
-    def stepping(person: Any, carry: Any, own: Any, shared: Any, rng: Any) -> tuple[Any, Any]:
-        del shared, rng
-        return step(person, carry, own)
-
-    state = traced.state
-    outer = {"person": _names(person), "own": _names(own), "shared": {}}
-    return {
-        "start": PageFunction(
-            init_step, CFunction(source, is_init=True), {**outer, "carry": {}, "outputs": _names(state)}
-        ),
-        "step": PageFunction(
-            stepping,
-            CFunction(source, is_init=False),
-            {**outer, "carry": _names(state), "outputs": _names(traced.decision)},
-        ),
-    }
-
-
-def _names(tree: Any) -> dict[str, int]:
+def names_of(tree: Any) -> dict[str, int]:
+    """Names of the leaves of a tree, each with its number of numbers, as a function of the page takes or gives them."""
     result = jax.tree_util.tree_leaves_with_path(tree)
     return {_name(path): int(leaf.size) for path, leaf in result}
 

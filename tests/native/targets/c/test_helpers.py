@@ -9,7 +9,8 @@ import pytest
 
 from glucoloop.firmware.checks import _misra_of
 from glucoloop.native.targets.c.host import _FLAGS, compiler
-from glucoloop.native.targets.c.numbers import FORMATS, helpers, identifier
+from glucoloop.native.targets.c.numbers import FORMATS, helpers
+from glucoloop.native.targets.c.records import _identifier
 
 WANTED = {
     "gl_sqrt": np.sqrt,
@@ -67,6 +68,6 @@ def test_no_digit_of_a_constant_is_lost(precision):
 
 
 def test_names_are_names_of_c():
-    assert identifier("given", "on_board") == "given_on_board"
-    assert identifier(3, "x y") == "n3_x_y"
-    assert identifier("float") == "nfloat"
+    assert _identifier("given", "on_board") == "given_on_board"
+    assert _identifier(3, "x y") == "n3_x_y"
+    assert _identifier("float") == "nfloat"

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import keyword
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import jax
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, identifier, kind_of
+from glucoloop.native.targets.c.numbers import REAL, TRUTH, WHOLE, Format, kind_of
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def record(pointer: str, tree: Any) -> Structure:
     names: dict[str, int] = {}
     fields = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        name = identifier(*(_part(key) for key in path))
+        name = _identifier(*(_part(key) for key in path))
         names[name] = names.get(name, 0) + 1
         if names[name] > 1:
             name = f"{name}_{names[name]}"
@@ -123,3 +125,19 @@ def _part(key: Any) -> str:
         if hasattr(key, attribute):
             return str(getattr(key, attribute))
     return str(key)
+
+
+_C_WORDS: Final = frozenset(
+    re.findall(r"\w+", """
+    auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    bool
+    """)
+)  # fmt: skip
+
+
+def _identifier(*parts: object) -> str:
+    """A name in C of the parts of a path."""
+    text = re.sub(r"\W+", "_", "_".join(str(part) for part in parts)).strip("_")
+    text = text or "value"
+    return f"n{text}" if text[0].isdigit() or text in _C_WORDS or keyword.iskeyword(text) else text

@@ -43,17 +43,17 @@ _AROUND: Final = 20
 """Number of bytes of a record around the state: mark, digest and CRC."""
 
 
-def record_bytes(state_bytes: int) -> int:
+def _record_bytes(state_bytes: int) -> int:
     """Number of bytes of a saved state."""
     return state_bytes + _AROUND
 
 
-def header(structures: str, state_bytes: int) -> str:
+def _header(structures: str, state_bytes: int) -> str:
     """The header around the structures."""
-    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(record_bytes(state_bytes)))
+    return template("header.h").replace("@STRUCTURES@", structures).replace("@SIZE@", str(_record_bytes(state_bytes)))
 
 
-def saving(state_bytes: int, design: str) -> str:
+def _saving(state_bytes: int, design: str) -> str:
     """``gl_save`` and ``gl_restore``, for a design with a digest."""
     mark = ["47", "4C", "53", "54", *(design[i : i + 2].upper() for i in range(0, 24, 2))]
     text = "\n" + template("saving.c").replace("@MARK@", ", ".join(f"0x{byte}U" for byte in mark))
@@ -214,14 +214,14 @@ def write_source(traced: Traced, title: Sequence[str], form: str = AUTO, last: L
         " */",
     ]
     return Source(
-        header="\n".join([*head, header(_structures(records, workspace, format, MEANINGS), size)]),
-        code="\n".join([*head, *_before(format), *code, saving(size, design)]),
+        header="\n".join([*head, _header(_structures(records, workspace, format, MEANINGS), size)]),
+        code="\n".join([*head, *_before(format), *code, _saving(size, design)]),
         form=form,
         records=records,
         workspace=workspace,
         lowered=lowered,
         design=design,
-        record_bytes=record_bytes(size),
+        record_bytes=_record_bytes(size),
     )
 
 
