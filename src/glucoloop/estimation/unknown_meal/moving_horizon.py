@@ -43,8 +43,16 @@ from typing import Annotated, ClassVar, Final, TypeAlias
 from glucoloop._lazy_jax import jax, jnp, np, npt
 from glucoloop._pytree import pytree, static
 from glucoloop.component.setting import About
-from glucoloop.estimation.noise_level import LEVELS_MG_DL, NoisyFilters, noisy_filters, shares
-from glucoloop.estimation.noise_sizes import Innovations, drifting, innovations_of, mean_size
+from glucoloop.estimation.noise_level import (
+    LEVELS_MG_DL,
+    Innovations,
+    NoisyFilters,
+    drifting,
+    innovations_of,
+    mean_size,
+    noisy_filters,
+    shares,
+)
 from glucoloop.estimation.unknown_meal.disturbed import (
     LARGEST_INNOVATION_MG_DL,
     Waking,
