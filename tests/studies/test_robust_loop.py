@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.cohorts import blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
@@ -21,6 +19,8 @@ from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.search import SearchEngine, _tuning_of
 from glucoloop.studies.robust.study import notes
 from glucoloop.studies.robust.tuning_loop import METRICS, TuningLoop, draw_subjects
+from glucoloop.trials import blocks
+from glucoloop.trials.trial import Trial
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0

@@ -19,9 +19,6 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.build.titration import profile_of, with_profiles
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.engine import fold_of, loop_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.control import Controller
 from glucoloop.patients import Patient
@@ -30,6 +27,9 @@ from glucoloop.refusal import Refusal
 from glucoloop.simulation.per_person_leaves import varying
 from glucoloop.situations.case import Case
 from glucoloop.therapy import Profile, given_profile
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.engine import fold_of, loop_of
+from glucoloop.trials.trial import Trial
 
 Array = npt.NDArray[Any]
 Tuning = Mapping[str, float]

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.blocks import in_blocks
+from glucoloop.trials.blocks import in_blocks
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from glucoloop.cohorts.order_statistics import Moments, finite, quantiles
+from glucoloop.trials.order_statistics import Moments, finite, quantiles
 
 PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)
 

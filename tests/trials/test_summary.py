@@ -6,10 +6,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 from glucoloop.metrics.control_variability import grid_counts
 from glucoloop.metrics.settings import RESULTS
+from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.summary import DISTRIBUTIONS, MAX_NAMED, summarise_people
 
 METRIC_NAMES = [result.name for result in RESULTS]
 

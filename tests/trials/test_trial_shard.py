@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from glucoloop.storage.trials.computing import run_here
-from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.shard import add_counts, compute_shard, edges, no_counts, read_people, times
+from glucoloop.trials.computing import run_here
+from glucoloop.trials.folder import trial_folder
+from glucoloop.trials.shard import add_counts, compute_shard, edges, no_counts, read_people, times
 
 
 def tables(trial, index, simulate):

@@ -11,11 +11,11 @@ import time
 
 import pytest
 
-from glucoloop.cohorts import engine
 from glucoloop.refusal import Refusal
-from glucoloop.storage.trials.computing import connected, run_here, run_on_cluster
-from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.shard import compute_shard
+from glucoloop.trials import engine
+from glucoloop.trials.computing import connected, run_here, run_on_cluster
+from glucoloop.trials.folder import trial_folder
+from glucoloop.trials.shard import compute_shard
 
 pytest.importorskip("distributed")
 PATIENCE_S = 300.0
@@ -123,7 +123,7 @@ def test_shard_that_always_fails_is_told_and_the_others_are_kept(tmp_path, make_
 
 
 def test_nobody_at_the_address(monkeypatch):
-    monkeypatch.setattr("glucoloop.storage.trials.computing._CONNECT_S", 1)
+    monkeypatch.setattr("glucoloop.trials.computing._CONNECT_S", 1)
     with (
         pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"),
         connected("tcp://127.0.0.1:9"),

@@ -14,7 +14,6 @@ from glucoloop.arguments import checked, on_host
 from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings
-from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.component.effects import warn_without_effect
 from glucoloop.control import Controller
 from glucoloop.meals import Scenario, eaten
@@ -31,6 +30,7 @@ from glucoloop.simulation.closed_loop import sample_grid, scenario_without_effec
 from glucoloop.simulation.cohort import CohortRun
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.situations.situation import Situation
+from glucoloop.trials.blocks import block_size, in_blocks
 
 Array = npt.NDArray[Any]
 

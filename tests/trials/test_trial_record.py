@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.trial import Trial, fingerprint, usual_shard_people
 from glucoloop.situations.situation import configured
+from glucoloop.trials.trial import Trial, fingerprint, usual_shard_people
 
 
 def make(**keys):

@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from glucoloop.cohorts.bins import glucose_edges, insulin_edges
-from glucoloop.cohorts.people import PeopleRows, Shard
-from glucoloop.cohorts.trial import Trial, profile_columns
 from glucoloop.refusal import Refusal
 from glucoloop.schema.tables import TableBounds
 from glucoloop.storage.tables import parquet, read_parquet, refusing_damage
+from glucoloop.trials.bins import glucose_edges, insulin_edges
+from glucoloop.trials.people import PeopleRows, Shard
+from glucoloop.trials.trial import Trial, profile_columns
 from glucoloop.units import MIN_PER_WEEK
 
 if TYPE_CHECKING:
-    from glucoloop.cohorts.engine import PeopleResult
+    from glucoloop.trials.engine import PeopleResult
 
 PEOPLE: Final = "people.parquet"
 BANDS: Final = "bands.parquet"

@@ -19,7 +19,7 @@ T = TypeVar("T")
 _SIZES: Final = {"native": 1024, "xla": 64}
 """Number of people in a block: enough that a block's own cost is small, few enough that filling up the last one is.
 
-Of trials that are long or slow it is less, see `cohorts.trial.Trial.people_a_block`.
+Of trials that are long or slow it is less, see `trials.trial.Trial.people_a_block`.
 """
 
 

@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
-from glucoloop.cohorts.trial import fingerprint
 from glucoloop.storage.folder import SUMS
-from glucoloop.storage.trials.computing import run_here
-from glucoloop.storage.trials.folder import trial_folder
+from glucoloop.trials.computing import run_here
+from glucoloop.trials.folder import trial_folder
+from glucoloop.trials.trial import fingerprint
 
 FINAL = {"summary.json": b"{}", "report.html": b"<html>"}
 
@@ -396,7 +396,7 @@ def test_disk_that_is_too_small_for_a_shard(tmp_path, make_trial, pretend):
     try:
         with trial_folder(tmp_path / "out", make_trial()) as folder:
             run_one = iter(folder.missing())
-            from glucoloop.storage.trials.shard import compute_shard
+            from glucoloop.trials.shard import compute_shard
 
             folder.put(0, compute_shard(folder.trial, next(run_one), pretend(folder.trial)))
             resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))

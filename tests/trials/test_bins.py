@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from glucoloop.cohorts.bins import BAND_QUANTILES, bin_numbers, glucose_edges, insulin_edges, quantiles_of_counts
+from glucoloop.trials.bins import BAND_QUANTILES, bin_numbers, glucose_edges, insulin_edges, quantiles_of_counts
 
 
 def count(values, edges):

@@ -10,10 +10,6 @@ import pytest
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import pump_of, sensor_of
-from glucoloop.cohorts import blocks
-from glucoloop.cohorts.bins import glucose_edges, insulin_edges
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.meals import Meal, Scenario
 from glucoloop.meals.plan import draw_meals
 from glucoloop.metrics import summarise
@@ -21,6 +17,10 @@ from glucoloop.metrics.settings import RESULTS
 from glucoloop.patients.population import virtual_people
 from glucoloop.simulation import Exponential, simulate
 from glucoloop.situations.situation import configured
+from glucoloop.trials import blocks
+from glucoloop.trials.bins import glucose_edges, insulin_edges
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 
 METRIC_NAMES = [result.name for result in RESULTS]
 

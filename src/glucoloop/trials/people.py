@@ -29,7 +29,7 @@ class PeopleRows:
     yes_or_no: frozenset[str] = frozenset()
     """Metrics that are 0 or 1."""
     profile: Mapping[str, Floats] = field(default_factory=dict)
-    """(n,) known fields of the people's profiles, those of `cohorts.trial.profile_columns`."""
+    """(n,) known fields of the people's profiles, those of `trials.trial.profile_columns`."""
 
     @property
     def below_validity(self) -> npt.NDArray[np.bool_]:

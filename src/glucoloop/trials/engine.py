@@ -16,10 +16,6 @@ from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings, shared_surroundings
 from glucoloop.build.titration import with_profiles
-from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges
-from glucoloop.cohorts.blocks import block_size, in_blocks
-from glucoloop.cohorts.people import PeopleRows
-from glucoloop.cohorts.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 from glucoloop.control import Controller
 from glucoloop.control.protocol import computed_settings
 from glucoloop.meals import Scenario
@@ -32,6 +28,10 @@ from glucoloop.simulation.cohort import Accumulator
 from glucoloop.simulation.engines import one_at_a_time
 from glucoloop.simulation.minute_inputs import PeopleMinuteInputs
 from glucoloop.simulation.per_person_leaves import chosen, replaced, varying
+from glucoloop.trials.bins import bin_numbers, glucose_edges, insulin_edges
+from glucoloop.trials.blocks import block_size, in_blocks
+from glucoloop.trials.people import PeopleRows
+from glucoloop.trials.trial import MIN_BLOCK, Trial, fingerprint, profile_columns
 
 Array = npt.NDArray[Any]
 

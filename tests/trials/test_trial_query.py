@@ -11,10 +11,10 @@ import polars as pl
 import pytest
 
 import glucoloop as gl
-from glucoloop.storage.trials.computing import run_here
-from glucoloop.storage.trials.folder import trial_folder
-from glucoloop.storage.trials.query import trial_tables
-from glucoloop.storage.trials.shard import compute_shard
+from glucoloop.trials.computing import run_here
+from glucoloop.trials.folder import trial_folder
+from glucoloop.trials.query import trial_tables
+from glucoloop.trials.shard import compute_shard
 
 SUMMARY = {
     "controllers": {"mpc": {"metrics": {"gri": {"mean": 1.5, "p95": None}, "settled_2pct": {"share_pct": 50.0}}}}
@@ -147,7 +147,7 @@ def test_tables_are_described_and_summarised(finished):
 @pytest.mark.skipif(os.name == "nt", reason="another system of signals")
 def test_ctrl_c_ends_a_question_that_listens_to_nobody(finished):
     deaf = "select md5(repeat('x', 2000000000)) from range(100)"  # DuckDB looks for an interrupt between chunks of rows
-    imported = "import sys, glucoloop.storage.trials.query; from glucoloop.cli import main; "
+    imported = "import sys, glucoloop.trials.query; from glucoloop.cli import main; "
     ask = imported + "print('begun', flush=True); main(sys.argv[1:])"
     with subprocess.Popen([sys.executable, "-c", ask, "query", finished, deaf], stdout=subprocess.PIPE) as running:
         assert running.stdout.readline()

@@ -20,11 +20,11 @@ from typing import Any, Final
 import glucoloop
 from glucoloop import arithmetic
 from glucoloop._extras import needed_for
-from glucoloop.cohorts.trial import Trial
 from glucoloop.refusal import Refusal
-from glucoloop.storage.trials.folder import TrialFolder
-from glucoloop.storage.trials.shard import Simulate, compute_shard
 from glucoloop.text import one_line
+from glucoloop.trials.folder import TrialFolder
+from glucoloop.trials.shard import Simulate, compute_shard
+from glucoloop.trials.trial import Trial
 
 LOCAL: Final = "local"
 RETRIES: Final = 3
@@ -57,7 +57,7 @@ def shard_on_worker(trial: Trial, index: int, version: str, identity: Mapping[st
     `version` and `identity` are those of glucoloop and of the arithmetic in the process that owns the folder; a
     ValueError tells that the worker has others, and would compute other bits.
     """
-    from glucoloop.cohorts import engine
+    from glucoloop.trials import engine
 
     if glucoloop.__version__ != version:
         raise Refusal(

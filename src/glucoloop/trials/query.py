@@ -22,10 +22,10 @@ from glucoloop.refusal import Refusal
 from glucoloop.schema.values import checked
 from glucoloop.storage.files import stored_json
 from glucoloop.storage.memory_limit import memory_limited
-from glucoloop.storage.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
-from glucoloop.storage.trials.shard import BANDS as COUNTS
-from glucoloop.storage.trials.shard import PEOPLE, TRACES
 from glucoloop.text import is_printable, one_line
+from glucoloop.trials.folder import BANDS, SHARDS, SUMMARY, TrialOrigin, done_shards, final_files
+from glucoloop.trials.shard import BANDS as COUNTS
+from glucoloop.trials.shard import PEOPLE, TRACES
 
 with needed_for("a question in SQL"):
     import duckdb

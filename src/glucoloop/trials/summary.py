@@ -15,10 +15,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from glucoloop.cohorts.order_statistics import Floats, Moments, finite, quantiles
-from glucoloop.cohorts.people import PeopleRows, Shards
 from glucoloop.metrics.control_variability import CELLS, grid_counts
 from glucoloop.refusal import Refusal
+from glucoloop.trials.order_statistics import Floats, Moments, finite, quantiles
+from glucoloop.trials.people import PeopleRows, Shards
 
 QUANTILES: Final = {"p1": 0.01, "p5": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 MAX_NAMED: Final = 1000

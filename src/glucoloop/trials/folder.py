@@ -18,8 +18,6 @@ from typing import Annotated, Any, Final
 import polars as pl
 
 from glucoloop import arithmetic
-from glucoloop.cohorts.people import Shard
-from glucoloop.cohorts.trial import FORMAT, Trial, fingerprint
 from glucoloop.refusal import Refusal
 from glucoloop.schema.values import ValueBounds
 from glucoloop.storage import disk
@@ -27,7 +25,9 @@ from glucoloop.storage.disk import SUMS
 from glucoloop.storage.files import json_text, stored_json
 from glucoloop.storage.origin import Origin
 from glucoloop.storage.resumable import ResumableFolder, Work, opened
-from glucoloop.storage.trials.shard import FILES, bounds, read_people
+from glucoloop.trials.people import Shard
+from glucoloop.trials.shard import FILES, bounds, read_people
+from glucoloop.trials.trial import FORMAT, Trial, fingerprint
 
 RECORD: Final = "trial.json"
 SHARDS: Final = "shards"

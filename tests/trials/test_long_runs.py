@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glucoloop.cohorts import engine
-from glucoloop.cohorts import trial as trials
-from glucoloop.cohorts.bins import bin_numbers, glucose_edges, insulin_edges, times_pct
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.simulation import cohort
 from glucoloop.situations.situation import configured
+from glucoloop.trials import engine
+from glucoloop.trials import trial as trials
+from glucoloop.trials.bins import bin_numbers, glucose_edges, insulin_edges, times_pct
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 
 KEYS = {
     "people": 3,

@@ -10,15 +10,15 @@ import pytest
 
 import glucoloop as gl
 from glucoloop._pytree import pytree
-from glucoloop.cohorts.engine import alone, people_of, prepare, run_people
-from glucoloop.cohorts.people_run import simulate_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.control import design_basal_bolus
 from glucoloop.control.protocol import Decision, Status
 from glucoloop.meals import Meal, Scenario
 from glucoloop.situations.situation import configured
-from glucoloop.storage.trials.shard import compute_shard, read_people
 from glucoloop.therapy import Profile
+from glucoloop.trials.engine import alone, people_of, prepare, run_people
+from glucoloop.trials.people_run import simulate_people
+from glucoloop.trials.shard import compute_shard, read_people
+from glucoloop.trials.trial import Trial
 
 KEYS = {
     "patient": "hovorka-2004",

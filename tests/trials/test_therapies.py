@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from glucoloop.cohorts.engine import prepare, run_people
-from glucoloop.cohorts.trial import Trial
 from glucoloop.situations.situation import configured
+from glucoloop.trials.engine import prepare, run_people
+from glucoloop.trials.trial import Trial
 
 PEOPLE = np.arange(6)
 THERAPIES = {
