@@ -9,13 +9,13 @@ import pytest
 
 import glucoloop as gl
 from glucoloop.build.designs import controller_of
-from glucoloop.cohorts.engine import prepare, run_people
 from glucoloop.control import Status
 from glucoloop.sensors import erring
 from glucoloop.situations.situation import configured
 from glucoloop.studies.adversary import Adversary
 from glucoloop.studies.adversary.attack import Attack, ErrorSpace, _worst_errors, random_errors
 from glucoloop.studies.adversary.study import loops
+from glucoloop.trials.engine import prepare, run_people
 
 ASKED = configured(
     Adversary,

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from glucoloop._pytree import pytree, static
-from glucoloop.cohorts import blocks
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.control import Decision, Status
 from glucoloop.meals import Meal, Scenario
@@ -20,6 +18,8 @@ from glucoloop.situations.situation import configured
 from glucoloop.studies.robust import RANGES, Search
 from glucoloop.studies.robust.search import METRICS, SearchEngine, _draw_subjects, _tuning_of, _TuningLoop
 from glucoloop.studies.robust.study import notes
+from glucoloop.trials import blocks
+from glucoloop.trials.trial import Trial
 
 SPACE = (Tuned("filter_min", 0.5, 20.0, log=True),)
 MINUTES = 150.0

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from glucoloop._pytree import pytree
-from glucoloop.build.faulty import put_around
+from glucoloop.build.surroundings import put_around
 from glucoloop.control.protocol import Status
 from glucoloop.faults import FAULTS, FaultPart
 from glucoloop.lab.lowered_function import PageFunction, page_function, start_function

@@ -3,11 +3,11 @@
 To add a study
 --------------
 1. ``studies/NAME/__init__.py`` declares it: what it asks for, a class of settings that usually extends a
-   `situations.run.Run` or a `cohorts.trial.Trial`, with other defaults where its own are usual, and one of the three
+   `situations.run.Run` or a `trials.trial.Trial`, with other defaults where its own are usual, and one of the three
    kinds below. It imports nothing heavy, since help is shown from it. Add a line to ``studies/catalogue.py``: the
    command is there.
 2. The module that it names, ``studies/NAME/study.py``, does the work, in functions. What they are given (``config``) is
-   that class, complete and checked. Loops of people are closed by `cohorts.engine.loop_of`.
+   that class, complete and checked. Loops of people are closed by `trials.engine.loop_of`.
 3. ``page.html`` beside it, if it has a page, extends ``report/templates/base.html``; `report.template.render` fills it.
 
 Every module has ``tables(config, results)``, which makes tables for the terminal, as by

@@ -18,7 +18,6 @@ from glucoloop.build.assemble import PeopleLoop, with_profile_of_each
 from glucoloop.build.designs import controller_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import Surroundings, surroundings_of
-from glucoloop.cohorts.blocks import block_size, in_blocks
 from glucoloop.meals import Eaten
 from glucoloop.metrics import RunningMetrics
 from glucoloop.patients.capabilities import sites
@@ -37,6 +36,7 @@ from glucoloop.storage.results import Results
 from glucoloop.studies.replay import ReplayRequest
 from glucoloop.studies.twin.study import days_of
 from glucoloop.text import how_many
+from glucoloop.trials.blocks import block_size, in_blocks
 from glucoloop.twins import RecordedDays, ResidualSensor, Simulator, StoredTwin
 from glucoloop.twins.days import SAMPLE_MIN
 from glucoloop.twins.trajectory import WARM_UP_MIN

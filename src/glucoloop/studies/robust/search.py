@@ -24,9 +24,6 @@ from glucoloop.build.designs import design_of
 from glucoloop.build.random_keys import keys_of_people
 from glucoloop.build.surroundings import surroundings_of
 from glucoloop.build.titration import profile_of, with_profiles
-from glucoloop.cohorts.blocks import block_size
-from glucoloop.cohorts.engine import fold_of, loop_of
-from glucoloop.cohorts.trial import Trial
 from glucoloop.component.ranges import Tuned
 from glucoloop.component.setting import known_names
 from glucoloop.control import Controller
@@ -42,6 +39,9 @@ from glucoloop.storage.rows import Rows
 from glucoloop.studies.robust import BOTH, ROBUST, Search
 from glucoloop.text import how_many
 from glucoloop.therapy import Profile, given_profile
+from glucoloop.trials.blocks import block_size
+from glucoloop.trials.engine import fold_of, loop_of
+from glucoloop.trials.trial import Trial
 from glucoloop.tuning.samplers import Evaluated
 
 Array = npt.NDArray[Any]

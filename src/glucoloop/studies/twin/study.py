@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 import tomli_w
 
-from glucoloop.cohorts.trial import population_of
 from glucoloop.records import read_record
 from glucoloop.refusal import Refusal
 from glucoloop.report.columns import Column, FittingTable, terminal_table
@@ -20,6 +19,7 @@ from glucoloop.report.template import render
 from glucoloop.situations.population import population_keys
 from glucoloop.storage.results import Results
 from glucoloop.studies.twin import RecordOfPerson, TwinRequest
+from glucoloop.trials.trial import population_of
 from glucoloop.twins import RecordedDays, Twin, find_twin, recorded_days
 from glucoloop.units import MIN_PER_DAY
 
